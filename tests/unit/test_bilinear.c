@@ -3,9 +3,11 @@
 
 #include "prim/bilinear.h"
 #include "random.h"
+#include "regridded.h"
 #include "slow_twin.h"
 
 #include <math.h>
+#include <string.h>
 
 #define ERROR 1e-13                  /* tolerance; the patches measure about 1 */
 #define ROUND(d) (2e-15 * (1 + (d))) /* roundings of the engine's own arithmetic at a distance d */
@@ -307,6 +309,35 @@ static void descents_find_both_sheets_of_a_bow_tie(void **state)
     }
 }
 
+/** A folded patch has several local minima, two of them close to one another beside its fold: the nearest is
+ * found, from points on the fold and away from it. */
+static void descents_find_the_nearest_local_minimum(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < 2000; ++seed) {
+        qm_random random = qm_random_make(qm_check_seed(), seed);
+        qm_mesh one = qm_folded_heap(&random, 1);
+        double corner[4][3], size = 0, offset[3], p[3];
+        memcpy(corner, one.positions, sizeof corner);
+        qm_bilinear patch = engine_patch(corner);
+        for (int i = 1; i < 4; i++)
+            size = fmax(size, qm_vec_distance(qm_vec_load(corner[0]), qm_vec_load(corner[i])));
+        double uv[2] = {qm_random_range(&random, 0, 1), qm_random_range(&random, 0, 1)};
+        qm_bilinear_jacobian area = qm_bilinear_jacobian_make(&patch);
+        double fold = -(area.at + area.rise[0] * uv[0]) / area.rise[1];
+        if (seed % 2 && fold > 0 && fold < 1) uv[1] = fold;
+        qm_random_point(&random, -1, 1, offset);
+        qm_vec on = qm_bilinear_at(&patch, uv[0], uv[1]);
+        double far = size * pow(10, qm_random_range(&random, -9, 0.3));
+        qm_vec_store(p, qm_vec_axpy(on, far, qm_vec_load(offset)));
+        double found = qm_bilinear_minimise(&patch, qm_vec_load(p), INFINITY).distance;
+        double nearest = qm_slow_distance(&one, QM_QUADS_BILINEAR, p, 1e-8 * size).upper;
+        QM_CHECK(found <= nearest + 1e-7 * size, "seed %llu: %.17g, slow twin %.17g, size %g",
+                 (unsigned long long)seed, found, nearest, size);
+        qm_shape_free(&one);
+    }
+}
+
 /** Points on the axis of symmetry of a saddle have two nearest points, or a whole neighbourhood at the
  * centre of curvature: the worst case for any search. */
 static void saddles_are_certified_at_their_centres_of_curvature(void **state)
@@ -365,6 +396,7 @@ int main(void)
         cmocka_unit_test(halves_are_within_their_slack),
         cmocka_unit_test(collapsed_patches_are_triangles),
         cmocka_unit_test(descents_find_both_sheets_of_a_bow_tie),
+        cmocka_unit_test(descents_find_the_nearest_local_minimum),
         cmocka_unit_test(saddles_are_certified_at_their_centres_of_curvature),
         cmocka_unit_test(degenerate_patches_are_segments_and_points),
     };

@@ -118,9 +118,10 @@ qm_bilinear_footpoint qm_bilinear_project(const qm_bilinear *patch, qm_vec p, do
                                           double stop_above);
 
 /**
- * Finds a good candidate for the footpoint by minimising in each local minimum that sixteen points show, or
- * in the only one that there is: distance is valid, lower is 0. Returns any point of a patch that it finds to
- * lie beyond stop_above.
+ * Finds a good candidate for the footpoint by minimising in each local minimum, or in the only one that there
+ * is: distance is valid, lower is 0. Where f may have several, the patch is a family of segments, and the
+ * local minima of the distance to their lines are roots of a quintic. Returns any point of a patch that it
+ * finds to lie beyond stop_above.
  */
 qm_bilinear_footpoint qm_bilinear_minimise(const qm_bilinear *patch, qm_vec p, double stop_above);
 

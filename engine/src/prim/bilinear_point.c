@@ -19,14 +19,10 @@
 #define SQUARED_ROUNDINGS 0x1p-72
 #define MIN_CURVATURE 0x1p-50
 #define SLOPE_ROUNDINGS 0x1p-49
-#define HALVINGS 6         /* of the square, to find local minima: folded patches have several */
-#define MAX_REVERSAL 0.1   /* of the longer of two segments: the component of one along the other */
-#define BESIDE_FROM 0x1p-8 /* from the best point: local minima beside it are searched from here */
-#define BESIDE_TO 0x1.cp-6 /* to here, almost two intervals of the halvings away, */
-#define BESIDE_HALVINGS 2  /* at halves of that */
-#define MAX_FOLD_STEP 0.25 /* of the square: local minima farther apart are found each by itself */
-#define POINT_HALVINGS 20  /* more where segments shrink to a point */
-#define MIN_STEPS 2        /* of a minimisation between two segments, before a small gain ends it */
+#define ROOT_STEPS 40             /* of a root between two ends */
+#define ROOT_ERROR 0x1p-20        /* of the interval between them */
+#define MIN_ROOT_INTERVAL 0x1p-30 /* roots closer to one another are not told apart */
+#define MAX_ROOT_DEPTH 31
 #define MIN_STEP_FRACTION 1e-2
 #define REQUIRED_GAIN                                                                                        \
     0.999              /* of the squared distance: the other kinds of step take over when it falls by less */
@@ -468,140 +464,158 @@ qm_bilinear_footpoint qm_bilinear_project(const qm_bilinear *patch, qm_vec p, do
     return best;
 }
 
-/** The footpoint on the segment s = const, and how its squared distance changes with s. */
-typedef struct segment_foot {
-    double s, t, distance2;
-    double slope, bend; /* of half the squared distance, along the nearest points of neighbouring segments */
-} segment_foot;
-
-static segment_foot segment_foot_at(const query *q, double s)
+/** Keeps the footpoint on the segment s = const, where that is nearer than the best. */
+static void minimise_on_segment(const query *q, double s, qm_bilinear_footpoint *best)
 {
     const qm_bilinear *patch = q->patch;
-    qm_vec along_t = qm_vec_axpy(patch->e2, s, patch->w);
-    qm_vec from = qm_vec_sub(q->r, qm_vec_scale(s, patch->e1));
-    double length2 = qm_vec_norm2(along_t);
-    double t = length2 > 0.0 ? qm_vec_dot(from, along_t) / length2 : 0.0;
-    bool is_inside = t > 0.0 && t < 1.0;
-    t = qm_clamp(t, 0.0, 1.0);
-    qm_vec along_s = qm_vec_axpy(patch->e1, t, patch->w);
-    qm_vec gap = qm_vec_sub(qm_vec_scale(t, along_t), from);
-    double ss = qm_vec_norm2(along_s), st = qm_vec_dot(along_s, along_t) + qm_vec_dot(gap, patch->w);
-    return (segment_foot){
-        .s = s,
-        .t = t,
-        .distance2 = qm_vec_norm2(gap),
-        .slope = qm_vec_dot(gap, along_s),
-        .bend = is_inside ? ss - st * st / length2 : ss,
-    };
-}
-
-static void keep_foot(qm_bilinear_footpoint *best, const segment_foot *foot)
-{
-    const double x[2] = {foot->s, foot->t};
-    keep_best(best, sqrt(foot->distance2), x);
+    qm_vec along = qm_vec_axpy(patch->e2, s, patch->w), from = qm_vec_axpy(q->r, -s, patch->e1);
+    double length2 = qm_vec_norm2(along);
+    double t = length2 > 0.0 ? qm_clamp(qm_vec_dot(from, along) / length2, 0.0, 1.0) : 0.0;
+    keep_best(best, qm_vec_norm(qm_vec_axpy(from, -t, along)), (const double[]){s, t});
 }
 
 /**
- * Minimises between two segments, from one where f falls to one where it rises, by Newton's steps or
- * bisection. A coordinate of the gap is off by some u of the lengths that it comes from, and the squared
- * distance by that error times the gap: near the patch that is a larger fraction of it than the gain that
- * ends the steps.
+ * The derivative of the squared distance from p to the line that contains the segment s = const, in powers of
+ * x = s - from. With a = r - s e1, d = e2 + s w, N = a.d and D = d.d the squared distance is |a|^2 - N^2 / D;
+ * half of its derivative times D^2 is the quintic
+ *     N (N D' / 2 - N' D) - D^2 a.e1.
+ * The segments are shortest at from. Where they shrink to nearly a point several roots lie close to it, which
+ * coefficients in powers of s would not tell apart.
  */
-static void minimise_between(const query *q, segment_foot low, segment_foot high, qm_bilinear_footpoint *best)
+typedef struct line_slope {
+    double from, power[6];
+} line_slope;
+
+static line_slope line_slope_make(const query *q)
 {
-    double roundings = SLOPE_ROUNDINGS * sqrt(q->e11 + q->e22 + q->ww + q->rr);
-    segment_foot at = low.distance2 < high.distance2 ? low : high;
-    for (int step = 0; step < MAX_STEPS; step++) {
-        double s = at.s - at.slope / at.bend;
-        if (!(at.bend > 0.0 && s > low.s && s < high.s)) s = 0.5 * (low.s + high.s);
-        double before = at.distance2;
-        if (s == at.s || s == low.s || s == high.s) break;
-        at = segment_foot_at(q, s);
-        keep_foot(best, &at);
-        if (at.slope == 0.0) break;
-        *(at.slope < 0.0 ? &low : &high) = at;
-        double min_gain = qm_max(MIN_GAIN * before, roundings * sqrt(before));
-        if (fabs(before - at.distance2) <= min_gain && step >= MIN_STEPS) break;
+    const qm_bilinear *patch = q->patch;
+    double from = q->ww > 0.0 ? qm_clamp(-q->e2w / q->ww, 0.0, 1.0) : 0.0;
+    qm_vec a = qm_vec_axpy(q->r, -from, patch->e1), d = qm_vec_axpy(patch->e2, from, patch->w);
+    double n0 = qm_vec_dot(a, d), n1 = qm_vec_dot(a, patch->w) - qm_vec_dot(patch->e1, d), n2 = -q->e1w;
+    double d0 = qm_vec_norm2(d), d1 = qm_vec_dot(d, patch->w), d2 = q->ww; /* D = d0 + 2 d1 x + d2 x^2 */
+    const double n[] = {n0, n1, n2};
+    const double m[] = {n0 * d1 - n1 * d0, n0 * d2 - n1 * d1 - 2.0 * n2 * d0, -3.0 * n2 * d1, -n2 * d2};
+    const double c[] = {-qm_vec_dot(a, patch->e1), q->e11};
+    const double dd[] = {d0 * d0, 4.0 * d0 * d1, 2.0 * d0 * d2 + 4.0 * d1 * d1, 4.0 * d1 * d2, d2 * d2};
+    line_slope lines = {.from = from};
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 4; k++)
+            lines.power[i + k] += n[i] * m[k];
+    for (int i = 0; i < 5; i++)
+        for (int k = 0; k < 2; k++)
+            lines.power[i + k] += dd[i] * c[k];
+    return lines;
+}
+
+/** A quintic over [0, 1] by its Bernstein coefficients: it has no more roots there than they change signs. */
+typedef struct quintic {
+    double b[6];
+    double first, last; /* the ends, as fractions of the interval that was cut */
+} quintic;
+
+/** The quintic from x = 0 to x = length, positive where the distance rises along the way. */
+static quintic quintic_make(const line_slope *lines, double length)
+{
+    static const double share[6][6] = {
+        {1}, {1, 0.2}, {1, 0.4, 0.1}, {1, 0.6, 0.3, 0.1}, {1, 0.8, 0.6, 0.4, 0.2}, {1, 1, 1, 1, 1, 1}};
+    quintic made = {.last = 1.0};
+    double power[6], factor = length;
+    for (int k = 0; k < 6; k++, factor *= length)
+        power[k] = lines->power[k] * factor;
+    for (int i = 0; i < 6; i++)
+        for (int k = 0; k <= i; k++)
+            made.b[i] += share[i][k] * power[k];
+    return made;
+}
+
+/** By de Casteljau's algorithm. */
+static void quintic_halve(const quintic *whole, quintic half[2])
+{
+    double c0 = whole->b[0], c1 = whole->b[1], c2 = whole->b[2], c3 = whole->b[3], c4 = whole->b[4],
+           c5 = whole->b[5], center = 0.5 * (whole->first + whole->last);
+    double d0 = 0.5 * (c0 + c1), d1 = 0.5 * (c1 + c2), d2 = 0.5 * (c2 + c3), d3 = 0.5 * (c3 + c4),
+           d4 = 0.5 * (c4 + c5);
+    double e0 = 0.5 * (d0 + d1), e1 = 0.5 * (d1 + d2), e2 = 0.5 * (d2 + d3), e3 = 0.5 * (d3 + d4);
+    double f0 = 0.5 * (e0 + e1), f1 = 0.5 * (e1 + e2), f2 = 0.5 * (e2 + e3);
+    double g0 = 0.5 * (f0 + f1), g1 = 0.5 * (f1 + f2), h = 0.5 * (g0 + g1);
+    half[0] = (quintic){{c0, d0, e0, f0, g0, h}, whole->first, center};
+    half[1] = (quintic){{h, g1, f2, e3, d4, c5}, center, whole->last};
+}
+
+static int quintic_sign_changes(const quintic *q)
+{
+    int changes = 0;
+    for (int i = 0; i < 5; i++)
+        changes += (q->b[i] < 0.0) != (q->b[i + 1] < 0.0);
+    return changes;
+}
+
+/** The root of a quintic that is negative at 0 and not at 1 and has but one, by Newton's steps or bisection. */
+static double quintic_root(const quintic *q)
+{
+    const double *b = q->b;
+    double d0 = b[1] - b[0], d1 = b[2] - b[1], d2 = b[3] - b[2], d3 = b[4] - b[3], d4 = b[5] - b[4];
+    double e0 = d1 - d0, e1 = d2 - d1, e2 = d3 - d2, e3 = d4 - d3, f0 = e1 - e0, f1 = e2 - e1, f2 = e3 - e2;
+    double g0 = f1 - f0, g1 = f2 - f1;
+    double c1 = 5.0 * d0, c2 = 10.0 * e0, c3 = 10.0 * f0, c4 = 5.0 * g0, c5 = g1 - g0;
+    double low = 0.0, high = 1.0, x = b[0] / (b[0] - b[5]);
+    for (int step = 0; step < ROOT_STEPS; step++) {
+        double value = b[0] + x * (c1 + x * (c2 + x * (c3 + x * (c4 + x * c5))));
+        double rise = c1 + x * (2.0 * c2 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)));
+        *(value < 0.0 ? &low : &high) = x;
+        double next = x - value / rise;
+        if (!(rise > 0.0 && next > low && next < high)) next = 0.5 * (low + high);
+        double moved = fabs(next - x);
+        x = next;
+        if (moved < ROOT_ERROR) break;
     }
+    return q->first + x * (q->last - q->first);
 }
 
-/** True when the segments between two shrink to about a point and reverse their direction. */
-static bool are_reversed(const qm_bilinear *patch, const segment_foot *low, const segment_foot *high)
+/** Visits the segments from x = 0 to x = length where the distance to their lines has a local minimum. */
+static void minimise_on_lines(const query *q, const line_slope *lines, double length,
+                              qm_bilinear_footpoint *best)
 {
-    qm_vec first = qm_vec_axpy(patch->e2, low->s, patch->w), last = qm_vec_axpy(patch->e2, high->s, patch->w);
-    double longer2 = qm_max(qm_vec_norm2(first), qm_vec_norm2(last));
-    return qm_vec_dot(first, last) <= MAX_REVERSAL * longer2;
-}
-
-/**
- * Searches local minima between two segments: at halves, as long as there may be a point nearer than the
- * best; the distance is Lipschitz: it changes by no more than the ends of the segments move. Valleys are the
- * narrower the shorter the segments are, so that it halves more often round segments that shrink to a point.
- */
-static void search_between(const query *q, const segment_foot *low, const segment_foot *high, double speed,
-                           int depth, double stop_above, qm_bilinear_footpoint *best)
-{
-    double nearest = 0.5 * (sqrt(low->distance2) + sqrt(high->distance2) - speed * (high->s - low->s));
-    if (nearest >= qm_min(best->distance, stop_above)) return;
-    if (depth <= 0) {
-        /* Where the best point lies between these two, an earlier minimisation between segments farther apart
-         * has led to it. */
-        bool is_known = depth < 0 && best->uv[0] > low->s && best->uv[0] < high->s;
-        if (!is_known && low->slope < 0.0 && high->slope > 0.0) minimise_between(q, *low, *high, best);
-        if (depth == -POINT_HALVINGS || !are_reversed(q->patch, low, high)) return;
+    quintic stack[MAX_ROOT_DEPTH + 1];
+    int height = 0;
+    stack[height++] = quintic_make(lines, length);
+    while (height > 0) {
+        quintic at = stack[--height];
+        int changes = quintic_sign_changes(&at);
+        bool is_low = at.b[0] < 0.0, is_minimum = is_low && at.b[5] >= 0.0;
+        if (changes == 0 || (changes == 1 && !is_minimum)) continue;
+        if (changes == 1)
+            minimise_on_segment(q, lines->from + length * quintic_root(&at), best);
+        else if (at.last - at.first <= MIN_ROOT_INTERVAL)
+            minimise_on_segment(q, lines->from + length * at.first, best);
+        else {
+            QM_ASSERT(height + 2 <= MAX_ROOT_DEPTH + 1);
+            quintic_halve(&at, stack + height);
+            height += 2;
+        }
     }
-    segment_foot center = segment_foot_at(q, 0.5 * (low->s + high->s));
-    keep_foot(best, &center);
-    bool is_low_nearer = low->distance2 < high->distance2;
-    for (int half = 0; half < 2; half++)
-        if ((half == 0) == is_low_nearer)
-            search_between(q, low, &center, speed, depth - 1, stop_above, best);
-        else
-            search_between(q, &center, high, speed, depth - 1, stop_above, best);
-}
-
-/**
- * Near a fold a point has two local minima, one on each sheet, that lie too near to one another for the
- * segments visited. So this minimises from the other side of the fold, too: the two parameter points of one
- * position lie about as far from the fold on both sides, in the direction k with Q_s k_s + Q_t k_t = 0.
- */
-static void search_across_fold(const query *q, qm_bilinear_footpoint *best)
-{
-    const double x[2] = {best->uv[0], best->uv[1]};
-    qm_bilinear_jacobian jacobian = qm_bilinear_jacobian_make(q->patch);
-    slope at = slope_at(q, x);
-    bool is_s = at.hessian[2] > at.hessian[0];
-    const double k[2] = {is_s ? at.hessian[2] : -at.cross, is_s ? -at.cross : at.hessian[0]};
-    double length =
-        -2.0 * qm_bilinear_jacobian_at(&jacobian, x) / (jacobian.rise[0] * k[0] + jacobian.rise[1] * k[1]);
-    const double step[2] = {length * k[0], length * k[1]};
-    if (!(fabs(step[0]) < MAX_FOLD_STEP && fabs(step[1]) < MAX_FOLD_STEP)) return;
-    const double across[2] = {qm_clamp(x[0] + step[0], 0.0, 1.0), qm_clamp(x[1] + step[1], 0.0, 1.0)};
-    minimise_from(q, across, 0.0, INFINITY, best);
 }
 
 /**
  * Where f is not convex it may have several local minima, and curved valleys along folds. The patch is a
- * family of segments, s = const; the footpoint on each has a closed form, so that one parameter remains.
+ * family of segments, s = const. Its footpoint is an end of its segment, on one of two sides of the patch, or
+ * on the first or last segment, or a footpoint on the segment's line, where the distance to the lines has a
+ * local minimum.
  */
-static void minimise_by_segments(const query *q, double stop_above, qm_bilinear_footpoint *best)
+static void minimise_by_lines(const query *q, qm_bilinear_footpoint *best)
 {
-    const qm_bilinear *patch = q->patch;
-    double speed = qm_max(qm_vec_norm(patch->e1), qm_vec_norm(qm_vec_add(patch->e1, patch->w)));
-    segment_foot first = segment_foot_at(q, 0.0), last = segment_foot_at(q, 1.0);
-    keep_foot(best, &first);
-    keep_foot(best, &last);
-    search_between(q, &first, &last, speed, HALVINGS, stop_above, best);
-    search_across_fold(q, best);
-    /* Two local minima between neighbouring segments show no rise between them: so this searches closer on both
-     * sides of the best point. */
-    double s = best->uv[0];
-    for (int side = -1; side <= 1; side += 2) {
-        segment_foot near = segment_foot_at(q, qm_clamp(s + side * BESIDE_FROM, 0.0, 1.0));
-        segment_foot far = segment_foot_at(q, qm_clamp(s + side * BESIDE_TO, 0.0, 1.0));
-        const segment_foot *low = side < 0 ? &far : &near, *high = side < 0 ? &near : &far;
-        search_between(q, low, high, speed, BESIDE_HALVINGS, stop_above, best);
+    const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
+    minimise_on_segment(q, 0.0, best);
+    minimise_on_segment(q, 1.0, best);
+    for (int side = 0; side < 2; side++) {
+        double x[2] = {0.0, side};
+        minimise_along(q, x, 0, &square);
+        keep_best(best, sqrt(value_at(q, x)), x);
     }
+    line_slope lines = line_slope_make(q);
+    if (lines.from < 1.0) minimise_on_lines(q, &lines, 1.0 - lines.from, best);
+    if (lines.from > 0.0) minimise_on_lines(q, &lines, -lines.from, best);
+    minimise_from(q, (const double[]){best->uv[0], best->uv[1]}, 0.0, INFINITY, best);
 }
 
 qm_bilinear_footpoint qm_bilinear_minimise(const qm_bilinear *patch, qm_vec p, double stop_above)
@@ -613,7 +627,7 @@ qm_bilinear_footpoint qm_bilinear_minimise(const qm_bilinear *patch, qm_vec p, d
     if (curvature > 0.0)
         minimise_from(&q, (const double[]){0.5, 0.5}, curvature, stop_above, &best);
     else
-        minimise_by_segments(&q, stop_above, &best);
+        minimise_by_lines(&q, &best);
     return best;
 }
 
