@@ -191,6 +191,9 @@ static void check_vertices(qm_trial *trial, const qm_wide_surface *b, const qm_d
 /** Of these many independent means the mean is off by more than so many standard errors about once in
  * 10^9. */
 #define STANDARD_ERRORS 16.0
+/** Share of the area that all points miss about once in 10^7: the standard error of what they hit knows nothing
+ * of a peak there. */
+#define UNSEEN_SHARE (16.0 / (DRAWS * STRATA * STRATA))
 
 /** The area that a patch or a triangle has there for an area of its parameters. */
 static qm_wide density_at(const qm_wide_facet *facet, qm_wide u, qm_wide v)
@@ -254,7 +257,8 @@ static qm_interval in_frame(qm_interval world, qm_wide scale)
 static void check_draws(qm_trial *trial, const qm_wide_surface *a, const qm_wide_surface *b,
                         const qm_deviation_options *options, const qm_deviation *reported)
 {
-    double off[2][DRAWS] = {{0}}, area[DRAWS] = {0}, within[2][PERCENTILES][DRAWS] = {{{0}}}, error;
+    double off[2][DRAWS] = {{0}}, area[DRAWS] = {0}, within[2][PERCENTILES][DRAWS] = {{{0}}}, error,
+           farthest = 0;
     qm_wide scale = trial->frame.scale;
     qm_interval mean_reported = in_frame(reported->mean, scale),
                 rms_reported = in_frame(reported->rms, scale);
@@ -266,6 +270,7 @@ static void check_draws(qm_trial *trial, const qm_wide_surface *a, const qm_wide
                 sample(&trial->random, &a->facets[i / (STRATA * STRATA)], i % (STRATA * STRATA), b);
             double d = (double)((at.low + at.high) / 2);
             area[draw] += at.weight;
+            farthest = fmax(farthest, d);
             off[0][draw] += at.weight * (d - mean);
             off[1][draw] += at.weight * (d * d - square);
             for (size_t k = 0; k < reported->percentile_count; k++) {
@@ -280,16 +285,18 @@ static void check_draws(qm_trial *trial, const qm_wide_surface *a, const qm_wide
     const qm_interval half[2] = {
         {mean_reported.lower - mean, mean_reported.upper - mean},
         {rms_reported.lower * rms_reported.lower - square, rms_reported.upper * rms_reported.upper - square}};
+    double max = fmax(farthest, in_frame(reported->max, scale).upper);
+    const double unseen[2] = {max - farthest, max * max - farthest * farthest};
     for (int k = 0; k < 2; k++) {
-        double at = mean_of(off[k], &error) / total, wide = error / total;
-        double round = k ? rounding * (2 * in_frame(reported->max, scale).upper + rounding) : rounding;
+        double at = mean_of(off[k], &error) / total, wide = error / total + UNSEEN_SHARE * unseen[k];
+        double round = k ? rounding * (2 * max + rounding) : rounding;
         check_overlap(trial, k ? "mean square, less its middle," : "mean, less its middle,", half[k],
                       at - wide - round, at + wide + round);
     }
     for (size_t k = 0; k < reported->percentile_count; k++) {
-        double wanted = options->percentile[k] / 100, few = 16.0 / (DRAWS * STRATA * STRATA);
-        double below = mean_of(within[0][k], &error) / total, low_error = error / total + few;
-        double up_to = mean_of(within[1][k], &error) / total, high_error = error / total + few;
+        double wanted = options->percentile[k] / 100;
+        double below = mean_of(within[0][k], &error) / total, low_error = error / total + UNSEEN_SHARE;
+        double up_to = mean_of(within[1][k], &error) / total, high_error = error / total + UNSEEN_SHARE;
         trial->tally->tries++;
         if (below - low_error > wanted || up_to + high_error < wanted)
             qm_trial_fail(trial,
