@@ -10,6 +10,7 @@
 #include "check.h"
 #include "failing_allocator.h"
 #include "qm/deviation.h"
+#include "regridded.h"
 #include "shapes.h"
 #include "slow_twin.h"
 
@@ -565,6 +566,63 @@ static void noisy_copies_of_bent_patches_close(void **state)
     }
 }
 
+/** Mean height of a patch over the plane z = 0, times its area, by midpoints. */
+static double integrate_height(const double corner[4][3], int n, double *area)
+{
+    double sum = 0.0;
+    for (int i = 0; i < n * n; i++) {
+        double s = (i % n + 0.5) / n, t = (i / n + 0.5) / n, p[3], along_s[3], along_t[3];
+        for (int k = 0; k < 3; k++) {
+            double low = (1 - s) * corner[0][k] + s * corner[1][k];
+            double high = (1 - s) * corner[3][k] + s * corner[2][k];
+            p[k] = (1 - t) * low + t * high;
+            along_t[k] = high - low;
+            along_s[k] = (1 - t) * (corner[1][k] - corner[0][k]) + t * (corner[2][k] - corner[3][k]);
+        }
+        double x = along_s[1] * along_t[2] - along_s[2] * along_t[1],
+               y = along_s[2] * along_t[0] - along_s[0] * along_t[2],
+               z = along_s[0] * along_t[1] - along_s[1] * along_t[0],
+               part = sqrt(x * x + y * y + z * z) / (n * n);
+        sum += part * fabs(p[2]);
+        *area += part;
+    }
+    return sum;
+}
+
+/** A sheet of quads that bend over a flat one: heights of both signs are quadratic, so that few pieces are
+ * enough. */
+static void bent_patches_over_flat_ones_close(void **state)
+{
+    (void)state;
+    static const double cuts[] = {0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1};
+    static const double other_cuts[] = {0, 0.2, 0.4, 0.6, 0.8, 1};
+    qm_random random = qm_random_make(qm_check_seed(), 97);
+    qm_mesh whole = make_plane(0, 1, level), a = qm_regridded(&whole, 8, cuts, 8, cuts, false);
+    qm_mesh b = qm_regridded(&whole, 5, other_cuts, 1, (const double[]){0, 1}, false);
+    for (size_t v = 0; v < a.vertex_count; v++)
+        a.positions[3 * v + 2] = qm_random_range(&random, -1e-3, 1e-3);
+    qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-3);
+    options.accuracy = 1e-3;
+    options.piece_limit = 6400;
+    qm_deviation found = measure(&a, &b, &options);
+    double area = 0.0, sum = 0.0;
+    for (size_t f = 0; f < a.face_count; f++) {
+        double corner[4][3];
+        for (int i = 0; i < 4; i++)
+            memcpy(corner[i], a.positions + 3 * (size_t)a.faces[4 * f + (size_t)i], sizeof corner[i]);
+        sum += integrate_height(corner, 100, &area);
+    }
+    QM_CHECK(found.is_accurate && found.mean.lower <= (1 + 1e-4) * sum / area &&
+                 found.mean.upper >= (1 - 1e-4) * sum / area,
+             "seed %llu: mean [%g, %g] of %g, rms [%g, %g], %zu pieces of 64 quads",
+             (unsigned long long)qm_check_seed(), found.mean.lower, found.mean.upper, sum / area,
+             found.rms.lower, found.rms.upper, found.pieces);
+    release(&found);
+    qm_shape_free(&whole);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
 /** A twisted surface that slides along itself: pieces stick out over the edges of the patches under them by more
  * than they are away, and are cut there, although the facets of a patch are farther from it than that. */
 static void turned_copies_of_twisted_patches_close(void **state)
@@ -1075,6 +1133,7 @@ int main(void)
         cmocka_unit_test(finer_copies_agree_with_sampling),
         cmocka_unit_test(percentiles_of_noisy_copies_are_narrow),
         cmocka_unit_test(noisy_copies_of_bent_patches_close),
+        cmocka_unit_test(bent_patches_over_flat_ones_close),
         cmocka_unit_test(turned_copies_of_twisted_patches_close),
         cmocka_unit_test(near_planes_of_other_facets_are_exact),
         cmocka_unit_test(a_ceiling_takes_nothing_off),

@@ -26,6 +26,7 @@ typedef struct bound_work {
     const qm_deviation_piece *piece;
     const qm_deviation_shape *shape;
     const qm_deviation_facets *near;
+    qm_vec bezier[6];            /* of a piece of a patch */
     double at_centroid, certain; /* distance of the centroid, from above and below */
     double ball;                 /* no facet farther than this from the centroid is nearest to any point */
     double low[3], low_sum, high[3], high_sum;
@@ -217,33 +218,43 @@ static qm_vec flip_towards(qm_vec normal, double side)
     return side < 0.0 ? qm_vec_scale(-1.0, normal) : normal;
 }
 
-/** Heights of the corners over the plane of a facet, seen from above. */
-static void heights_over_facet(const bound_work *work, const qm_triangle *facet, qm_vec up, double height[3])
+/** The points of a piece whose heights are taken: its corners, or its Bezier points. */
+typedef struct point_list {
+    const qm_vec *at;
+    int count;
+} point_list;
+
+static point_list corners_of(const bound_work *work)
 {
-    for (int i = 0; i < 3; i++)
-        height[i] = qm_vec_dot(up, qm_vec_sub(work->shape->corner[i], facet->origin));
+    return (point_list){work->shape->corner, 3};
 }
 
-/** Heights of the corners over the plane at a right angle to a direction that the facet lies behind. */
-static void heights_along(const bound_work *work, const qm_triangle *facet, qm_vec direction,
-                          double height[3])
+/** Heights of points over the plane of a facet, seen from above. */
+static void heights_over_facet(point_list points, const qm_triangle *facet, qm_vec up, double *height)
+{
+    for (int i = 0; i < points.count; i++)
+        height[i] = qm_vec_dot(up, qm_vec_sub(points.at[i], facet->origin));
+}
+
+/** Heights of points over the plane at a right angle to a direction that the facet lies behind. */
+static void heights_along(point_list points, const qm_triangle *facet, qm_vec direction, double *height)
 {
     double second = facet->length * qm_vec_dot(direction, facet->x);
     double third = facet->cx * qm_vec_dot(direction, facet->x) + facet->cy * qm_vec_dot(direction, facet->y);
     double farthest = qm_max(0.0, qm_max(second, third));
-    for (int i = 0; i < 3; i++)
-        height[i] = qm_vec_dot(direction, qm_vec_sub(work->shape->corner[i], facet->origin)) - farthest;
+    for (int i = 0; i < points.count; i++)
+        height[i] = qm_vec_dot(direction, qm_vec_sub(points.at[i], facet->origin)) - farthest;
 }
 
-/** Heights of the corners over the plane that the facet lies behind as seen from a point. */
-static void heights_from(const bound_work *work, const qm_triangle *facet, qm_vec from, double height[3])
+/** Heights of points over the plane that the facet lies behind as seen from another point. */
+static void heights_from(point_list points, const qm_triangle *facet, qm_vec from, double *height)
 {
     double weight[3];
     qm_triangle_footpoint(facet, from, weight);
     /* Over the facet itself it is the plane of the facet, whose normal is exact however near the point is. */
     if (weight[0] > 0.0 && weight[1] > 0.0 && weight[2] > 0.0) {
         double side = qm_vec_dot(qm_vec_sub(from, facet->origin), facet->z);
-        heights_over_facet(work, facet, flip_towards(facet->z, side), height);
+        heights_over_facet(points, facet, flip_towards(facet->z, side), height);
         return;
     }
     const qm_vec end = qm_vec_axpy(facet->origin, facet->length, facet->x);
@@ -253,8 +264,8 @@ static void heights_from(const bound_work *work, const qm_triangle *facet, qm_ve
     qm_vec direction = qm_vec_sub(from, foot);
     double distance = qm_vec_norm(direction);
     /* The foot may be off, the direction too; nothing of the facet lies beyond its farthest corner. */
-    heights_along(work, facet, distance > QM_MIN_LENGTH ? qm_vec_scale(1.0 / distance, direction) : facet->z,
-                  height);
+    heights_along(points, facet,
+                  distance > QM_MIN_LENGTH ? qm_vec_scale(1.0 / distance, direction) : facet->z, height);
 }
 
 /** The sum of a linear function at the corners, cut at the corners' own distances. */
@@ -300,21 +311,21 @@ static void add_plane(const bound_work *work, plane_work *planes, const qm_trian
     double best[3], height[3];
     double side = qm_vec_dot(qm_vec_sub(work->shape->centroid, facet->origin), facet->z);
     qm_vec up = flip_towards(facet->z, side);
-    heights_over_facet(work, facet, up, best);
+    heights_over_facet(corners_of(work), facet, up, best);
     if (by_match) {
         for (int i = 0; i < 3; i++)
             height[i] = by_match[i] + slack;
         keep_better(planes, best, height);
     }
     if (!changes_nothing(planes, best, slack)) {
-        heights_along(work, facet, planes->up, height);
+        heights_along(corners_of(work), facet, planes->up, height);
         keep_better(planes, best, height);
     }
     int worst = find_worst(planes, best);
     const qm_vec from[4] = {work->shape->corner[worst], work->shape->centroid,
                             work->shape->corner[(worst + 1) % 3], work->shape->corner[(worst + 2) % 3]};
     for (int k = 0; k < 4 && !changes_nothing(planes, best, slack); k++) {
-        heights_from(work, facet, from[k], height);
+        heights_from(corners_of(work), facet, from[k], height);
         keep_better(planes, best, height);
     }
     for (int i = 0; i < 3; i++)
@@ -379,8 +390,11 @@ typedef struct base {
     qm_vec normal;
     qm_excess outside;               /* of the parts of the piece that may be beside it */
     const qm_deviation_match *match; /* NULL of a facet */
+    bool is_bent;                    /* the height is quadratic, over a patch or of a piece of one, */
+    double height[6];                /* with these coefficients; */
+    double slack;                    /* the source may be so far from the points that it is of */
     double loss, more;   /* of the match: by how much the distance may be below the height, and above, */
-    double below, above; /* widen the height of the match to hold the signed distance */
+    double below, above; /* widen the height to hold the signed distance */
     uint32_t face;
 } base;
 
@@ -391,23 +405,41 @@ typedef struct side_work {
     double up;     /* 1 or -1: the side that the normal of the base points to, or the other one */
     qm_vec normal; /* towards the side */
     double height[3], most; /* a lower bound of the height at the corners, and its greatest value */
+    double bent[6];         /* coefficients of that bound, of a bent base */
     qm_positive_region region;
     qm_positive_part lost;
 } side_work;
 
-/** The part of the height above a linear function less slack, as its mean over the piece; no more than the
- * height itself, as no distance is below 0. The share is that of the points where this part exceeds room. */
-static qm_positive_part find_loss(const side_work *side, const double height[3], double slack)
+/** The positive part of a linear function that the loss is at most, as its mean over the piece; no more than
+ * the height itself, as no distance is below 0. The share is that of the points where this part exceeds room. */
+static qm_positive_part find_part(const side_work *side, double above[3])
 {
-    double above[3];
-    for (int i = 0; i < 3; i++)
-        above[i] = side->height[i] - (height[i] - slack);
     qm_positive_part part = qm_integral_positive_part_in(&side->region, above);
     part.mean = qm_min(part.mean, part.share * side->most);
     for (int i = 0; i < 3; i++)
         above[i] -= side->room;
     part.share = qm_integral_positive_part_in(&side->region, above).share;
     return part;
+}
+
+/** The part of the height above a linear function less slack. */
+static qm_positive_part find_loss(const side_work *side, const double height[3], double slack)
+{
+    double above[3];
+    for (int i = 0; i < 3; i++)
+        above[i] = side->height[i] - (height[i] - slack);
+    return find_part(side, above);
+}
+
+/** The same of a function with values at the Bezier points of a piece of a patch: differences of such heights
+ * bend less than either, and are 0 in one plane. */
+static qm_positive_part find_bent_loss(const side_work *side, const double height[6], double slack)
+{
+    double value[6], above[3];
+    for (int k = 0; k < 6; k++)
+        value[k] = side->bent[k] - (height[k] - slack);
+    qm_quadratic_raise(value, above);
+    return find_part(side, above);
 }
 
 static void keep_min(qm_positive_part *least, qm_positive_part loss)
@@ -420,19 +452,23 @@ static void keep_min(qm_positive_part *least, qm_positive_part loss)
 static qm_positive_part find_facet_loss(const bound_work *work, const side_work *side,
                                         const qm_triangle *facet, double slack)
 {
-    double height[3];
-    qm_vec up = flip_towards(facet->z, qm_vec_dot(side->normal, facet->z));
-    heights_over_facet(work, facet, up, height);
-    qm_positive_part least = find_loss(side, height, slack);
+    bool by_bezier = work->face->is_patch && side->over->is_bent;
+    point_list points = by_bezier ? (point_list){work->bezier, 6} : corners_of(work);
+    qm_positive_part (*find)(const side_work *, const double *, double) =
+        by_bezier ? find_bent_loss : find_loss;
+    if (!by_bezier) slack += work->shape->slack;
+    double height[6];
+    heights_over_facet(points, facet, flip_towards(facet->z, qm_vec_dot(side->normal, facet->z)), height);
+    qm_positive_part least = find(side, height, slack);
     if (least.mean > 0.0) {
-        heights_along(work, facet, side->normal, height);
-        keep_min(&least, find_loss(side, height, slack));
+        heights_along(points, facet, side->normal, height);
+        keep_min(&least, find(side, height, slack));
     }
     for (int k = 0; k < 4 && least.mean > 0.0; k++) {
         qm_vec from = k < 3 ? work->shape->corner[k] : work->shape->centroid;
         if (k < 3 && !(side->height[k] > 0.0)) continue;
-        heights_from(work, facet, from, height);
-        keep_min(&least, find_loss(side, height, slack));
+        heights_from(points, facet, from, height);
+        keep_min(&least, find(side, height, slack));
     }
     return least;
 }
@@ -521,7 +557,7 @@ static void take_facets_off(bound_work *work, side_work *side,
         if (index == near->count || is_base || distance[pack][lane] > reach) continue;
         if (rectangle != QM_NO_RECTANGLE && !(whole.mean > sum.mean)) continue;
         qm_triangle facet = qm_deviation_facet_at(&near->pack[pack], lane);
-        qm_positive_part least = find_facet_loss(work, side, &facet, near->slack[pack][lane] + shape->slack);
+        qm_positive_part least = find_facet_loss(work, side, &facet, near->slack[pack][lane]);
         qm_positive_part *to = rectangle == QM_NO_RECTANGLE ? &side->lost : &sum;
         to->mean += least.mean;
         to->share += least.share;
@@ -574,31 +610,74 @@ static void narrow_outside(qm_excess *outside, const double edge[3][3], const do
     outside->part.mean = qm_min(outside->part.mean, mean * (1.0 + SQUARE_ROUNDINGS));
 }
 
+/** How far points are beyond the planes on a facet's edges, and past the ends of each edge. */
+static void find_facet_edges(const qm_deviation_setup *setup, const qm_triangle *facet, point_list points,
+                             double edge[3][6], double past[3][2][6])
+{
+    for (int i = 0; i < points.count; i++) {
+        double inside[3], within[3][2];
+        qm_deviation_facet_edges(facet, points.at[i], inside);
+        qm_deviation_facet_ends(facet, points.at[i], within);
+        for (int k = 0; k < 3; k++) {
+            edge[k][i] = setup->eta - inside[k];
+            for (int end = 0; end < 2; end++)
+                past[k][end][i] = setup->eta - within[k][end];
+        }
+    }
+}
+
+/** Values at the corners of the function itself, where it is linear, or of a linear one above it. */
+static void bound_above(const base *over, const double value[6], double high[3])
+{
+    if (over->is_bent) {
+        qm_quadratic_raise(value, high);
+        return;
+    }
+    for (int i = 0; i < 3; i++)
+        high[i] = value[i];
+}
+
+static void set_facet_outside(const bound_work *work, base *over)
+{
+    const qm_triangle *t = &work->base_facet;
+    point_list points = over->is_bent ? (point_list){work->bezier, 6} : corners_of(work);
+    double edge[3][6], past[3][2][6], high_edge[3][3], high_past[3][2][3];
+    find_facet_edges(work->setup, t, points, edge, past);
+    for (int k = 0; k < 3; k++) {
+        bound_above(over, edge[k], high_edge[k]);
+        for (int end = 0; end < 2; end++)
+            bound_above(over, past[k][end], high_past[k][end]);
+    }
+    over->outside = find_outside((const double(*)[3])high_edge, 3,
+                                 1.0 / qm_deviation_facet_min_sine(t) * (1.0 + SQUARE_ROUNDINGS));
+    narrow_outside(&over->outside, (const double(*)[3])high_edge, (const double(*)[2][3])high_past);
+}
+
+/** The height over a facet. Of a piece of a patch it is quadratic, and exact. */
 static void set_facet_base(const bound_work *work, base *over)
 {
     const qm_triangle *t = &work->base_facet;
     double slack = work->near->slack[work->base / QM_PACK_LANES][work->base % QM_PACK_LANES];
-    double edge[3][3], past[3][2][3], height[3], open = slack + work->shape->slack;
-    for (int i = 0; i < 3; i++) {
-        double inside[3], within[3][2];
-        qm_deviation_facet_edges(t, work->shape->corner[i], inside);
-        qm_deviation_facet_ends(t, work->shape->corner[i], within);
-        for (int k = 0; k < 3; k++) {
-            edge[k][i] = work->setup->eta - inside[k];
-            for (int end = 0; end < 2; end++)
-                past[k][end][i] = work->setup->eta - within[k][end];
-        }
-    }
+    double low[3], high[3];
     over->match = NULL;
     over->normal = t->z;
-    over->outside = find_outside((const double(*)[3])edge, 3,
-                                 1.0 / qm_deviation_facet_min_sine(t) * (1.0 + SQUARE_ROUNDINGS));
-    narrow_outside(&over->outside, (const double(*)[3])edge, (const double(*)[2][3])past);
-    heights_over_facet(work, t, t->z, height);
+    over->is_bent = work->face->is_patch;
+    over->slack = 0.0;
+    over->below = over->above = slack;
+    if (over->is_bent) {
+        heights_over_facet((point_list){work->bezier, 6}, t, t->z, over->height);
+        qm_quadratic_open(over->height, low, high);
+    } else {
+        over->below = over->above = slack + work->shape->slack;
+        heights_over_facet(corners_of(work), t, t->z, low);
+        heights_over_facet(corners_of(work), t, t->z, high);
+    }
+    set_facet_outside(work, over);
     for (int i = 0; i < 3; i++) {
-        over->low[i] = over->cap[0][i] = height[i] - open;
-        over->high[i] = height[i] + open;
-        over->cap[1][i] = -over->high[i];
+        over->low[i] = low[i] - over->below;
+        over->high[i] = high[i] + over->above;
+        over->cap[0][i] = high[i] - over->below;
+        over->cap[1][i] = -low[i] - over->above;
     }
 }
 
@@ -651,6 +730,10 @@ static bool set_patch_base(bound_work *work, base *over)
     if (!(over->loss < INFINITY)) return false;
     const qm_deviation_match *match = over->match;
     over->normal = match->normal;
+    over->is_bent = true;
+    over->slack = match->slack;
+    for (int k = 0; k < 6; k++)
+        over->height[k] = match->height[k];
     set_patch_outside(work, over, &work->near->rectangle[rectangle].box);
     bool has_sign = match->least > 0.0, is_above = match->low[0] > 0.0;
     double both = qm_max(over->loss, over->more);
@@ -681,6 +764,8 @@ static bool bound_over_base(bound_work *work, const base *over,
             side.height[i] = over->cap[k][i];
             side.most = qm_max(side.most, side.height[i]);
         }
+        for (int i = 0; i < 6 && over->is_bent; i++)
+            side.bent[i] = k ? -over->height[i] - over->above : over->height[i] - over->below;
         if (!(side.most > 0.0)) continue;
         side.region = qm_integral_positive_region(side.height);
         take_facets_off(work, &side, distance);
@@ -692,12 +777,12 @@ static bool bound_over_base(bound_work *work, const base *over,
         out->high[i] = over->high[i] + eta;
     }
     double room = lost.mean > 0.0 ? work->setup->base_margin : 0.0;
-    if (over->match) {
+    if (over->is_bent) {
         for (int k = 0; k < 6; k++)
-            out->bend.value[k] = over->match->height[k];
-        out->bend.below = over->match->slack + over->below + eta;
-        out->bend.above = over->match->slack + over->above + eta;
-        out->bend.cells = qm_quadratic_count_cells(over->match->height, work->setup->bend_error);
+            out->bend.value[k] = over->height[k];
+        out->bend.below = over->slack + over->below + eta;
+        out->bend.above = over->slack + over->above + eta;
+        out->bend.cells = qm_quadratic_count_cells(over->height, work->setup->bend_error);
         qm_deviation_integrate_quadratic(work->shape, lost, over->outside, room,
                                          BEND_PART * work->setup->bend_error, out);
     } else {
@@ -796,6 +881,7 @@ void qm_deviation_piece_bound_near(const qm_deviation_setup *setup, const qm_dev
     work.piece = piece;
     work.shape = shape;
     work.near = &workspace->near;
+    if (face->is_patch) qm_deviation_piece_coefficients(face, piece, work.bezier);
     work.low_sum = -INFINITY;
     work.high_sum = INFINITY;
     for (int i = 0; i < 3; i++)

@@ -64,47 +64,6 @@ void qm_deviation_match_foot(const qm_bilinear *patch, qm_vec p, bool within, do
 
 /* ---- coefficients ---- */
 
-/** The coefficient of a patch at two pairs of parameters: its point when they are the same. */
-static qm_vec patch_coefficient(const qm_bilinear *q, const double a[2], const double b[2])
-{
-    qm_vec sum = qm_vec_axpy(q->origin, 0.5 * (a[0] + b[0]), q->e1);
-    sum = qm_vec_axpy(sum, 0.5 * (a[1] + b[1]), q->e2);
-    return qm_vec_axpy(sum, 0.5 * (a[0] * b[1] + b[0] * a[1]), q->w);
-}
-
-static qm_vec source_coefficient(const qm_deviation_face *face, const qm_deviation_piece *piece,
-                                 const int pair[2])
-{
-    const double a[2] = {piece->u[pair[0]], piece->v[pair[0]]}, b[2] = {piece->u[pair[1]], piece->v[pair[1]]};
-    if (face->is_patch) return patch_coefficient(&face->patch, a, b);
-    return qm_deviation_face_at(face, 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]));
-}
-
-/** Widens a linear function by its distance from a quadratic one. */
-static void open_by(const double value[6], double low[3], double high[3])
-{
-    double open[2];
-    qm_quadratic_linear_error(value, open);
-    for (int i = 0; i < 3; i++) {
-        low[i] = value[i] - open[0];
-        high[i] = value[i] + open[1];
-    }
-}
-
-/** Values at the corners of a linear function above a quadratic one, exact along edges on which that is
- * linear: of each other edge the lower corner is raised. A linear function with greater coefficients is
- * above. */
-static void raise_over(const double value[6], double high[3])
-{
-    for (int i = 0; i < 3; i++)
-        high[i] = value[i];
-    for (int k = 3; k < 6; k++) {
-        int i = pair_of[k][0], j = pair_of[k][1];
-        int lower = high[i] < high[j] ? i : j;
-        high[lower] += qm_max(0.0, 2.0 * value[k] - high[i] - high[j]);
-    }
-}
-
 /** A unit vector that differences of feet are along: the normal of the patch; for points beside it that of
  * the differences themselves. */
 static qm_vec find_direction(const qm_deviation_match *match)
@@ -132,7 +91,7 @@ static void set_heights(const qm_deviation_setup *setup, qm_deviation_match *mat
         beside = qm_max(beside, qm_vec_norm(qm_vec_axpy(match->difference[k], -height[k], n)));
         match->greatest = qm_max(match->greatest, qm_vec_norm(match->difference[k]));
     }
-    open_by(height, match->low, match->high);
+    qm_quadratic_open(height, match->low, match->high);
     for (int i = 0; i < 3; i++) {
         match->low[i] -= match->slack;
         match->high[i] += match->slack;
@@ -175,7 +134,7 @@ static void finish(const qm_deviation_setup *setup, const qm_vec corner[6], qm_d
         match->along[1][i] = qm_vec_axpy(patch->e2, match->at[i][0], patch->w);
     }
     for (int k = 0; k < 6; k++) {
-        qm_vec there = patch_coefficient(patch, match->at[pair_of[k][0]], match->at[pair_of[k][1]]);
+        qm_vec there = qm_bilinear_polar(patch, match->at[pair_of[k][0]], match->at[pair_of[k][1]]);
         match->difference[k] = qm_vec_sub(corner[k], there);
         farthest = qm_max(farthest, qm_vec_norm2(match->difference[k]));
     }
@@ -194,8 +153,7 @@ void qm_deviation_match_make(const qm_deviation_setup *setup, const qm_deviation
     match->patch = patch;
     match->slack = face->slack;
     match->is_clamped = false;
-    for (int k = 0; k < 6; k++)
-        corner[k] = source_coefficient(face, piece, pair_of[k]);
+    qm_deviation_piece_coefficients(face, piece, corner);
     for (int i = 0; i < 3; i++)
         sum = qm_vec_axpy(sum, 1.0 / 3.0, corner[i]);
     qm_deviation_match_foot(patch, sum, within, centre);
@@ -244,8 +202,7 @@ void qm_deviation_match_aligned(const qm_deviation_setup *setup, const qm_deviat
     match->patch = patch;
     match->slack = face->slack;
     match->is_clamped = false;
-    for (int k = 0; k < 6; k++)
-        corner[k] = source_coefficient(face, piece, pair_of[k]);
+    qm_deviation_piece_coefficients(face, piece, corner);
     for (int i = 0; i < 3; i++)
         lay_out(layout, piece->u[i], piece->v[i], match->at[i]);
     finish(setup, corner, match);
@@ -437,8 +394,7 @@ void qm_deviation_match_beside(const qm_deviation_face *face, const qm_deviation
 {
     qm_vec corner[4], at[6];
     qm_uv_box_corners(patch, box, corner);
-    for (int k = 0; k < 6; k++)
-        at[k] = source_coefficient(face, piece, pair_of[k]);
+    qm_deviation_piece_coefficients(face, piece, at);
     for (int edge = 0; edge < 4; edge++) {
         qm_vec outwards = qm_vec_cross(qm_vec_sub(corner[(edge + 1) % 4], corner[edge]), normal);
         qm_vec inwards = qm_vec_sub(corner[(edge + 2) % 4], corner[edge]);
@@ -451,7 +407,7 @@ void qm_deviation_match_beside(const qm_deviation_face *face, const qm_deviation
             farthest = qm_max(farthest, qm_vec_dot(outwards, corner[i]));
         for (int k = 0; k < 6; k++)
             value[k] = farthest - qm_vec_dot(outwards, at[k]);
-        raise_over(value, height[edge]);
+        qm_quadratic_raise(value, height[edge]);
         for (int i = 0; i < 3; i++)
             height[edge][i] = -height[edge][i];
     }
@@ -464,7 +420,7 @@ void qm_deviation_match_upper(const qm_deviation_match *match, double high[3])
     double length[6], low[3];
     for (int k = 0; k < 6; k++)
         length[k] = qm_vec_norm(match->difference[k]) + match->slack;
-    open_by(length, low, high);
+    qm_quadratic_open(length, low, high);
 }
 
 void qm_deviation_match_edges(const qm_deviation_setup *setup, const qm_deviation_match *match,
@@ -507,8 +463,7 @@ double qm_deviation_match_view_edges(const qm_deviation_setup *setup, const qm_d
 {
     qm_vec corner[4], edge[4], at[6], n = match->normal;
     qm_uv_box_corners(match->patch, &graph->view, corner);
-    for (int k = 0; k < 6; k++)
-        at[k] = source_coefficient(face, piece, pair_of[k]);
+    qm_deviation_piece_coefficients(face, piece, at);
     for (int k = 0; k < 4; k++) {
         qm_vec on = qm_vec_sub(corner[(k + 1) % 4], corner[k]);
         edge[k] = qm_vec_axpy(on, -qm_vec_dot(on, n), n);
@@ -523,7 +478,7 @@ double qm_deviation_match_view_edges(const qm_deviation_setup *setup, const qm_d
             value[i] = qm_vec_dot(outwards, from);
             farthest = qm_max(farthest, qm_vec_norm(from));
         }
-        raise_over(value, beyond[k]);
+        qm_quadratic_raise(value, beyond[k]);
         double error = setup->eta * (1.0 + farthest / length);
         for (int i = 0; i < 3; i++)
             beyond[k][i] += error;

@@ -118,6 +118,17 @@ qm_vec qm_deviation_face_at(const qm_deviation_face *face, double u, double v)
     return face->is_patch ? qm_bilinear_at(&face->patch, u, v) : flat_point(face->corner, u, v);
 }
 
+void qm_deviation_piece_coefficients(const qm_deviation_face *face, const qm_deviation_piece *piece,
+                                     qm_vec at[6])
+{
+    for (int k = 0; k < 6; k++) {
+        int i = k % 3, j = k < 3 ? i : (i + 1) % 3;
+        const double a[2] = {piece->u[i], piece->v[i]}, b[2] = {piece->u[j], piece->v[j]};
+        at[k] = face->is_patch ? qm_bilinear_polar(&face->patch, a, b)
+                               : flat_point(face->corner, 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]));
+    }
+}
+
 double qm_deviation_parameter_area2(const qm_deviation_piece *piece, double *error)
 {
     double du1 = piece->u[1] - piece->u[0], dv1 = piece->v[1] - piece->v[0];

@@ -67,6 +67,10 @@
  * sign: d is then the absolute value of a number near h, and a surface that passes through T need not be cut
  * there.
  *
+ * Of a piece of a patch h is quadratic in l, with the heights of the piece's Bezier points as coefficients.
+ * So are g_k where it is the height over a plane, and f_k and e_k below; the loss |h| - g_k has the
+ * differences of the coefficients, and each is bounded by a linear function above it. No slack is added.
+ *
  * For o, let f_k be how far a point lies beyond the plane on edge k of T, and a the least angle of T. Then
  *     o sin a <= sum max(f_k, 0).
  * Where an edge is nearest, o is its f_k. Where a corner of angle b is, p - corner lies between the normals
@@ -98,7 +102,8 @@
  *     coordinate: the first weight by 2 u, and each term goes through 3 roundings at most. On a patch
  *     Q_s = e1 + t w is off by 16 u S (e1 2, w 8, product 4, sum 2), s Q_s by 2 more, o + t e2 by 5, and the
  *     sum by 1: 24 sqrt(3) in all;
- *     6 for the slack of a source's patch: w is off by 12 u S in each coordinate, a quarter of it counts;
+ *     6 for the slack of a source's patch: w is off by 12 u S in each coordinate, a quarter of it counts. A
+ *     Bezier point, which needs no slack, is off by 49, one more than both;
  *     54 for a corner of a rectangle of a target's patch: at most 31 midpoints of midpoints, 1 u S each;
  *     24 for a height above a facet's plane: two differences, and weights of three corners.
  * A distance beyond the base's edges takes an eta of its own (deviation_bound.c).
@@ -256,6 +261,11 @@ double qm_deviation_face_density(const qm_deviation_setup *setup, const qm_devia
 
 /** The point of the face at parameters of the piece. */
 qm_vec qm_deviation_face_at(const qm_deviation_face *face, double u, double v);
+
+/** The Bezier points of a piece: 00 11 22, its corners, then 01 12 20; a linear function of its points has its
+ * values there as coefficients. */
+void qm_deviation_piece_coefficients(const qm_deviation_face *face, const qm_deviation_piece *piece,
+                                     qm_vec at[6]);
 
 qm_deviation_shape qm_deviation_shape_make(const qm_deviation_setup *setup, const qm_deviation_face *face,
                                            const qm_deviation_piece *piece);

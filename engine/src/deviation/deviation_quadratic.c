@@ -22,6 +22,28 @@ void qm_quadratic_linear_error(const double value[6], double open[2])
         open[side] = qm_min(MAX_SUM * max[side], MAX_TERM * sum[side]);
 }
 
+void qm_quadratic_open(const double value[6], double low[3], double high[3])
+{
+    double open[2];
+    qm_quadratic_linear_error(value, open);
+    for (int i = 0; i < 3; i++) {
+        low[i] = value[i] - open[0];
+        high[i] = value[i] + open[1];
+    }
+}
+
+/** Of each edge on which the function is above the linear one the lower corner is raised: a linear function
+ * with greater coefficients is above. */
+void qm_quadratic_raise(const double value[6], double high[3])
+{
+    for (int i = 0; i < 3; i++)
+        high[i] = value[i];
+    for (int k = 0; k < 3; k++) {
+        int j = (k + 1) % 3, lower = high[k] < high[j] ? k : j;
+        high[lower] += qm_max(0.0, 2.0 * value[3 + k] - high[k] - high[j]);
+    }
+}
+
 /** The polar form at two points: the value of the function if they are one. */
 static double polar(const double v[6], const double a[3], const double b[3])
 {

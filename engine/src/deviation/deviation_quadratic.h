@@ -27,6 +27,14 @@ typedef struct qm_quadratic {
  * it. */
 void qm_quadratic_linear_error(const double value[6], double open[2]);
 
+/** Values at the corners of linear functions below and above a quadratic one, as near to it as its linear
+ * error. */
+void qm_quadratic_open(const double value[6], double low[3], double high[3]);
+
+/** Values at the corners of a linear function above a quadratic one, exact along edges on which that is
+ * linear. */
+void qm_quadratic_raise(const double value[6], double high[3]);
+
 /** The coefficients over a triangle within the piece, whose corners have these weights. */
 void qm_quadratic_restrict(const double value[6], const double corner[3][3], double part[6]);
 

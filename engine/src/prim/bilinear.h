@@ -30,6 +30,15 @@ static inline qm_vec qm_bilinear_at(const qm_bilinear *patch, double s, double t
     return qm_vec_axpy(qm_vec_axpy(patch->origin, t, patch->e2), s, along_s);
 }
 
+/** Polar form (blossom) of the patch: linear in each argument, Q(p, p) = Q(p). Of three points of parameters
+ * taken in pairs it gives the Bezier points of the part of the patch between them. */
+static inline qm_vec qm_bilinear_polar(const qm_bilinear *patch, const double p[2], const double q[2])
+{
+    qm_vec sum = qm_vec_axpy(patch->origin, 0.5 * (p[0] + q[0]), patch->e1);
+    sum = qm_vec_axpy(sum, 0.5 * (p[1] + q[1]), patch->e2);
+    return qm_vec_axpy(sum, 0.5 * (p[0] * q[1] + q[0] * p[1]), patch->w);
+}
+
 /* ---- the patch and its two triangles ---- */
 
 /**

@@ -16,14 +16,6 @@ typedef struct difference {
     qm_vec at[6];
 } difference;
 
-/** Polar form (blossom) of the patch: linear in each argument, Q(p, p) = Q(p). */
-static qm_vec polar(const qm_bilinear *patch, const double p[2], const double q[2])
-{
-    qm_vec sum = qm_vec_axpy(patch->origin, 0.5 * (p[0] + q[0]), patch->e1);
-    sum = qm_vec_axpy(sum, 0.5 * (p[1] + q[1]), patch->e2);
-    return qm_vec_axpy(sum, 0.5 * (p[0] * q[1] + q[0] * p[1]), patch->w);
-}
-
 /** Maximum along an edge with Bezier points a, b, c where it lies inside; else the lower end. */
 static double edge_max(double a, double b, double c)
 {
@@ -53,8 +45,9 @@ double qm_bilinear_triangle_upper(const qm_bilinear *patch, const qm_vec corner[
     difference d;
     for (int i = 0; i < 3; i++) {
         int j = (i + 1) % 3, k = (i + 2) % 3;
-        d.at[i] = qm_vec_sub(corner[i], polar(patch, uv[i], uv[i]));
-        d.at[3 + i] = qm_vec_sub(qm_vec_mix(corner[j], corner[k], 0.5), polar(patch, uv[j], uv[k]));
+        d.at[i] = qm_vec_sub(corner[i], qm_bilinear_polar(patch, uv[i], uv[i]));
+        d.at[3 + i] =
+            qm_vec_sub(qm_vec_mix(corner[j], corner[k], 0.5), qm_bilinear_polar(patch, uv[j], uv[k]));
     }
     qm_vec mean = {0, 0, 0};
     double size2 = 0.0;
