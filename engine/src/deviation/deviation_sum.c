@@ -14,7 +14,9 @@
 #define SAMPLES 3        /* of each end of a percentile, in each further round; 2 of them at most 16 */
 #define NEAR_PART 0x1p-5 /* of a range: how near the samples are to the predicted end */
 #define MAX_ROUNDS 24
-#define END_SHARE 0x1p-6    /* of a percentile's own interval: its ends are found no closer */
+#define END_SHARE 0x1p-6 /* of a percentile's own interval: its ends are found no closer */
+/* Of a share of up to 256 cells: 512 terms of 2 in all, and as many steps of 1 in all and their 768 sums. */
+#define CELL_ROUNDINGS 4096.0
 #define CANCEL_STRIDE 0x400 /* pieces: each may have a part at every distance */
 
 /* ---- shares ---- */
@@ -65,13 +67,18 @@ typedef struct share_sums {
     long double *within, *within_steps, *beyond, *beyond_steps;
 } share_sums;
 
-/** The areas of a piece within and beyond, for a share within: whole and density are those of the part
- * within, then of the part beyond. */
+/**
+ * The areas of a piece within and beyond, for a share within: whole and density are those of the part within,
+ * then of the part beyond. One is the least that it may be, the other the greatest. A part has its share of
+ * the density, and all that the other part leaves of the whole.
+ */
 static void find_areas(double share, const double whole[2], const double density[2], double area[2])
 {
-    double within = share * density[0], beyond = (1.0 - share) * density[1];
-    area[0] = share >= 1.0 || !(within < whole[0]) ? whole[0] : within;
-    area[1] = share <= 0.0 || !(beyond < whole[1]) ? whole[1] : beyond;
+    double by_share = share * density[0], by_rest = whole[0] - (1.0 - share) * density[1];
+    double beyond_by_share = (1.0 - share) * density[1], beyond_by_rest = whole[1] - share * density[0];
+    bool is_least = whole[0] <= whole[1];
+    area[0] = is_least ? qm_max(by_share, by_rest) : qm_min(by_share, by_rest);
+    area[1] = is_least ? qm_min(beyond_by_share, beyond_by_rest) : qm_max(beyond_by_share, beyond_by_rest);
 }
 
 /** Adds the same share from one index to another. */
@@ -143,29 +150,62 @@ static void add_piece(const share_sums *sums, const piece_growth *growth, const 
     add_span(sums, top, count, 1.0, area);
 }
 
-/** Adds a cell to the shares within each x: steps of whole cells, and parts. */
-static void add_cell(const piece_growth *cell, double part, const double *x, size_t count, long double *share,
-                     long double *steps)
+/** The height at a corner of a cell, opened, as seen from one side; and the first x that is at least as far. */
+typedef struct cell_corner {
+    double height;
+    size_t index;
+} cell_corner;
+
+static void order_corners(const cell_corner *a, const cell_corner *b, cell_corner *low, cell_corner *high)
 {
-    const ramp *one = &cell->side[0], *two = &cell->side[cell->sides - 1];
-    size_t begin = cell->sides > 1 ? 0 : lower_bound(x, count, one->value[0]);
-    size_t end = begin + lower_bound(x + begin, count - begin, qm_max(one->value[2], two->value[2]));
-    for (size_t i = begin; i < end; i++)
-        share[i] += (long double)(part * share_at(cell, x[i]));
-    steps[end] += (long double)part;
+    bool is_ordered = a->height < b->height;
+    cell_corner first = is_ordered ? *a : *b, last = is_ordered ? *b : *a;
+    *low = first;
+    *high = last;
 }
 
-/** Linear functions over the cells of a piece whose height bends, seen from one side: those that bound
- * the distance from above, or from below. */
-static piece_growth make_cell(const double at[3], const double open[2], bool from_above)
+/** Adds a cell to the shares within each x, as seen from one side: part of it between its lowest and highest
+ * corner, all of it from there on. */
+static void add_side(const cell_corner corner[3], double part, const double *x, double *share, double *steps)
 {
-    double low[3], high[3], flipped[3];
-    for (int k = 0; k < 3; k++) {
-        low[k] = at[k] - open[0];
-        high[k] = at[k] + open[1];
-        flipped[k] = from_above ? -low[k] : -high[k];
+    cell_corner low, between, high;
+    order_corners(&corner[0], &corner[1], &low, &high);
+    order_corners(&high, &corner[2], &between, &high);
+    order_corners(&low, &between, &low, &between);
+    steps[high.index] += part;
+    if (low.index == high.index) return;
+    const double heights[3] = {low.height, between.height, high.height};
+    const ramp r = make_ramp(heights);
+    double rise = part * r.rise, fall = part * r.fall;
+    for (size_t i = low.index; i < between.index; i++)
+        share[i] += (x[i] - r.value[0]) * (x[i] - r.value[0]) * rise;
+    for (size_t i = between.index; i < high.index; i++)
+        share[i] += part - (r.value[2] - x[i]) * (r.value[2] - x[i]) * fall;
+}
+
+/** Adds the cells of a height, opened by above, and its opposite by below: a point is within x if both are. */
+static void add_cells(const qm_quadratic *bend, double above, double below, const double *x, size_t count,
+                      double *share, double *steps)
+{
+    double at[QM_QUADRATIC_CORNERS], part = 1.0 / (double)(bend->cells * bend->cells);
+    cell_corner side[2][QM_QUADRATIC_CORNERS];
+    qm_quadratic_values(bend, at);
+    for (int i = 0; i < (bend->cells + 1) * (bend->cells + 2) / 2; i++) {
+        const double height[2] = {at[i] + above, below - at[i]};
+        for (int k = 0; k < 2; k++)
+            side[k][i] = (cell_corner){height[k], height[k] > 0.0 ? lower_bound(x, count, height[k]) : 0};
     }
-    return make_growth(from_above ? high : low, flipped, 0.0, 0.0);
+    for (int j = 0; j < bend->cells; j++)
+        for (int i = 0; i < 2 * (bend->cells - j) - 1; i++) {
+            int corner[3];
+            qm_quadratic_cell(bend->cells, j, i, corner);
+            /* Two sides count the cell twice. */
+            steps[0] -= part;
+            for (int k = 0; k < 2; k++) {
+                const cell_corner of[3] = {side[k][corner[0]], side[k][corner[1]], side[k][corner[2]]};
+                add_side(of, part, x, share, steps);
+            }
+        }
 }
 
 /** The range of the distances over a piece whose height bends: a quadratic lies between its Bezier points. */
@@ -184,7 +224,7 @@ static qm_interval bent_range(const qm_quadratic *bend)
 /** Adds a piece whose height bends, cell by cell where it lies within some x and beyond others; rows has room
  * for count + 1 shares and steps. */
 static void add_bent(const share_sums *sums, const qm_deviation_bounds *piece, bool from_above,
-                     const double *x, size_t count, const double area[2][2], long double *rows)
+                     const double *x, size_t count, const double area[2][2], double *rows)
 {
     const qm_quadratic *bend = &piece->bend;
     const piece_growth whole = {.invalid = from_above ? -piece->invalid_high : piece->invalid_low};
@@ -192,30 +232,23 @@ static void add_bent(const share_sums *sums, const qm_deviation_bounds *piece, b
     size_t begin = lower_bound(x, count, range.lower);
     size_t end = begin + lower_bound(x + begin, count - begin, range.upper);
     size_t top = end + lower_bound(x + end, count - end, range.upper + (from_above ? piece->excess : 0.0));
-    long double *share = rows, *steps = rows + (count + 1), sum = 0;
     add_span(sums, 0, begin, with_invalid(&whole, 0.0), area);
     add_span(sums, end, top, with_invalid(&whole, 1.0), area);
     add_span(sums, top, count, 1.0, area);
     if (begin == end) return;
-    for (size_t i = begin; i <= end; i++)
-        share[i] = steps[i] = 0;
-    double at[QM_QUADRATIC_CORNERS], open[2], part = 1.0 / (double)(bend->cells * bend->cells);
-    qm_quadratic_values(bend, at);
+    double *share = rows, *steps = rows + (end - begin + 1), sum = 0.0;
+    for (size_t i = 0; i < 2 * (end - begin + 1); i++)
+        rows[i] = 0.0;
+    double open[2], part = 1.0 / (double)(bend->cells * bend->cells);
     qm_quadratic_linear_error(bend->value, open);
     open[0] = open[0] * part + bend->below;
     open[1] = open[1] * part + bend->above;
-    for (int j = 0; j < bend->cells; j++)
-        for (int i = 0; i < 2 * (bend->cells - j) - 1; i++) {
-            int corner[3];
-            qm_quadratic_cell(bend->cells, j, i, corner);
-            piece_growth cell =
-                make_cell((const double[3]){at[corner[0]], at[corner[1]], at[corner[2]]}, open, from_above);
-            add_cell(&cell, part, x + begin, end - begin, share + begin, steps + begin);
-        }
+    add_cells(bend, from_above ? open[1] : -open[0], from_above ? open[0] : -open[1], x + begin, end - begin,
+              share, steps);
     for (size_t i = begin; i < end; i++) {
         double within[2];
-        sum += steps[i];
-        find_areas(with_invalid(&whole, (double)(share[i] + sum)), area[0], area[1], within);
+        sum += steps[i - begin];
+        find_areas(with_invalid(&whole, share[i - begin] + sum), area[0], area[1], within);
         sums->within[i] += (long double)within[0];
         sums->beyond[i] += (long double)within[1];
     }
@@ -260,8 +293,8 @@ qm_status qm_deviation_shares(qm_context *ctx, qm_deviation_piece_list pieces, c
         const double other[2][2] = {{piece->area_high, piece->area_low},
                                     {piece->density_high, piece->density_low}};
         if (piece->bend.cells > 1) {
-            add_bent(&low, piece, true, x, count, area, work + 8 * (count + 1));
-            add_bent(&high, piece, false, x, count, other, work + 8 * (count + 1));
+            add_bent(&low, piece, true, x, count, area, (double *)(work + 8 * (count + 1)));
+            add_bent(&high, piece, false, x, count, other, (double *)(work + 8 * (count + 1)));
             continue;
         }
         double flipped_low[3], flipped_high[3];
@@ -275,7 +308,7 @@ qm_status qm_deviation_shares(qm_context *ctx, qm_deviation_piece_list pieces, c
     }
     prefix_sums(&low, count);
     prefix_sums(&high, count);
-    double error = qm_deviation_sum_error(pieces.count);
+    double error = qm_deviation_sum_error(pieces.count) + CELL_ROUNDINGS * QM_UNIT_ROUNDING;
     for (size_t i = 0; i < count; i++)
         share[i] = (qm_interval){fmax(0.0, share_of(&low, i, -pieces.leak) - error),
                                  fmin(1.0, share_of(&high, i, pieces.leak) + error)};
