@@ -201,6 +201,21 @@ static inline bool qm_job_is_over(const qm_job *job)
 /** Ends a job with a result; it is stored before any subscriber is notified. */
 void qm_job_finish_with_result(qm_job *job, qm_job_state state, const qm_job_result *result);
 
+/** The end of a job in two steps: stored with an effect, then announced. */
+typedef struct qm_job_end {
+    qm_job_outcome outcome;
+    char *object, *event; /* the outcome's object, and the members of the last event */
+    qm_store_job row;     /* document and result are the job's once it is announced */
+    bool is_stored;
+} qm_job_end;
+
+/** Stores the end of a job with a result and an effect or NULL, all or nothing. With a status other than QM_OK there
+ * is no end. */
+qm_status qm_job_store_end(qm_job *job, qm_job_state state, const qm_job_result *result,
+                           const qm_store_effect *effect, qm_job_end *end);
+/** Ends the job, notifies its subscribers, and frees end. */
+void qm_job_announce_end(qm_job *job, qm_job_end *end);
+
 /** Ends the run of a job because the daemon stops: a stored one runs again at the next start, one that is not
  * stored ends as canceled. */
 void qm_job_interrupt(qm_job *job);

@@ -18,8 +18,36 @@
 
 /* ---- the end of a job ---- */
 
+/** True for a result, false for a problem. */
+static bool has_result(const qm_job_outcome *outcome)
+{
+    return strcmp(outcome->member, "result") == 0;
+}
+
+static const char *last_event_name(const qm_job_outcome *outcome)
+{
+    return has_result(outcome) ? "result" : "error";
+}
+
+/** The row and the last event of a stored job; false when out of memory. object is the outcome's, or NULL. */
+static bool make_end(qm_job *job, const qm_job_outcome *outcome, char *object, qm_job_end *end)
+{
+    qm_text text = {0};
+    qm_text_printf(&text, "\"state\":\"%s\",\"%s\":", qm_job_state_name(outcome->state), outcome->member);
+    qm_text_add_string(&text, outcome->object);
+    *end = (qm_job_end){.outcome = *outcome, .object = object, .event = qm_text_take(&text)};
+    end->row.state = outcome->state;
+    end->row.result = has_result(outcome) ? strdup(outcome->object) : NULL;
+    memcpy(end->row.id, job->id, sizeof end->row.id);
+    uv_mutex_lock(&job->jobs->lock);
+    end->row.document =
+        qm_job_write_members(job, outcome->state, has_result(outcome) ? NULL : outcome->object);
+    uv_mutex_unlock(&job->jobs->lock);
+    return end->event && end->row.document && (end->row.result || !has_result(outcome));
+}
+
 /** Stores the end of a job with the events that the store lacks, and a last one. */
-static bool store_end(qm_job *job, const qm_store_job *end, const char *name, const char *members)
+static qm_status store_end(qm_job *job, const qm_job_end *end, const qm_store_effect *effect)
 {
     qm_jobs *jobs = job->jobs;
     uv_mutex_lock(&jobs->lock);
@@ -27,12 +55,15 @@ static bool store_end(qm_job *job, const qm_store_job *end, const char *name, co
     qm_store_event *events = calloc(count + 1, sizeof *events);
     if (events) {
         qm_job_list_unsaved(job, job->event_count, events);
-        events[count] = (qm_store_event){job->id, qm_job_next_seq(job), name, members};
+        events[count] =
+            (qm_store_event){job->id, qm_job_next_seq(job), last_event_name(&end->outcome), end->event};
     }
     uv_mutex_unlock(&jobs->lock);
-    bool stored = events && qm_store_finish_job(jobs->store, end, job->revisions, events, count + 1) == QM_OK;
+    qm_status status =
+        events ? qm_store_finish_job(jobs->store, &end->row, job->revisions, events, count + 1, effect)
+               : QM_E_NO_MEMORY;
     free(events);
-    return stored;
+    return status;
 }
 
 static void finish(qm_job *job, const qm_job_outcome *outcome);
@@ -66,50 +97,28 @@ static void end_followers(qm_job *job, qm_job *first, const qm_job_outcome *shar
     }
 }
 
-/** Ends a stored job: stores the outcome, then adds the terminal event. */
-static void finish_stored(qm_job *job, const qm_job_outcome *outcome)
+/** Ends a stored job in memory, with its last event. */
+static void announce_stored(qm_job *job, qm_job_end *end)
 {
     qm_jobs *jobs = job->jobs;
-    bool has_result = strcmp(outcome->member, "result") == 0;
-    const char *name = has_result ? "result" : "error";
-    qm_text text = {0};
-    qm_text_printf(&text, "\"state\":\"%s\",\"%s\":", qm_job_state_name(outcome->state), outcome->member);
-    qm_text_add_string(&text, outcome->object);
-    char *event = qm_text_take(&text);
-    qm_store_job end = {.state = outcome->state, .result = has_result ? strdup(outcome->object) : NULL};
-    memcpy(end.id, job->id, sizeof end.id);
-    uv_mutex_lock(&jobs->lock);
-    end.document = qm_job_write_members(job, outcome->state, has_result ? NULL : outcome->object);
-    uv_mutex_unlock(&jobs->lock);
-    bool is_whole = event && end.document && (end.result || !has_result);
-    bool stored = is_whole && store_end(job, &end, name, event);
-    if (!stored) qm_log(QM_LOG_ERROR, "the end of job %s could not be stored: it is kept in memory", job->id);
+    const qm_job_outcome *outcome = &end->outcome;
     uv_mutex_lock(&jobs->lock);
     bool shares = outcome->state == QM_JOB_SUCCEEDED && job->expiry == QM_JOB_IN_TIME;
     qm_job *followers = take_followers(job, shares);
     QM_ASSERT(jobs->running > 0);
     jobs->running--;
     job->state = outcome->state;
-    job->document = end.document;
-    job->result = end.result;
-    qm_job_add_event(job, name, event ? event : "\"detail\":\"out of memory\"");
-    if (stored) qm_job_unlist(job);
+    job->document = end->row.document;
+    job->result = end->row.result;
+    qm_job_add_event(job, last_event_name(outcome), end->event ? end->event : "\"detail\":\"out of memory\"");
+    if (end->is_stored) qm_job_unlist(job);
     uv_mutex_unlock(&jobs->lock);
-    free(event);
     end_followers(job, followers, shares ? outcome : NULL);
 }
 
-/** Ends a job that is marked as running. Only the thread that runs a job ends it, or, while the job is loading, the
- * one that clears this mark. */
-static void finish(qm_job *job, const qm_job_outcome *outcome)
+/** Ends a job that is not stored. */
+static void announce_unstored(qm_job *job, const qm_job_outcome *outcome)
 {
-    QM_ASSERT(job->state == QM_JOB_RUNNING && outcome->state > QM_JOB_RUNNING);
-    qm_metrics_add_job(qm_job_type_of(job->request.kind)->name, qm_job_state_name(outcome->state),
-                       (qm_clock_now_ms() - job->started_ms) / MS_PER_S);
-    if (!job->on_end) {
-        finish_stored(job, outcome);
-        return;
-    }
     qm_jobs *jobs = job->jobs;
     uv_mutex_lock(&jobs->lock);
     QM_ASSERT(jobs->running > 0);
@@ -118,6 +127,55 @@ static void finish(qm_job *job, const qm_job_outcome *outcome)
     job->on_end(job->end_user, outcome);
     qm_job_unlist(job);
     uv_mutex_unlock(&jobs->lock);
+}
+
+void qm_job_announce_end(qm_job *job, qm_job_end *end)
+{
+    QM_ASSERT(job->state == QM_JOB_RUNNING && end->outcome.state > QM_JOB_RUNNING);
+    qm_metrics_add_job(qm_job_type_of(job->request.kind)->name, qm_job_state_name(end->outcome.state),
+                       (qm_clock_now_ms() - job->started_ms) / MS_PER_S);
+    if (job->on_end)
+        announce_unstored(job, &end->outcome);
+    else
+        announce_stored(job, end);
+    free(end->event);
+    free(end->object);
+}
+
+/** Ends a job that is marked as running. Only the thread that runs a job ends it, or, while the job is loading, the
+ * one that clears this mark. */
+static void finish(qm_job *job, const qm_job_outcome *outcome)
+{
+    qm_job_end end = {.outcome = *outcome};
+    if (!job->on_end) {
+        end.is_stored = make_end(job, outcome, NULL, &end) && store_end(job, &end, NULL) == QM_OK;
+        if (!end.is_stored)
+            qm_log(QM_LOG_ERROR, "the end of job %s could not be stored: it is kept in memory", job->id);
+    }
+    qm_job_announce_end(job, &end);
+}
+
+qm_status qm_job_store_end(qm_job *job, qm_job_state state, const qm_job_result *result,
+                           const qm_store_effect *effect, qm_job_end *end)
+{
+    qm_text text = {0};
+    qm_json_write_result(&text, &job->request, result);
+    char *object = qm_text_take(&text);
+    const qm_job_outcome outcome = {state, "result", object ? object : "null"};
+    *end = (qm_job_end){.outcome = outcome, .object = object};
+    qm_status status =
+        !object || (!job->on_end && !make_end(job, &outcome, object, end)) ? QM_E_NO_MEMORY : QM_OK;
+    if (status == QM_OK && !job->on_end)
+        status = store_end(job, end, effect);
+    else if (status == QM_OK && effect)
+        status = qm_store_update_reconstruction(job->jobs->store, effect);
+    end->is_stored = status == QM_OK;
+    if (status == QM_OK) return QM_OK;
+    free(end->object);
+    free(end->event);
+    free(end->row.document);
+    free(end->row.result);
+    return status;
 }
 
 void qm_job_finish_with_problem(qm_job *job, qm_job_state state, const qm_problem *problem)

@@ -1,6 +1,6 @@
 /**
  * job_steps.c: what a worker does with a reconstruction_step. The steps are taken in memory, each with an
- * event of its own, and stored together at the end, also when the job was canceled after some of them: a
+ * event of its own, and stored with the end of the job, also when the job was canceled after some of them: a
  * daemon that is killed on the way takes them again from the stored state.
  */
 #include <stdlib.h>
@@ -36,10 +36,11 @@ static void on_step(void *user, const qm_refine_record *record)
     free(members);
 }
 
-/** How a job ends: with a result, with a problem, or not yet, when the daemon stops it. */
+/** How a job ends: with a result that is stored already, with a problem, or not yet, when the daemon stops it. */
 typedef struct step_end {
     enum { WITH_RESULT, WITH_PROBLEM, INTERRUPTED } how;
     qm_job_result result;
+    qm_job_end stored;
     qm_problem problem;
     bool keeps; /* memory and store agree about the reconstruction */
 } step_end;
@@ -50,17 +51,33 @@ static void end_with(step_end *end, qm_problem problem)
     end->problem = problem;
 }
 
-/** Stores the steps. records is the result's own text from then on. */
-static void commit(const qm_job *job, qm_reconstruction_lease *refining, const step_log *log,
-                   const char *records, step_end *end)
+typedef struct commit_task {
+    qm_job *job;
+    step_end *end;
+} commit_task;
+
+/** Stores the end of the job with its effect. */
+static qm_status store_steps(void *user, const char *mesh, const qm_store_effect *effect)
+{
+    const commit_task *task = user;
+    qm_job_result *result = &task->end->result;
+    snprintf(result->mesh, sizeof result->mesh, "%s", mesh);
+    return qm_job_store_end(task->job, result->is_canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED, result,
+                            effect, &task->end->stored);
+}
+
+/** Stores the steps with the end of the job: a daemon that is killed takes them again, or has taken them. */
+static void commit(qm_job *job, qm_reconstruction_lease *refining, const step_log *log, const char *records,
+                   step_end *end)
 {
     size_t limit = job->request.goal.max_quads > 0 ? job->request.goal.max_quads : QM_REFINE_MAX_QUADS;
     end->result.records = records;
     end->result.step_count = log->count;
     end->result.quads = log->count > 0 ? log->quads : qm_reconstructions_count_quads(refining);
+    commit_task task = {job, end};
     qm_problem problem;
     end->keeps = qm_reconstructions_commit(job->jobs->reconstructions, refining, limit, log->count, records,
-                                           end->result.mesh, &problem);
+                                           store_steps, &task, &problem);
     if (!end->keeps) end_with(end, problem);
 }
 
@@ -89,7 +106,7 @@ static void refine(qm_job *job, qm_reconstruction_lease *refining, step_log *log
         commit(job, refining, log, log->records.data ? log->records.data : "", end);
 }
 
-/** Releases the reconstruction before the job ends, so that the next request of the client finds it free. */
+/** Releases the reconstruction before the end of the job is announced, so that the next request of the client finds it free. */
 static void run_steps(qm_job *job)
 {
     qm_reconstructions *reconstructions = job->jobs->reconstructions;
@@ -119,8 +136,7 @@ static void run_steps(qm_job *job)
     else if (end.how == WITH_PROBLEM)
         qm_job_finish_with_problem(job, canceled ? QM_JOB_CANCELED : QM_JOB_FAILED, &end.problem);
     else
-        qm_job_finish_with_result(job, end.result.is_canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED,
-                                  &end.result);
+        qm_job_announce_end(job, &end.stored);
     qm_text_reset(&log.records);
 }
 

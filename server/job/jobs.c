@@ -281,9 +281,13 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, co
     if (stored && ((may_follow && follow(jobs, job)) || qm_job_enqueue(jobs, job))) return job;
     if (stored) qm_store_delete_job(jobs->store, job->id);
     qm_job_withdraw(jobs, job);
+    qm_job *same = NULL; /* of a submission with the same idempotency key that was stored first */
+    if (status == QM_E_CANCELED)
+        same = find_by_idempotency_key(jobs, submission->idempotency_key, job->key, problem);
+    else
+        *problem = qm_problem_from_write(status, "the job");
     qm_jobs_release(jobs, job);
-    *problem = qm_problem_from_write(status, "the job");
-    return NULL;
+    return same;
 }
 
 /** The job that answers a request already, or NULL; with a problem when the request has a fault. */

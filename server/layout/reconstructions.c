@@ -322,18 +322,18 @@ static qm_blob_writer *write_upload(qm_reconstructions *rs, qm_reconstruction_le
     return NULL;
 }
 
-/** Makes an ordinary mesh of the reconstruction as it is; its id goes to out. */
-static bool add_mesh(qm_reconstructions *rs, qm_reconstruction_lease *r, char out[QM_ID_SIZE], size_t *quads,
+/** Makes an ordinary mesh of the reconstruction as it is, which put stores with what names it. */
+static bool add_mesh(qm_reconstructions *rs, qm_reconstruction_lease *r, qm_mesh_put_fn *put, void *user,
                      qm_problem *problem)
 {
     qm_blob_writer *upload = write_upload(rs, r, problem);
     if (!upload) return false;
-    *quads = qm_reconstructions_count_quads(r);
     /* It is named after its source, if that has a name. */
     qm_store_mesh source;
     bool has_source = qm_store_find_mesh(rs->store, r->source_id, &source) == QM_OK;
     qm_text text = {0};
-    qm_text_printf(&text, "%s, %zu quads", has_source && source.name[0] ? source.name : r->id, *quads);
+    qm_text_printf(&text, "%s, %zu quads", has_source && source.name[0] ? source.name : r->id,
+                   qm_reconstructions_count_quads(r));
     if (has_source) qm_store_mesh_reset(&source);
     char *name = qm_text_take(&text);
     if (!name) {
@@ -341,14 +341,9 @@ static bool add_mesh(qm_reconstructions *rs, qm_reconstruction_lease *r, char ou
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
         return false;
     }
-    qm_store_mesh row;
-    bool is_new;
-    bool added = qm_meshes_add(rs->meshes, upload, name, QM_FORMAT_PLY, 0.0, &row, &is_new, problem);
+    bool added = qm_meshes_add_with(rs->meshes, upload, name, QM_FORMAT_PLY, put, user, problem);
     free(name);
-    if (!added) return false;
-    memcpy(out, row.id, QM_ID_SIZE);
-    qm_store_mesh_reset(&row);
-    return true;
+    return added;
 }
 
 static char *make_state(const char *mesh, size_t quads, size_t steps)
@@ -384,26 +379,61 @@ static char *make_document(const qm_reconstruction_lease *r, const qm_store_reco
     return qm_text_take(&text);
 }
 
+static size_t count_steps(const char *steps)
+{
+    size_t count = 0;
+    for (const char *at = strchr(steps, ':'); at; at = strchr(at + 1, ':'))
+        count += strtoull(at + 1, NULL, 10);
+    return count;
+}
+
+/** A row on its way to the store, for qm_mesh_put_fn: its mesh comes with it. */
+typedef struct row_task {
+    qm_reconstructions *rs;
+    const qm_reconstruction_lease *lease;
+    qm_store_reconstruction *row;
+    const qm_store_idempotency *idempotency; /* of a new one */
+    qm_reconstructions_end_fn *end;          /* stores the row of a job's steps */
+    void *end_user;
+} row_task;
+
+/** Sets the members of a row that depend on its mesh. */
+static bool set_mesh(const row_task *task, const qm_store_mesh *mesh, qm_problem *problem)
+{
+    qm_store_reconstruction *row = task->row;
+    memcpy(row->mesh, mesh->id, sizeof row->mesh);
+    free(row->state);
+    row->state = make_state(mesh->id, qm_reconstructions_count_quads(task->lease), count_steps(row->steps));
+    if (!row->state)
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reconstruction");
+    return row->state;
+}
+
+static bool put_new(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem)
+{
+    const row_task *task = user;
+    if (!set_mesh(task, mesh, problem)) return false;
+    qm_status status =
+        qm_store_put_reconstruction(task->rs->store, task->row, is_new ? mesh : NULL, task->idempotency);
+    if (status != QM_OK) *problem = qm_problem_from_write(status, "the reconstruction");
+    return status == QM_OK;
+}
+
 static bool fill_row(qm_reconstructions *rs, qm_reconstruction_lease *r, const char *layout_text,
                      const qm_store_idempotency *idempotency, qm_store_reconstruction *row,
                      qm_problem *problem)
 {
-    size_t quads;
-    if (!add_mesh(rs, r, row->mesh, &quads, problem)) return false;
     memcpy(row->id, r->id, sizeof row->id);
     row->layout = strdup(layout_text);
     row->steps = strdup("");
     row->records = strdup("");
     row->document = make_document(r, row);
-    row->state = make_state(row->mesh, quads, 0);
-    if (!row->layout || !row->steps || !row->records || !row->document || !row->state) {
+    if (!row->layout || !row->steps || !row->records || !row->document) {
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reconstruction");
         return false;
     }
-    qm_status status = qm_store_put_reconstruction(rs->store, row, idempotency);
-    if (status == QM_OK) return true;
-    *problem = qm_problem_from_write(status, "the reconstruction");
-    return false;
+    row_task task = {.rs = rs, .lease = r, .row = row, .idempotency = idempotency};
+    return add_mesh(rs, r, put_new, &task, problem);
 }
 
 bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const char *layout_id,
@@ -431,14 +461,6 @@ bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const ch
     return true;
 }
 
-static size_t count_steps(const char *steps)
-{
-    size_t count = 0;
-    for (const char *at = strchr(steps, ':'); at; at = strchr(at + 1, ':'))
-        count += strtoull(at + 1, NULL, 10);
-    return count;
-}
-
 /** The row of a leased reconstruction, which another client may have deleted. */
 static bool find_row(qm_reconstructions *rs, const char *id, qm_store_reconstruction *row,
                      qm_problem *problem)
@@ -449,65 +471,85 @@ static bool find_row(qm_reconstructions *rs, const char *id, qm_store_reconstruc
     return false;
 }
 
-/** Stores the row after some steps, whose mesh is stored already. */
-static bool store_steps(qm_reconstructions *rs, const char *mesh, size_t quads, size_t max_quads,
-                        size_t step_count, const char *records, const qm_store_reconstruction *row,
-                        qm_problem *problem)
+/** The row of a reconstruction that was changed or deleted meanwhile. */
+static qm_problem problem_from_update(qm_status status)
 {
-    qm_store_reconstruction next = *row;
-    qm_text steps = {0}, joined = {0};
-    qm_text_printf(&steps, "%s%s%zu:%zu", row->steps, row->steps[0] ? " " : "", max_quads, step_count);
-    qm_text_printf(&joined, "%s%s%s", row->records, row->records[0] ? "," : "", records);
-    memcpy(next.mesh, mesh, sizeof next.mesh);
-    next.steps = qm_text_take(&steps);
-    next.records = qm_text_take(&joined);
-    next.state = next.steps ? make_state(mesh, quads, count_steps(next.steps)) : NULL;
-    next.revision++;
-    qm_status status = next.steps && next.records && next.state
-                           ? qm_store_update_reconstruction(rs->store, &next)
-                           : QM_E_NO_MEMORY;
-    if (status != QM_OK) *problem = qm_problem_from_write(status, "the reconstruction");
-    free(next.steps);
-    free(next.records);
-    free(next.state);
+    if (status == QM_E_CANCELED)
+        return qm_problem_make(QM_PROBLEM_CONFLICT, "the reconstruction was changed or deleted meanwhile");
+    return qm_problem_from_write(status, "the reconstruction");
+}
+
+static bool put_steps(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem)
+{
+    const row_task *task = user;
+    if (!set_mesh(task, mesh, problem)) return false;
+    const qm_store_effect effect = {task->row, is_new ? mesh : NULL};
+    qm_status status = task->end(task->end_user, mesh->id, &effect);
+    if (status != QM_OK) *problem = problem_from_update(status);
     return status == QM_OK;
 }
 
+/** Makes the row the one after some steps. */
+static bool add_steps(qm_store_reconstruction *row, size_t max_quads, size_t step_count, const char *records,
+                      qm_problem *problem)
+{
+    qm_text steps = {0}, joined = {0};
+    qm_text_printf(&steps, "%s%s%zu:%zu", row->steps, row->steps[0] ? " " : "", max_quads, step_count);
+    qm_text_printf(&joined, "%s%s%s", row->records, row->records[0] ? "," : "", records);
+    free(row->steps);
+    free(row->records);
+    row->steps = qm_text_take(&steps);
+    row->records = qm_text_take(&joined);
+    row->revision++;
+    if (row->steps && row->records) return true;
+    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reconstruction");
+    return false;
+}
+
 bool qm_reconstructions_commit(qm_reconstructions *rs, qm_reconstruction_lease *lease, size_t max_quads,
-                               size_t step_count, const char *records, char mesh[QM_ID_SIZE],
-                               qm_problem *problem)
+                               size_t step_count, const char *records, qm_reconstructions_end_fn *end,
+                               void *user, qm_problem *problem)
 {
     qm_store_reconstruction row;
     if (!find_row(rs, lease->id, &row, problem)) return false;
-    memcpy(mesh, row.mesh, QM_ID_SIZE);
-    size_t quads;
-    bool good =
-        step_count == 0 || (add_mesh(rs, lease, mesh, &quads, problem) &&
-                            store_steps(rs, mesh, quads, max_quads, step_count, records, &row, problem));
+    row_task task = {.rs = rs, .lease = lease, .row = &row, .end = end, .end_user = user};
+    bool good;
+    if (step_count == 0) {
+        qm_status status = end(user, row.mesh, NULL);
+        good = status == QM_OK;
+        if (!good) *problem = problem_from_update(status);
+    } else {
+        good = add_steps(&row, max_quads, step_count, records, problem) &&
+               add_mesh(rs, lease, put_steps, &task, problem);
+    }
     qm_store_reconstruction_reset(&row);
     return good;
 }
 
-/** Stores the row after an edit of the layout, whose mesh is stored already. */
-static bool store_edit(qm_reconstructions *rs, const char *mesh, size_t quads, const char *layout_text,
-                       qm_store_reconstruction *row, qm_problem *problem)
+static bool put_edit(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem)
+{
+    const row_task *task = user;
+    if (!set_mesh(task, mesh, problem)) return false;
+    qm_status status =
+        qm_store_update_reconstruction(task->rs->store, &(qm_store_effect){task->row, is_new ? mesh : NULL});
+    if (status != QM_OK) *problem = problem_from_update(status);
+    return status == QM_OK;
+}
+
+/** Makes the row the one after an edit of the layout. */
+static bool add_edit(qm_store_reconstruction *row, const char *layout_text, qm_problem *problem)
 {
     qm_text layouts = {0}, steps = {0};
     qm_text_printf(&layouts, "%s\n%s", row->layout, layout_text);
     qm_text_printf(&steps, "%s%s" EDIT_WORD, row->steps, row->steps[0] ? " " : "");
     free(row->layout);
     free(row->steps);
-    free(row->state);
     row->layout = qm_text_take(&layouts);
     row->steps = qm_text_take(&steps);
-    row->state = row->steps ? make_state(mesh, quads, count_steps(row->steps)) : NULL;
     row->revision++;
-    memcpy(row->mesh, mesh, sizeof row->mesh);
-    qm_status status = row->layout && row->steps && row->state
-                           ? qm_store_update_reconstruction(rs->store, row)
-                           : QM_E_NO_MEMORY;
-    if (status != QM_OK) *problem = qm_problem_from_write(status, "the reconstruction");
-    return status == QM_OK;
+    if (row->layout && row->steps) return true;
+    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reconstruction");
+    return false;
 }
 
 bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char *layout_text,
@@ -516,11 +558,10 @@ bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char 
     *out = (qm_store_reconstruction){0};
     qm_reconstruction_lease *r = qm_reconstructions_take(rs, id, NULL, problem);
     if (!r) return false;
-    char mesh[QM_ID_SIZE];
-    size_t quads;
+    row_task task = {.rs = rs, .lease = r, .row = out};
     bool edited = lease_edit(r, layout_text, redone, problem);
-    bool good = edited && add_mesh(rs, r, mesh, &quads, problem) && find_row(rs, id, out, problem) &&
-                store_edit(rs, mesh, quads, layout_text, out, problem);
+    bool good = edited && find_row(rs, id, out, problem) && add_edit(out, layout_text, problem) &&
+                add_mesh(rs, r, put_edit, &task, problem);
     qm_reconstructions_release(rs, r, good || !edited);
     if (!good) qm_store_reconstruction_reset(out);
     return good;

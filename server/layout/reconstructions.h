@@ -46,13 +46,16 @@ qm_reconstruction_lease *qm_reconstructions_take(qm_reconstructions *reconstruct
 void qm_reconstructions_release(qm_reconstructions *reconstructions, qm_reconstruction_lease *refining,
                                 bool keeps);
 
+/** Stores the end of the steps with their effect, NULL when there were none; mesh is the id of the current mesh. */
+typedef qm_status qm_reconstructions_end_fn(void *user, const char *mesh, const qm_store_effect *effect);
+
 /**
- * Stores the steps that were taken with a limit of quads, their records (objects with commas between), and
- * the current mesh, whose id is written. Nothing is stored when no step was taken. False with a problem.
+ * Has the steps that were taken with a limit of quads stored by end, with their records (objects with commas
+ * between) and their mesh: all of it, or nothing. False with a problem.
  */
 bool qm_reconstructions_commit(qm_reconstructions *reconstructions, qm_reconstruction_lease *refining,
                                size_t max_quads, size_t step_count, const char *records,
-                               char mesh[QM_ID_SIZE], qm_problem *problem);
+                               qm_reconstructions_end_fn *end, void *user, qm_problem *problem);
 
 /**
  * Replaces the layout by an edited one, rebuilds the patches that the edit has changed (redone is their

@@ -491,33 +491,63 @@ static bool find_same(qm_meshes *meshes, const qm_store_mesh *wanted, qm_store_m
     return qm_store_find_mesh_by_content(meshes->store, wanted->hash, wanted->options, found) == QM_OK;
 }
 
-/** Names the blob and inserts the row; takes over the upload. store_lock is held. */
-static bool store_new(qm_meshes *meshes, qm_blob_writer *upload, const qm_store_mesh *row)
+/** An upload that becomes a mesh, and what stores it. */
+typedef struct upload_task {
+    qm_meshes *meshes;
+    qm_blob_writer *upload;
+    double ttl_s;
+    qm_mesh_put_fn *put;
+    void *user;
+    qm_problem *problem;
+} upload_task;
+
+/** Stores a new mesh without anything else. */
+static bool put_alone(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem)
 {
-    QM_ASSERT(is_locked(&meshes->store_lock));
-    if (qm_blob_keep(upload) != QM_OK) return false;
-    if (qm_store_put_mesh(meshes->store, row) == QM_OK) return true;
-    qm_blob_remove(meshes->store, row->hash);
+    qm_meshes *meshes = user;
+    if (!is_new || qm_store_put_mesh(meshes->store, mesh) == QM_OK) return true;
+    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
+    return false;
+}
+
+/** Names the blob and stores the row; takes over the upload. store_lock is held. */
+static bool store_new(const upload_task *task, const qm_store_mesh *row)
+{
+    QM_ASSERT(is_locked(&task->meshes->store_lock));
+    if (qm_blob_keep(task->upload) != QM_OK) {
+        *task->problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
+        return false;
+    }
+    if (task->put(task->user, row, true, task->problem)) return true;
+    qm_blob_remove(task->meshes->store, row->hash);
+    return false;
+}
+
+/** Lets a mesh that is stored live as long as the upload, and stores what names it. store_lock is held. */
+static bool store_same(const upload_task *task, qm_store_mesh *row)
+{
+    if (extend_life(task->meshes, row, task->ttl_s)) return task->put(task->user, row, false, task->problem);
+    *task->problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh has just expired: upload it again");
     return false;
 }
 
 /** Stores a decoded upload, unless equal content was stored meanwhile. Takes over mesh and upload. */
-static bool store_loaded(qm_meshes *meshes, qm_blob_writer *upload, double ttl_s, qm_store_mesh *row,
-                         qm_loaded_mesh *mesh, bool *is_new, qm_problem *problem)
+static bool store_loaded(const upload_task *task, qm_store_mesh *row, qm_loaded_mesh *mesh, bool *is_new)
 {
+    qm_meshes *meshes = task->meshes;
     qm_store_mesh same;
     qm_mesh_ref *listed = NULL;
-    bool stored = false;
+    bool stored;
     uv_mutex_lock(&meshes->store_lock);
     bool found = find_same(meshes, row, &same);
     if (found) {
         qm_store_mesh_reset(row);
         *row = same;
-        qm_blob_abort(upload);
-        found = extend_life(meshes, row, ttl_s);
+        qm_blob_abort(task->upload);
+        stored = store_same(task, row);
     } else {
-        set_expires(row, ttl_s);
-        stored = store_new(meshes, upload, row);
+        set_expires(row, task->ttl_s);
+        stored = store_new(task, row);
         uv_mutex_lock(&meshes->lock);
         /* It waits in memory for its first job. Without memory to list it, it is loaded again then. */
         listed = stored ? list_entry(meshes, row->id) : NULL;
@@ -529,10 +559,9 @@ static bool store_loaded(qm_meshes *meshes, qm_blob_writer *upload, double ttl_s
     }
     uv_mutex_unlock(&meshes->store_lock);
     if (!listed) free_loaded(meshes, mesh);
-    if (!found && !stored) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
-    *is_new = stored;
-    if (stored) qm_metrics_add(QM_METRICS_MESHES_ADDED, 1);
-    return found || stored;
+    *is_new = stored && !found;
+    if (*is_new) qm_metrics_add(QM_METRICS_MESHES_ADDED, 1);
+    return stored;
 }
 
 /** A row with all but its hash and document; false when out of memory. */
@@ -574,57 +603,76 @@ static bool prepare(qm_meshes *meshes, mapped_bytes file, qm_format format, qm_s
 }
 
 /** Ends an upload whose bytes a mesh has already: it takes the place of their blob when that is damaged. */
-static bool give_to_same(qm_meshes *meshes, qm_blob_writer *upload, double ttl_s, qm_store_mesh *row,
-                         qm_problem *problem)
+static bool give_to_same(const upload_task *task, qm_store_mesh *row)
 {
+    qm_meshes *meshes = task->meshes;
     const char *hash = row->hash;
+    qm_store_mesh now;
     uv_mutex_lock(&meshes->store_lock);
-    bool lives = extend_life(meshes, row, ttl_s);
+    bool exists = qm_store_find_mesh(meshes->store, row->id, &now) == QM_OK;
+    if (exists) qm_store_mesh_reset(&now);
+    if (!exists)
+        *task->problem =
+            qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh has just been removed: upload it again");
+    bool stored = exists && store_same(task, row);
     uv_mutex_unlock(&meshes->store_lock);
-    if (!lives) {
-        qm_blob_abort(upload);
-        *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh has just expired: upload it again");
-        return false;
-    }
-    if (!is_damaged(qm_blob_check(meshes->store, hash))) {
-        qm_blob_abort(upload);
-        return true;
+    if (!stored || !is_damaged(qm_blob_check(meshes->store, hash))) {
+        qm_blob_abort(task->upload);
+        return stored;
     }
     uv_mutex_lock(&meshes->store_lock);
-    bool kept = qm_blob_keep(upload) == QM_OK;
+    bool kept = qm_blob_keep(task->upload) == QM_OK;
     if (kept) qm_blob_remove(meshes->store, hash); /* the mesh may have been deleted meanwhile */
     uv_mutex_unlock(&meshes->store_lock);
     if (kept) {
         qm_metrics_add(QM_METRICS_REPAIRS, 1);
         qm_log(QM_LOG_WARN, "blob %s was damaged or missing: an upload has replaced it", hash);
     } else {
-        *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
+        *task->problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
     }
     return kept;
 }
 
-bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
-                   double ttl_s, qm_store_mesh *out, bool *is_new, qm_problem *problem)
+static bool add(const upload_task *task, const char *name, qm_format format, qm_store_mesh *out, bool *is_new)
 {
+    qm_meshes *meshes = task->meshes;
+    qm_problem *problem = task->problem;
     qm_store_mesh row = {0};
     qm_loaded_mesh mesh = {0};
     *is_new = false;
-    bool sealed = make_row(name, format, &row, problem) && seal(upload, &row, problem);
+    bool sealed = make_row(name, format, &row, problem) && seal(task->upload, &row, problem);
     if (sealed && find_same(meshes, &row, out)) {
         qm_store_mesh_reset(&row);
-        bool given = give_to_same(meshes, upload, ttl_s, out, problem);
+        bool given = give_to_same(task, out);
         if (!given) qm_store_mesh_reset(out);
         return given;
     }
     mapped_bytes file = {0};
     if (sealed) *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the upload cannot be read");
-    bool prepared = sealed && qm_blob_map_sealed(upload, &file.bytes, &file.size) == QM_OK &&
+    bool prepared = sealed && qm_blob_map_sealed(task->upload, &file.bytes, &file.size) == QM_OK &&
                     prepare(meshes, file, format, &row, &mesh, problem);
     qm_blob_unmap(file.bytes, file.size);
-    if (!prepared) qm_blob_abort(upload);
-    bool added = prepared && store_loaded(meshes, upload, ttl_s, &row, &mesh, is_new, problem);
+    if (!prepared) qm_blob_abort(task->upload);
+    bool added = prepared && store_loaded(task, &row, &mesh, is_new);
     *out = row;
     if (!added) qm_store_mesh_reset(out);
+    return added;
+}
+
+bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
+                   double ttl_s, qm_store_mesh *out, bool *is_new, qm_problem *problem)
+{
+    const upload_task task = {meshes, upload, ttl_s, put_alone, meshes, problem};
+    return add(&task, name, format, out, is_new);
+}
+
+bool qm_meshes_add_with(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
+                        qm_mesh_put_fn *put, void *user, qm_problem *problem)
+{
+    const upload_task task = {meshes, upload, 0.0, put, user, problem};
+    qm_store_mesh row;
+    bool is_new, added = add(&task, name, format, &row, &is_new);
+    if (added) qm_store_mesh_reset(&row);
     return added;
 }
 

@@ -54,6 +54,14 @@ void qm_meshes_destroy(qm_meshes *meshes);
 bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
                    double ttl_s, qm_store_mesh *out, bool *is_new, qm_problem *problem);
 
+/** Stores a mesh of an upload, which is_new or stored already, with a row that names it: both, or none. False with a
+ * problem. No mesh is removed meanwhile. */
+typedef bool qm_mesh_put_fn(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem);
+
+/** Makes a mesh of an upload, without a time to live, that put stores. */
+bool qm_meshes_add_with(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
+                        qm_mesh_put_fn *put, void *user, qm_problem *problem);
+
 /** Makes a mesh without a name of a blob that no mesh has; out is as above. False with a problem. */
 bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm_problem *problem);
 

@@ -161,7 +161,7 @@ qm_status qm_store_list_meshes(qm_store *store, const qm_store_page *page, const
                                qm_store_mesh *out, size_t *count);
 /**
  * Replaces a mesh by its next revision: revision, positions, options, document. Removes the blob of the
- * positions before. QM_E_ARGUMENT when the mesh is no longer at the revision before.
+ * positions before. QM_E_CANCELED when the mesh is no longer at the revision before, QM_E_EMPTY when it is gone.
  */
 qm_status qm_store_deform_mesh(qm_store *store, const qm_store_mesh *mesh);
 /** Sets when a mesh expires. QM_E_EMPTY when there is no such mesh. */
@@ -209,7 +209,8 @@ typedef struct qm_store_event {
 
 /**
  * A job is submitted once and finished once, also one that is canceled or fails. In between the process that
- * holds the folder runs it, and appends its events from time to time.
+ * holds the folder runs it, and appends its events from time to time. A submission is QM_E_CANCELED when its
+ * idempotency key has another job.
  */
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job);
 /**
@@ -218,12 +219,21 @@ qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job);
  * as it is.
  */
 qm_status qm_store_append_events(qm_store *store, const qm_store_event *events, size_t count);
+typedef struct qm_store_reconstruction qm_store_reconstruction;
+
+/** What the end of a job changes besides the job: the next revision of a reconstruction. */
+typedef struct qm_store_effect {
+    const qm_store_reconstruction *next;
+    const qm_store_mesh *mesh; /* of it, when that is new; NULL when it is stored already */
+} qm_store_effect;
+
 /**
  * Ends a job: writes state, document and result of the row with end's id, the revisions of its meshes as
- * text, and appends its last events.
+ * text, and appends its last events; with its effect, or without one for NULL. All of it is stored, or nothing.
+ * QM_E_CANCELED: the reconstruction is deleted, or no longer at the revision before.
  */
 qm_status qm_store_finish_job(qm_store *store, const qm_store_job *end, const char *revisions,
-                              const qm_store_event *events, size_t count);
+                              const qm_store_event *events, size_t count, const qm_store_effect *effect);
 /** Called for each event; its strings live until it returns. False ends the reading (QM_E_NO_MEMORY). */
 typedef bool qm_store_event_fn(void *user, const qm_store_event *event);
 /** Reads all events of a job in the order of seq; none of a job that does not exist. The callback runs under
@@ -305,7 +315,7 @@ qm_status qm_store_delete_layout(qm_store *store, const char *id);
 void qm_store_layout_reset(qm_store_layout *layout);
 
 /** A reconstruction: its source and layout, the steps that it has taken, and its current mesh. */
-typedef struct qm_store_reconstruction {
+struct qm_store_reconstruction {
     char id[QM_ID_SIZE];
     char source[QM_ID_SIZE], layout_id[QM_ID_SIZE], mesh[QM_ID_SIZE];
     char *layout;   /* {nodes, curves, patches}: a line for its start and one for each edit */
@@ -317,17 +327,18 @@ typedef struct qm_store_reconstruction {
     bool pull_curves;
     int64_t revision; /* number of changes */
     int64_t sequence;
-} qm_store_reconstruction;
+};
 
-/** Stores a new one; a fault when its idempotency key has created another one. */
+/** Stores a new one, with its mesh, or with NULL when that is stored already: both, or none. A fault when its
+ * idempotency key has created another one. */
 qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction,
-                                      const qm_store_idempotency *idempotency);
+                                      const qm_store_mesh *mesh, const qm_store_idempotency *idempotency);
 qm_status qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out);
 /** source: of one mesh only, or NULL. */
 qm_status qm_store_list_reconstructions(qm_store *store, const qm_store_page *page, const char *source,
                                         qm_store_reconstruction *out, size_t *count);
-/** Writes mesh, layout, steps, records, state and revision. */
-qm_status qm_store_update_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction);
+/** Writes mesh, layout, steps, records, state and revision, with a new mesh or NULL, as the end of a job does. */
+qm_status qm_store_update_reconstruction(qm_store *store, const qm_store_effect *effect);
 qm_status qm_store_delete_reconstruction(qm_store *store, const char *id);
 void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction);
 

@@ -116,6 +116,10 @@ sqlite3_stmt *qm_store_prepare(qm_store *store, const char *sql);
 /** Runs one that returns no row. NULL is a fault. */
 bool qm_store_run(qm_store *store, sqlite3_stmt *statement);
 
+/** Parts of transactions: a row of a mesh; the effect of the end of a job, of which QM_E_CANCELED is no fault. */
+bool qm_store_add_mesh(qm_store *store, const qm_store_mesh *mesh);
+qm_status qm_store_apply_effect(qm_store *store, const qm_store_effect *effect);
+
 /** The idempotency record that a statement with one string finds. */
 qm_status qm_store_find_idempotency_record(qm_store *store, const char *sql, const char *key,
                                            qm_store_idempotency_record *out);

@@ -10,15 +10,15 @@
 
 #define COLUMNS "id, key, idempotency_key, body, created, state, sequence, document, restarts, result, begun"
 
-/** In a transaction. */
-static bool submit(qm_store *store, const qm_store_job *job)
+/** In a transaction. QM_E_CANCELED: the idempotency key has another job. */
+static qm_status submit(qm_store *store, const qm_store_job *job)
 {
     sqlite3_stmt *row = qm_store_prepare(
         store, "INSERT INTO jobs (id, key, idempotency_key, body, created, state, revisions, type)"
-               " VALUES (?, ?, ?, ?, ?, ?, '', ?)");
+               " VALUES (?, ?, ?, ?, ?, ?, '', ?) ON CONFLICT (idempotency_key) DO NOTHING");
     sqlite3_stmt *subject = qm_store_prepare(store, "INSERT OR IGNORE INTO job_subjects (job, subject)"
                                                     " SELECT sequence, ? FROM jobs WHERE id = ?");
-    if (!row || !subject) return false;
+    if (!row || !subject) return QM_E_ARGUMENT;
     qm_store_bind_text(row, 1, job->id);
     qm_store_bind_text(row, 2, job->key);
     qm_store_bind_text(row, 3, job->idempotency_key);
@@ -26,14 +26,15 @@ static bool submit(qm_store *store, const qm_store_job *job)
     qm_store_bind_text(row, 5, job->created);
     sqlite3_bind_int(row, 6, (int)job->state);
     qm_store_bind_text(row, 7, job->type ? job->type : "");
-    bool good = qm_store_run(store, row);
-    for (int i = 0; good && i < 2; i++) {
+    if (!qm_store_run(store, row)) return QM_E_ARGUMENT;
+    if (sqlite3_changes(store->database) == 0) return QM_E_CANCELED;
+    for (int i = 0; i < 2; i++) {
         if (!job->subjects[i] || !job->subjects[i][0]) continue;
         qm_store_bind_text(subject, 1, job->subjects[i]);
         qm_store_bind_text(subject, 2, job->id);
-        good = qm_store_run(store, subject);
+        if (!qm_store_run(store, subject)) return QM_E_ARGUMENT;
     }
-    return good;
+    return QM_OK;
 }
 
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job)
@@ -41,7 +42,8 @@ qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job)
     qm_status status = qm_space_check(store);
     if (status != QM_OK) return status;
     if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
-    return qm_store_end_transaction(store, submit(store, job)) ? QM_OK : QM_E_ARGUMENT;
+    status = submit(store, job);
+    return qm_store_end_transaction(store, status == QM_OK) || status != QM_OK ? status : QM_E_ARGUMENT;
 }
 
 /** In a transaction. */
@@ -82,12 +84,13 @@ static bool finish(qm_store *store, const qm_store_job *end, const char *revisio
 }
 
 qm_status qm_store_finish_job(qm_store *store, const qm_store_job *end, const char *revisions,
-                              const qm_store_event *events, size_t count)
+                              const qm_store_event *events, size_t count, const qm_store_effect *effect)
 {
     QM_ASSERT(end->state > QM_JOB_RUNNING && end->document);
     if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
-    bool good = append(store, events, count) && finish(store, end, revisions);
-    return qm_store_end_transaction(store, good) ? QM_OK : QM_E_ARGUMENT;
+    qm_status status = effect ? qm_store_apply_effect(store, effect) : QM_OK;
+    bool good = status == QM_OK && append(store, events, count) && finish(store, end, revisions);
+    return qm_store_end_transaction(store, good) || status != QM_OK ? status : QM_E_ARGUMENT;
 }
 
 qm_status qm_store_read_events(qm_store *store, const char *id, qm_store_event_fn *take, void *user)

@@ -8,12 +8,12 @@
 
 #define COLUMNS "id, hash, options, name, document, format, sequence, revision, positions, created, expires"
 
-qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
+bool qm_store_add_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
-    sqlite3_stmt *statement = qm_store_begin(
+    sqlite3_stmt *statement = qm_store_prepare(
         store, "INSERT INTO meshes (id, hash, options, name, document, format, revision, positions, created,"
                "  expires) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
-    if (!statement) return QM_E_ARGUMENT;
+    if (!statement) return false;
     qm_store_bind_text(statement, 1, mesh->id);
     qm_store_bind_text(statement, 2, mesh->hash);
     qm_store_bind_text(statement, 3, mesh->options);
@@ -24,7 +24,13 @@ qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
     qm_store_bind_text(statement, 8, mesh->positions);
     qm_store_bind_text(statement, 9, mesh->created);
     qm_store_bind_text(statement, 10, mesh->expires);
-    return qm_store_execute(store, statement);
+    return qm_store_run(store, statement);
+}
+
+qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
+{
+    if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
+    return qm_store_end_transaction(store, qm_store_add_mesh(store, mesh)) ? QM_OK : QM_E_ARGUMENT;
 }
 
 static bool read_row(sqlite3_stmt *statement, void *row)
@@ -75,18 +81,24 @@ qm_status qm_store_list_meshes(qm_store *store, const qm_store_page *page, const
     return qm_store_list_rows(store, &listing, page, &table, out, count);
 }
 
-qm_status qm_store_set_expiry(qm_store *store, const char *id, const char *expires)
+/** Runs a statement that returns a row if it has changed one; QM_E_EMPTY when it has not. */
+static qm_status change_row(qm_store *store, sqlite3_stmt *statement)
 {
-    sqlite3_stmt *statement = qm_store_begin(store, "UPDATE meshes SET expires = ? WHERE id = ? RETURNING 1");
-    if (!statement) return QM_E_ARGUMENT;
-    qm_store_bind_text(statement, 1, expires);
-    qm_store_bind_text(statement, 2, id);
     int step = sqlite3_step(statement);
     bool is_found = step == SQLITE_ROW;
     if (is_found) step = sqlite3_step(statement);
     qm_store_end(store, statement);
     if (step != SQLITE_DONE) return QM_E_ARGUMENT;
     return is_found ? QM_OK : QM_E_EMPTY;
+}
+
+qm_status qm_store_set_expiry(qm_store *store, const char *id, const char *expires)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, "UPDATE meshes SET expires = ? WHERE id = ? RETURNING 1");
+    if (!statement) return QM_E_ARGUMENT;
+    qm_store_bind_text(statement, 1, expires);
+    qm_store_bind_text(statement, 2, id);
+    return change_row(store, statement);
 }
 
 qm_status qm_store_find_expired_mesh(qm_store *store, const char *before, qm_store_mesh *out)
@@ -103,40 +115,63 @@ qm_status qm_store_find_expired_mesh(qm_store *store, const char *before, qm_sto
         before, &table, out);
 }
 
+/** Deletes a row and reads which blobs it had, in one statement. */
+static qm_status delete_row(qm_store *store, const char *id, char hash[QM_HASH_SIZE],
+                            char positions[QM_HASH_SIZE])
+{
+    sqlite3_stmt *statement =
+        qm_store_begin(store, "DELETE FROM meshes WHERE id = ? RETURNING hash, positions");
+    if (!statement) return QM_E_ARGUMENT;
+    qm_store_bind_text(statement, 1, id);
+    int step = sqlite3_step(statement);
+    bool is_found = step == SQLITE_ROW, is_read = true;
+    if (is_found) {
+        is_read = qm_store_read_text(statement, 0, hash, QM_HASH_SIZE) &&
+                  qm_store_read_text(statement, 1, positions, QM_HASH_SIZE);
+        step = sqlite3_step(statement);
+    }
+    qm_store_end(store, statement);
+    if (step != SQLITE_DONE) return QM_E_ARGUMENT;
+    if (!is_read) hash[0] = positions[0] = '\0'; /* they are swept at a later start */
+    return is_found ? QM_OK : QM_E_EMPTY;
+}
+
 qm_status qm_store_delete_mesh(qm_store *store, const char *id)
 {
-    qm_store_mesh row;
-    qm_status status = qm_store_find_mesh(store, id, &row);
-    if (status != QM_OK) return status;
-    status = qm_store_delete_row(store, "DELETE FROM meshes WHERE id = ?", id);
-    if (status == QM_OK) qm_blob_remove(store, row.hash);
-    if (status == QM_OK && row.positions[0]) qm_blob_remove(store, row.positions);
-    qm_store_mesh_reset(&row);
+    char hash[QM_HASH_SIZE], positions[QM_HASH_SIZE];
+    qm_status status = delete_row(store, id, hash, positions);
+    if (status == QM_OK && hash[0]) qm_blob_remove(store, hash);
+    if (status == QM_OK && positions[0]) qm_blob_remove(store, positions);
     return status;
 }
 
-static bool update_revision(qm_store *store, const qm_store_mesh *mesh)
+/** QM_E_CANCELED when the mesh is not at the revision before. */
+static qm_status update_revision(qm_store *store, const qm_store_mesh *mesh)
 {
-    sqlite3_stmt *statement = qm_store_begin(
-        store, "UPDATE meshes SET revision = ?, positions = ?, options = ?, document = ? WHERE id = ?");
-    if (!statement) return false;
+    sqlite3_stmt *statement =
+        qm_store_begin(store, "UPDATE meshes SET revision = ?, positions = ?, options = ?, document = ?"
+                              " WHERE id = ? AND revision = ? RETURNING 1");
+    if (!statement) return QM_E_ARGUMENT;
     sqlite3_bind_int64(statement, 1, (sqlite3_int64)mesh->revision);
     qm_store_bind_text(statement, 2, mesh->positions);
     qm_store_bind_text(statement, 3, mesh->options);
     qm_store_bind_text(statement, 4, mesh->document);
     qm_store_bind_text(statement, 5, mesh->id);
-    return qm_store_execute(store, statement) == QM_OK;
+    sqlite3_bind_int64(statement, 6, (sqlite3_int64)mesh->revision - 1);
+    qm_status status = change_row(store, statement);
+    return status == QM_E_EMPTY ? QM_E_CANCELED : status;
 }
 
 qm_status qm_store_deform_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
     qm_store_mesh before;
-    if (qm_store_find_mesh(store, mesh->id, &before) != QM_OK) return QM_E_ARGUMENT;
-    bool follows = before.revision + 1 == mesh->revision;
-    bool updated = follows && update_revision(store, mesh);
-    if (updated && before.positions[0]) qm_blob_remove(store, before.positions);
+    qm_status status = qm_store_find_mesh(store, mesh->id, &before);
+    if (status != QM_OK) return status;
+    /* A row that the update finds is the one that was read: each revision is written once. */
+    status = before.revision + 1 == mesh->revision ? update_revision(store, mesh) : QM_E_CANCELED;
+    if (status == QM_OK && before.positions[0]) qm_blob_remove(store, before.positions);
     qm_store_mesh_reset(&before);
-    return updated ? QM_OK : QM_E_ARGUMENT;
+    return status;
 }
 
 bool qm_store_needs_blob(qm_store *store, const char *hash)

@@ -9,17 +9,14 @@
     "id, source, layout_id, mesh, layout, document, steps, records, state, revision, sequence, cover_share," \
     " pull_curves"
 
-qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *r,
-                                      const qm_store_idempotency *idempotency)
+static bool insert(qm_store *store, const qm_store_reconstruction *r, const qm_store_idempotency *idempotency)
 {
-    qm_status status = qm_space_check(store);
-    if (status != QM_OK) return status;
-    sqlite3_stmt *statement = qm_store_begin(
+    sqlite3_stmt *statement = qm_store_prepare(
         store,
         "INSERT INTO reconstructions (id, source, layout_id, mesh, layout, document, steps, records, state,"
         " revision, cover_share, pull_curves, idempotency_key, request)"
         " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
-    if (!statement) return QM_E_ARGUMENT;
+    if (!statement) return false;
     const char *const texts[] = {r->id,       r->source, r->layout_id, r->mesh, r->layout,
                                  r->document, r->steps,  r->records,   r->state};
     for (int i = 0; i < 9; i++)
@@ -29,21 +26,42 @@ qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruc
     sqlite3_bind_int(statement, 12, r->pull_curves);
     qm_store_bind_text(statement, 13, idempotency->key);
     qm_store_bind_text(statement, 14, idempotency->request);
-    return qm_store_execute(store, statement);
+    return qm_store_run(store, statement);
 }
 
-qm_status qm_store_update_reconstruction(qm_store *store, const qm_store_reconstruction *r)
+qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *r,
+                                      const qm_store_mesh *mesh, const qm_store_idempotency *idempotency)
 {
-    sqlite3_stmt *statement = qm_store_begin(
+    qm_status status = qm_space_check(store);
+    if (status != QM_OK) return status;
+    if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
+    bool good = (!mesh || qm_store_add_mesh(store, mesh)) && insert(store, r, idempotency);
+    return qm_store_end_transaction(store, good) ? QM_OK : QM_E_ARGUMENT;
+}
+
+qm_status qm_store_apply_effect(qm_store *store, const qm_store_effect *effect)
+{
+    const qm_store_reconstruction *r = effect->next;
+    if (effect->mesh && !qm_store_add_mesh(store, effect->mesh)) return QM_E_ARGUMENT;
+    sqlite3_stmt *statement = qm_store_prepare(
         store, "UPDATE reconstructions SET mesh = ?, layout = ?, steps = ?, records = ?, state = ?,"
-               " revision = ? WHERE id = ?");
+               " revision = ? WHERE id = ? AND revision = ?");
     if (!statement) return QM_E_ARGUMENT;
     const char *const texts[] = {r->mesh, r->layout, r->steps, r->records, r->state};
     for (int i = 0; i < 5; i++)
         qm_store_bind_text(statement, i + 1, texts[i]);
     sqlite3_bind_int64(statement, 6, r->revision);
     qm_store_bind_text(statement, 7, r->id);
-    return qm_store_execute(store, statement);
+    sqlite3_bind_int64(statement, 8, r->revision - 1);
+    if (!qm_store_run(store, statement)) return QM_E_ARGUMENT;
+    return sqlite3_changes(store->database) == 1 ? QM_OK : QM_E_CANCELED;
+}
+
+qm_status qm_store_update_reconstruction(qm_store *store, const qm_store_effect *effect)
+{
+    if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
+    qm_status status = qm_store_apply_effect(store, effect);
+    return qm_store_end_transaction(store, status == QM_OK) || status != QM_OK ? status : QM_E_ARGUMENT;
 }
 
 static bool read_row(sqlite3_stmt *statement, void *row)

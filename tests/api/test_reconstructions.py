@@ -1,14 +1,20 @@
 """Reconstructions: a layout on a mesh or a point set becomes a quad mesh, step by step."""
 import math
+import os
 import random
 import signal
+import threading
 import time
 
+import httpx
 import pytest
 
 import shapes
 from conftest import WAIT, check_problem, ndjson
 from test_layouts import PLACES, curve, edit, on_saddle, saddle_layout, saddle, stroke  # noqa: F401 (saddle is a fixture)
+
+
+KILLS = 60 if os.environ.get("QM_TEST_LONG", "0") != "0" else 12
 
 
 def points(count, seed):
@@ -253,6 +259,79 @@ def test_steps_go_on_after_a_kill_to_the_same_bits(make_daemon):
             result = refine(client, made, until={"max_quads": 3000}, measure=False)["result"]
             meshes.append(client.get(f"/v1/meshes/{result['mesh']}/content?format=ply").content)
     assert meshes[0] == meshes[1]
+
+
+def listed_meshes(client):
+    return {mesh["id"] for mesh in client.get("/v1/meshes?limit=1000").json()["meshes"]}
+
+
+def kill_during(running, work, is_due):
+    """Kills the daemon once is_due while another thread works; work ends with its connection."""
+    def run():
+        with running.client() as client:
+            try:
+                work(client)
+            except httpx.TransportError:
+                pass
+    thread = threading.Thread(target=run)
+    with running.client() as client:
+        thread.start()
+        end = time.monotonic() + 60
+        while not is_due(client):
+            assert time.monotonic() < end
+    running.stop(signal.SIGKILL)
+    thread.join()
+    running.start()
+
+
+def moments(chance, has_begun):
+    """When to kill: by turns up to 10 ms after the start, and as soon as something is there to be read."""
+    due = time.monotonic() + chance.uniform(0, 0.01)
+    return has_begun if chance.random() < 0.5 else lambda client: time.monotonic() > due
+
+
+def test_a_step_is_taken_once_whenever_the_daemon_is_killed(make_daemon):
+    """The job is unfinished and the reconstruction as before, or both are done."""
+    seed = int(os.environ.get("QM_TEST_SEED", "1"))
+    chance = random.Random(seed)
+    running = make_daemon()
+    with running.client() as client:
+        source = client.upload(shapes.saddle(24))["id"]
+    kept = {source}
+    for k in range(KILLS):
+        with running.client() as client:
+            made = start(client, source)
+        jobs, path = [], "/v1/reconstructions/" + made["id"]
+        request = {"type": "reconstruction_step", "reconstruction": made["id"], "steps": 3, "measure": False}
+        kill_during(running, lambda client: jobs.append(client.post("/v1/jobs", json=request).json()["id"]),
+                    moments(chance, lambda client: jobs and client.get(path).json()["step_count"] > 0))
+        with running.client() as client:
+            listed = client.get("/v1/jobs?reconstruction=" + made["id"]).json()["jobs"]
+            assert len(listed) == 1 or not jobs, (seed, k)
+            for job in listed:
+                ended = client.wait(job["id"])
+                assert ended["state"] == "succeeded" and ended["result"]["step_count"] == 3, (seed, k, ended)
+            now = client.get(path).json()
+            assert now["step_count"] == 3 * len(listed), (seed, k, now)
+            assert not listed or now["mesh"] == ended["result"]["mesh"], (seed, k, now)
+            kept |= {made["mesh"], now["mesh"]}
+            assert listed_meshes(client) == kept, (seed, k)
+
+
+def test_a_reconstruction_comes_with_its_mesh_or_not_at_all(make_daemon):
+    seed = int(os.environ.get("QM_TEST_SEED", "2"))
+    chance = random.Random(seed)
+    running = make_daemon()
+    with running.client() as client:
+        source = client.upload(shapes.saddle(24))["id"]
+    for k in range(KILLS):
+        with running.client() as client:
+            before = len(listed_meshes(client))
+        kill_during(running, lambda client: start(client, source),
+                    moments(chance, lambda client: len(listed_meshes(client)) > before))
+        with running.client() as client:
+            made = client.get("/v1/reconstructions?limit=1000").json()["reconstructions"]
+            assert listed_meshes(client) == {source} | {one["mesh"] for one in made}, (seed, k)
 
 
 def bend(client, layout_id):

@@ -148,7 +148,7 @@ static void test_a_damaged_blob_is_never_mapped(void **state)
     check_blob(f, hash, text);
 }
 
-static void put_mesh(const fixture *f, const char *id, const char *hash, const char *options)
+static qm_store_mesh make_mesh(const char *id, const char *hash, const char *options)
 {
     qm_store_mesh mesh = {.options = (char *)options,
                           .name = (char *)"n\xc3\xa4me",
@@ -157,6 +157,12 @@ static void put_mesh(const fixture *f, const char *id, const char *hash, const c
                           .format = 3};
     snprintf(mesh.id, sizeof mesh.id, "%s", id);
     snprintf(mesh.hash, sizeof mesh.hash, "%s", hash);
+    return mesh;
+}
+
+static void put_mesh(const fixture *f, const char *id, const char *hash, const char *options)
+{
+    qm_store_mesh mesh = make_mesh(id, hash, options);
     assert_int_equal(qm_store_put_mesh(f->store, &mesh), QM_OK);
 }
 
@@ -409,7 +415,7 @@ static void test_a_revision_takes_the_place_of_the_one_before(void **state)
     mesh.revision = 1;
     memcpy(mesh.positions, first, sizeof first);
     assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_OK);
-    assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_E_ARGUMENT);
+    assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_E_CANCELED);
     mesh.revision = 2;
     memcpy(mesh.positions, second, sizeof second);
     assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_OK);
@@ -528,7 +534,7 @@ static qm_status finish(const fixture *f, const char *id, qm_job_state state, co
     const qm_store_event last = {id, 1000, "result", "\"last\":1"};
     qm_store_job end = {.state = state, .document = (char *)document, .result = (char *)"{\"result\":1}"};
     snprintf(end.id, sizeof end.id, "%s", id);
-    return qm_store_finish_job(f->store, &end, revisions, &last, 1);
+    return qm_store_finish_job(f->store, &end, revisions, &last, 1, NULL);
 }
 
 static void check_usage(const fixture *f, uint64_t blobs, uint64_t results, uint64_t uploads)
@@ -693,7 +699,7 @@ static void test_events_are_appended(void **state)
     /* What may have been stored already comes once more, with what followed; then the job has ended. */
     const qm_store_event longer[] = {{"j_1", 10, "n", "d"}, {"j_1", 11, "result", "e"}};
     const qm_store_job end = {.id = "j_1", .state = QM_JOB_SUCCEEDED, .document = (char *)"{}"};
-    assert_int_equal(qm_store_finish_job(f->store, &end, "", longer, 2), QM_OK);
+    assert_int_equal(qm_store_finish_job(f->store, &end, "", longer, 2, NULL), QM_OK);
     assert_int_equal(qm_store_append_events(f->store, &second[0], 1), QM_OK);
     check_events(f, "j_1", "1 n a;2 n b;3 n c;10 n d;11 result e;");
     /* They go with their job; another one's stay. */
@@ -893,10 +899,87 @@ static void test_an_idempotency_key_names_one_job(void **state)
 {
     fixture *f = *state;
     assert_int_equal(submit(f, "j_1", "k", "same"), QM_OK);
-    assert_int_not_equal(submit(f, "j_2", "k", "same"), QM_OK);
+    assert_int_equal(submit(f, "j_2", "k", "same"), QM_E_CANCELED);
+    qm_store_job found;
+    assert_int_equal(qm_store_find_job(f->store, "j_2", &found), QM_E_EMPTY);
     assert_int_equal(QM_OK, qm_store_delete_job(f->store, "j_1"));
     assert_int_equal(QM_E_EMPTY, qm_store_delete_job(f->store, "j_1"));
     assert_int_equal(submit(f, "j_2", "k", "same"), QM_OK);
+}
+
+/** A reconstruction at a revision, with a mesh. */
+static qm_store_reconstruction make_reconstruction(const char *mesh, int64_t revision)
+{
+    qm_store_reconstruction r = {.layout = (char *)"{}",
+                                 .document = (char *)"\"d\":1",
+                                 .steps = (char *)"",
+                                 .records = (char *)"",
+                                 .state = (char *)"\"s\":1",
+                                 .revision = revision};
+    snprintf(r.id, sizeof r.id, "r_1");
+    snprintf(r.source, sizeof r.source, "m_source");
+    snprintf(r.mesh, sizeof r.mesh, "%s", mesh);
+    return r;
+}
+
+static void check_reconstruction(const fixture *f, const char *mesh, int64_t revision)
+{
+    qm_store_reconstruction found;
+    assert_int_equal(qm_store_find_reconstruction(f->store, "r_1", &found), QM_OK);
+    assert_string_equal(found.mesh, mesh);
+    assert_int_equal(found.revision, revision);
+    qm_store_reconstruction_reset(&found);
+}
+
+static void check_mesh(const fixture *f, const char *id, bool exists)
+{
+    qm_store_mesh found;
+    assert_int_equal(qm_store_find_mesh(f->store, id, &found), exists ? QM_OK : QM_E_EMPTY);
+    if (exists) qm_store_mesh_reset(&found);
+}
+
+/** The end of a job, the next revision of a reconstruction and its mesh are stored together, or none of them. */
+static void test_a_job_ends_with_its_effect_or_not_at_all(void **state)
+{
+    fixture *f = *state;
+    const qm_store_idempotency once = {.key = NULL};
+    qm_store_reconstruction first = make_reconstruction("m_first", 0);
+    qm_store_mesh mesh = make_mesh("m_first", "hash", "options");
+    assert_int_equal(qm_store_put_reconstruction(f->store, &first, &mesh, &once), QM_OK);
+    check_reconstruction(f, "m_first", 0);
+    check_mesh(f, "m_first", true);
+    /* Its id is taken: its mesh is not stored either. */
+    qm_store_mesh other = make_mesh("m_other", "hash", "others");
+    assert_int_not_equal(qm_store_put_reconstruction(f->store, &first, &other, &once), QM_OK);
+    check_mesh(f, "m_other", false);
+
+    submit(f, "j_1", "k", NULL);
+    const qm_store_event last = {"j_1", 1, "result", "e"};
+    const qm_store_job end = {.id = "j_1", .state = QM_JOB_SUCCEEDED, .document = (char *)"{}"};
+    qm_store_reconstruction late = make_reconstruction("m_other", 2),
+                            next = make_reconstruction("m_other", 1);
+    assert_int_equal(qm_store_finish_job(f->store, &end, "", &last, 1, &(qm_store_effect){&late, &other}),
+                     QM_E_CANCELED);
+    check_reconstruction(f, "m_first", 0);
+    check_mesh(f, "m_other", false);
+    check_events(f, "j_1", "");
+    qm_store_job found;
+    assert_int_equal(qm_store_find_job(f->store, "j_1", &found), QM_OK);
+    assert_null(found.document);
+    qm_store_job_reset(&found);
+
+    assert_int_equal(qm_store_finish_job(f->store, &end, "", &last, 1, &(qm_store_effect){&next, &other}),
+                     QM_OK);
+    reopen(f);
+    check_reconstruction(f, "m_other", 1);
+    check_mesh(f, "m_other", true);
+    check_events(f, "j_1", "1 result e;");
+    /* The same revision once more is late. */
+    assert_int_equal(qm_store_update_reconstruction(f->store, &(qm_store_effect){&next, NULL}),
+                     QM_E_CANCELED);
+    assert_int_equal(qm_store_delete_reconstruction(f->store, "r_1"), QM_OK);
+    assert_int_equal(qm_store_update_reconstruction(f->store, &(qm_store_effect){&late, NULL}),
+                     QM_E_CANCELED);
 }
 
 /* ---- folders that cannot be used ---- */
@@ -1103,6 +1186,7 @@ int main(void)
         TEST(test_a_damaged_array_is_never_read),
         TEST(test_a_forgotten_answer_is_not_found_by_its_key),
         TEST(test_an_idempotency_key_names_one_job),
+        TEST(test_a_job_ends_with_its_effect_or_not_at_all),
         TEST(test_a_folder_has_one_owner),
         TEST(test_a_refused_process_leaves_uploads_alone),
         TEST(test_what_was_stored_survives_a_kill),
