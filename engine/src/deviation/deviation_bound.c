@@ -848,13 +848,13 @@ static void bound_by_centroid(bound_work *work)
 
 /* ---- the calls ---- */
 
-void qm_deviation_list_facets(const qm_deviation_setup *setup, const qm_deviation_shape *shape,
+void qm_deviation_list_facets(const qm_deviation_setup *setup, const qm_deviation_shape *shape, bool cuts_all,
                               qm_deviation_workspace *workspace)
 {
     double certain, distance = qm_deviation_search(setup, workspace, shape->centroid, &certain);
-    qm_deviation_facets_find(setup->kernel, setup->target, setup->target_patches, setup->patch_error,
-                             shape->centroid, distance, qm_deviation_search_radius(setup, shape, distance),
-                             &workspace->near);
+    qm_deviation_facets_find(setup->kernel, setup->target, setup->target_patches, cuts_all,
+                             setup->patch_error, shape->centroid, distance,
+                             qm_deviation_search_radius(setup, shape, distance), &workspace->near);
 }
 
 /** Bounds over the patch or the facet under the piece, when they are better. */

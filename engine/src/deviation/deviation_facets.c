@@ -25,6 +25,7 @@ typedef struct near_work {
     qm_deviation_facets *near;
     qm_vec centre;
     double distance, reach, error;
+    bool cuts_all;
     rectangle rectangle[QM_MAX_RECTANGLES]; /* near->rectangle_count of them */
 } near_work;
 
@@ -156,32 +157,50 @@ static bool is_mild(const near_work *work, const qm_vec c[4])
            work->distance * w * product < MILD_BEND * determinant * determinant;
 }
 
-static void set_rectangle(near_work *work, int slot, const qm_vec corner[4], const qm_deviation_rectangle *of)
+/** A part of a patch: with its triangles, and by how much it should be cut. */
+static rectangle make_rectangle(const near_work *work, const qm_vec corner[4], qm_deviation_rectangle *of)
 {
-    QM_ASSERT(slot >= 0 && slot < work->near->rectangle_count);
-    rectangle *to = &work->rectangle[slot];
-    work->near->rectangle[slot] = *of;
+    rectangle made;
     for (int i = 0; i < 4; i++)
-        to->corner[i] = corner[i];
-    to->halves = qm_bilinear_halve(corner, (qm_vec){0, 0, 0});
-    work->near->rectangle[slot].is_mild = is_mild(work, corner);
-    to->excess = work->near->rectangle[slot].is_mild ? 0.0 : to->halves.slack;
+        made.corner[i] = corner[i];
+    made.halves = qm_bilinear_halve(corner, (qm_vec){0, 0, 0});
+    of->is_mild = !work->cuts_all && is_mild(work, corner);
+    made.excess = of->is_mild ? 0.0 : made.halves.slack;
+    return made;
 }
 
-static void add_rectangle(near_work *work, const qm_vec corner[4], const qm_deviation_rectangle *of)
+/** True when one of its triangles, of which the rectangle is within its slack, is within reach. */
+static bool is_within_reach(const near_work *work, const rectangle *part)
+{
+    const qm_vec *c = part->halves.corner;
+    for (int k = 0; k < 2; k++) {
+        qm_triangle half = qm_triangle_make(c[0], c[1 + k], c[2 + k]);
+        if (sqrt(qm_triangle_distance2(&half, work->centre)) - part->halves.slack <= work->reach) return true;
+    }
+    return false;
+}
+
+/** Adds a rectangle that may come within reach. */
+static void add_rectangle(near_work *work, const qm_vec corner[4], qm_deviation_rectangle of)
 {
     if (!is_near(work, corner)) return;
-    if (work->near->rectangle_count < QM_MAX_RECTANGLES)
-        set_rectangle(work, work->near->rectangle_count++, corner, of);
-    else
-        work->near->is_complete = false;
+    rectangle part = make_rectangle(work, corner, &of);
+    if (!is_within_reach(work, &part)) return;
+    int slot = work->near->rectangle_count;
+    work->near->is_complete &= slot < QM_MAX_RECTANGLES;
+    if (slot == QM_MAX_RECTANGLES) return;
+    work->rectangle[slot] = part;
+    work->near->rectangle[slot] = of;
+    work->near->rectangle_count++;
 }
 
-/** Replaces a rectangle by its halves, across its longer sides: one in its slot, one at the end. They are
- * bilinear patches as well. */
+/** Replaces a rectangle by those of its halves, across its longer sides, that may come within reach. They are
+ * bilinear patches as well. The last rectangle takes its slot. */
 static void halve(near_work *work, int slot)
 {
-    const qm_vec *c = work->rectangle[slot].corner;
+    QM_ASSERT(slot >= 0 && slot < work->near->rectangle_count);
+    const rectangle whole = work->rectangle[slot];
+    const qm_vec *c = whole.corner;
     double along_s = qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]);
     double along_t = qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2]);
     int axis = along_s >= along_t ? 0 : 1;
@@ -195,8 +214,11 @@ static void halve(near_work *work, int slot)
     }
     qm_deviation_rectangle one = work->near->rectangle[slot], two = one;
     one.box.high[axis] = two.box.low[axis] = 0.5 * (one.box.low[axis] + one.box.high[axis]);
-    set_rectangle(work, slot, half[0], &one);
-    add_rectangle(work, half[1], &two);
+    int last = --work->near->rectangle_count;
+    work->rectangle[slot] = work->rectangle[last];
+    work->near->rectangle[slot] = work->near->rectangle[last];
+    add_rectangle(work, half[0], one);
+    add_rectangle(work, half[1], two);
 }
 
 /** Cuts the rectangles, the ones farthest from their triangles first, while there is room. */
@@ -208,8 +230,11 @@ static void cut_rectangles(near_work *work)
         limit = fmax(limit, work->rectangle[i].excess);
     while (limit > work->error && *count < QM_MAX_CUT_RECTANGLES) {
         limit = fmax(0.5 * limit, work->error);
-        for (int i = 0; i < *count && *count < QM_MAX_CUT_RECTANGLES; i++)
-            if (work->rectangle[i].excess > limit) halve(work, i);
+        for (int i = 0; i < *count && *count < QM_MAX_CUT_RECTANGLES;)
+            if (work->rectangle[i].excess > limit)
+                halve(work, i);
+            else
+                i++;
     }
 }
 
@@ -244,7 +269,7 @@ static void add_pack(near_work *work, const qm_kernel *kernel, uint32_t pack, bo
             qm_bvh_load_face(target, lanes->face[lane], corner);
             const qm_deviation_rectangle whole = {
                 lanes->face[lane], false, qm_bilinear_make(corner), {{0.0, 0.0}, {1.0, 1.0}}};
-            add_rectangle(work, corner, &whole);
+            add_rectangle(work, corner, whole);
             lane += qm_lane_has_second(lanes, (uint32_t)lane);
         } else if (sqrt(d2[lane]) - twist <= work->reach) {
             add_lane(work, rows, lane, twist);
@@ -267,8 +292,9 @@ static void pad(qm_deviation_facets *near)
     }
 }
 
-void qm_deviation_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool patches, double error,
-                              qm_vec centre, double distance, double reach, qm_deviation_facets *near)
+void qm_deviation_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool patches, bool cuts_all,
+                              double error, qm_vec centre, double distance, double reach,
+                              qm_deviation_facets *near)
 {
     const qm_box point = {{centre.x, centre.y, centre.z}, {centre.x, centre.y, centre.z}};
     near_work work; /* large, and filled as it is used */
@@ -278,6 +304,7 @@ void qm_deviation_facets_find(const qm_kernel *kernel, const qm_bvh *target, boo
     work.distance = distance;
     work.reach = reach;
     work.error = error;
+    work.cuts_all = cuts_all;
     qm_near_packs packs;
     kernel->gather(target, &point, reach, &packs);
     near->count = near->rectangle_count = 0;

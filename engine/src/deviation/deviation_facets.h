@@ -46,11 +46,13 @@ typedef struct qm_deviation_facets {
  * Lists the facets within reach of a point.
  *
  * patches   whether the target's quads are bilinear patches
+ * cuts_all  whether mild rectangles are cut like the others
  * error     the flatness bound below which they are not cut
  * distance  about how far the target is from the point
  */
-void qm_deviation_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool patches, double error,
-                              qm_vec centre, double distance, double reach, qm_deviation_facets *near);
+void qm_deviation_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool patches, bool cuts_all,
+                              double error, qm_vec centre, double distance, double reach,
+                              qm_deviation_facets *near);
 
 /** The facet at a lane of a pack. */
 qm_triangle qm_deviation_facet_at(const qm_pack *pack, int lane);

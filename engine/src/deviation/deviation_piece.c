@@ -3,6 +3,7 @@
  * from its flat triangle, and the density of its area; and how a piece is bounded and split.
  */
 #include "deviation_piece.h"
+#include "deviation_integral.h"
 
 #include "bvh/bvh_demand.h"
 #include "core/rounding.h"
@@ -22,6 +23,7 @@
 #define CROSS_ROUNDINGS 40.0
 
 /** Of a determinant of parameters: each of four differences by u, both products and their difference. */
+#define POOR_WIDTH 0.25 /* of the radius: bounds of a small piece are far narrower */
 #define PARAMETER_ROUNDINGS 4.0
 
 #define OUTSIDE 0x1p-20 /* relative: corners of pieces may lie outside of the face by far less */
@@ -306,7 +308,7 @@ void qm_deviation_piece_bound(const qm_deviation_setup *setup, const qm_deviatio
 {
     qm_deviation_face face = qm_deviation_face_load(setup, piece);
     qm_deviation_shape shape = qm_deviation_shape_make(setup, &face, piece);
-    qm_deviation_list_facets(setup, &shape, workspace);
+    qm_deviation_list_facets(setup, &shape, false, workspace);
     qm_deviation_piece_bound_near(setup, &face, piece, &shape, workspace, out);
 }
 
@@ -319,13 +321,31 @@ static bool has_borders(const qm_deviation_facets *near)
     return true;
 }
 
+/** Bounds parts again for which the matches with mild rectangles are poor, beside an edge or a tip of a patch, by a
+ * list on which these are cut as well. */
+static void bound_by_cut_patches(const qm_deviation_setup *setup, const qm_deviation_face *face, int count,
+                                 const qm_deviation_piece part[QM_DEVIATION_PARTS],
+                                 qm_deviation_workspace *workspace,
+                                 qm_deviation_bounds bounds[QM_DEVIATION_PARTS])
+{
+    for (int i = 0; i < count; i++) {
+        qm_deviation_bounds by_cut;
+        qm_deviation_shape here = qm_deviation_shape_make(setup, face, &part[i]);
+        double width = bounds[i].mean_high - bounds[i].mean_low;
+        if (!(width > POOR_WIDTH * here.radius * bounds[i].area_high)) continue;
+        qm_deviation_list_facets(setup, &here, true, workspace);
+        qm_deviation_piece_bound_near(setup, face, &part[i], &here, workspace, &by_cut);
+        qm_deviation_bounds_combine(&bounds[i], &by_cut);
+    }
+}
+
 int qm_deviation_piece_split(const qm_deviation_setup *setup, const qm_deviation_piece *piece,
                              qm_deviation_workspace *workspace, qm_deviation_piece part[QM_DEVIATION_PARTS],
                              qm_deviation_bounds bounds[QM_DEVIATION_PARTS], double *leak)
 {
     qm_deviation_face face = qm_deviation_face_load(setup, piece);
     qm_deviation_shape shape = qm_deviation_shape_make(setup, &face, piece);
-    qm_deviation_list_facets(setup, &shape, workspace);
+    qm_deviation_list_facets(setup, &shape, false, workspace);
     QM_ASSERT(piece->depth < QM_DEVIATION_DEPTH);
     bool is_complete = workspace->near.is_complete;
     int count = 1;
@@ -340,9 +360,10 @@ int qm_deviation_piece_split(const qm_deviation_setup *setup, const qm_deviation
     *leak *= qm_deviation_face_density(setup, &face);
     for (int i = 0; i < count; i++) {
         qm_deviation_shape here = qm_deviation_shape_make(setup, &face, &part[i]);
-        if (!is_complete) qm_deviation_list_facets(setup, &here, workspace);
+        if (!is_complete) qm_deviation_list_facets(setup, &here, false, workspace);
         qm_deviation_piece_bound_near(setup, &face, &part[i], &here, workspace, &bounds[i]);
     }
+    if (setup->target_patches) bound_by_cut_patches(setup, &face, count, part, workspace, bounds);
     return count;
 }
 

@@ -284,8 +284,8 @@ static inline double qm_deviation_search_radius(const qm_deviation_setup *setup,
 double qm_deviation_search(const qm_deviation_setup *setup, qm_deviation_workspace *workspace, qm_vec p,
                            double *certain);
 
-/** Lists the facets near a piece on the workspace. */
-void qm_deviation_list_facets(const qm_deviation_setup *setup, const qm_deviation_shape *shape,
+/** Lists the facets near a piece on the workspace; those of mild rectangles as they are, unless cuts_all. */
+void qm_deviation_list_facets(const qm_deviation_setup *setup, const qm_deviation_shape *shape, bool cuts_all,
                               qm_deviation_workspace *workspace);
 
 /** Bounds a piece by a list on the workspace that was made for it, or, when complete, for one that it is part
