@@ -234,14 +234,22 @@ static bool refine(const qm_piece_work *work, const qm_polygon *polygon, qm_refi
     return qm_candidates_refine(work, polygon, centroid, &near, refined);
 }
 
-/** Covers as cover_with does; makes the refined labels only when it comes to them. */
+/**
+ * Covers as cover_with does; makes the refined labels only when it comes to them. A remainder gets labels of
+ * its own: the patches nearest to its centroid are others than those of the whole, where many meet.
+ */
 static bool cover_polygon(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
 {
     qm_refined refined;
-    if (work->depth > 0)
-        return cover_with(work, refine(work, polygon, &refined) ? &refined : NULL, polygon, moved);
-    if (work->kernel->cover(&work->candidates, polygon, moved)) return true;
-    return refine(work, polygon, &refined) && cover_by_refined(work, &refined, polygon, moved);
+    bool is_part = work->depth > 0, is_cut = false;
+    if (!is_part && work->kernel->cover(&work->candidates, polygon, moved)) return true;
+    bool is_refined = refine(work, polygon, &refined);
+    if (is_part ? cover_with(work, is_refined ? &refined : NULL, polygon, &is_cut)
+                : is_refined && cover_by_refined(work, &refined, polygon, &is_cut))
+        return true;
+    *moved |= is_cut;
+    return is_refined && is_cut && refine(work, polygon, &refined) &&
+           cover_by_refined(work, &refined, polygon, moved);
 }
 
 /* --- Samples --- */
