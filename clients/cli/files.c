@@ -1,6 +1,7 @@
 /**
- * files.c: reads and checks files, loads meshes, and reports problems with them.
+ * files.c: reads and checks files, loads meshes, and reports problems with them; symbols of files that are libraries.
  */
+#include <dlfcn.h>
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -21,6 +22,13 @@ bool cli_path_ends_in(const char *path, const char *end)
 {
     size_t length = strlen(path), size = strlen(end);
     return length >= size && strcmp(path + length - size, end) == 0;
+}
+
+bool cli_find_symbol(void *library, const char *name, void *function)
+{
+    void *found = dlsym(library, name);
+    *(void **)function = found;
+    return found != NULL;
 }
 
 void cli_report(const char *path, const qm_problem *problem, bool as_json)
@@ -163,7 +171,7 @@ bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, const qm_pre
 typedef struct load_pair {
     const qm_context *ctx;
     const char *const *path;
-    const qm_preparation *preparation;
+    qm_preparation preparation[2];
     qm_loaded_mesh *mesh;
     qm_problem problem[2];
     bool is_loaded[2];
@@ -177,13 +185,28 @@ static void load_one(void *data, int worker)
                                         &pair->mesh[worker], &pair->problem[worker]);
 }
 
+/** Gives each of two files that are loaded at the same time threads in proportion to its size, one at least. */
+static void share_threads(load_pair *pair)
+{
+    struct stat info;
+    double size[2], threads = pair->preparation[0].thread_count;
+    for (int i = 0; i < 2; i++)
+        size[i] = stat(pair->path[i], &info) == 0 ? (double)info.st_size : 0.0;
+    for (int i = 0; i < 2; i++) {
+        int share = (int)(threads * size[i] / fmax(size[0] + size[1], 1.0) + 0.5);
+        pair->preparation[i].thread_count = share > 1 ? share : 1;
+    }
+}
+
 bool cli_load_pair(qm_context *ctx, const char *const path[2], bool as_json,
                    const qm_preparation preparation[2], qm_loaded_mesh mesh[2])
 {
-    load_pair pair = {.ctx = ctx, .path = path, .preparation = preparation, .mesh = mesh};
+    load_pair pair = {
+        .ctx = ctx, .path = path, .preparation = {preparation[0], preparation[1]}, .mesh = mesh};
     mesh[0] = mesh[1] = (qm_loaded_mesh){0};
     bool is_one_pipe = strcmp(path[0], "-") == 0 && strcmp(path[1], "-") == 0;
     if (preparation[0].thread_count > 1 && !is_one_pipe) {
+        share_threads(&pair);
         qm_context_parallel(ctx, 2, load_one, &pair);
     } else {
         load_one(&pair, 0);

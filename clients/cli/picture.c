@@ -1,8 +1,10 @@
 /**
  * picture.c: draws triangles into a depth buffer and the edges of faces over them; libspng writes the file.
+ * The library, and zlib, which it needs, are loaded when a picture is written: all other runs start faster without them.
  */
 #include "cli.h"
 
+#include <dlfcn.h>
 #include <errno.h>
 #include <float.h>
 #include <math.h>
@@ -166,17 +168,46 @@ static void draw(canvas *c, const qm_mesh *mesh)
     }
 }
 
+/** The functions in use, without the prefix spng_. */
+#define CLI_SPNG_MAP(XX)                                                                                     \
+    XX(ctx_new)                                                                                              \
+    XX(set_png_file)                                                                                         \
+    XX(set_ihdr)                                                                                             \
+    XX(encode_image)                                                                                         \
+    XX(ctx_free)
+
+typedef struct spng_library {
+#define XX(name) __typeof__(spng_##name) *name;
+    CLI_SPNG_MAP(XX)
+#undef XX
+} spng_library;
+
+#define LIBRARY "libspng.so.0"
+
+/** Loads the library, which stays loaded; false with errno if it cannot. */
+static bool load_spng(spng_library *spng)
+{
+    void *library = dlopen(LIBRARY, RTLD_LAZY);
+#define XX(name) &&cli_find_symbol(library, "spng_" #name, &spng->name)
+    const bool is_loaded = library CLI_SPNG_MAP(XX);
+#undef XX
+    if (!is_loaded) errno = ELIBACC;
+    return is_loaded;
+}
+
 static bool write_png(const char *path, const uint8_t *pixels)
 {
+    spng_library spng;
+    if (!load_spng(&spng)) return false;
     FILE *file = fopen(path, "wb");
     if (!file) return false;
     struct spng_ihdr header = {
         .width = WIDTH, .height = HEIGHT, .bit_depth = 8, .color_type = SPNG_COLOR_TYPE_TRUECOLOR};
-    spng_ctx *png = spng_ctx_new(SPNG_CTX_ENCODER);
+    spng_ctx *png = spng.ctx_new(SPNG_CTX_ENCODER);
     if (!png) errno = ENOMEM;
-    bool is_written = png && spng_set_png_file(png, file) == 0 && spng_set_ihdr(png, &header) == 0 &&
-                      spng_encode_image(png, pixels, PIXELS_SIZE, SPNG_FMT_PNG, SPNG_ENCODE_FINALIZE) == 0;
-    spng_ctx_free(png);
+    bool is_written = png && spng.set_png_file(png, file) == 0 && spng.set_ihdr(png, &header) == 0 &&
+                      spng.encode_image(png, pixels, PIXELS_SIZE, SPNG_FMT_PNG, SPNG_ENCODE_FINALIZE) == 0;
+    spng.ctx_free(png);
     return fclose(file) == 0 && is_written;
 }
 

@@ -42,13 +42,6 @@ typedef struct curl_library {
 /* The soname since 2006. */
 #define LIBRARY "libcurl.so.4"
 
-static bool find_symbol(void *library, const char *name, void *function)
-{
-    void *found = dlsym(library, name);
-    *(void **)function = found;
-    return found != NULL;
-}
-
 /** The library, which stays loaded; NULL with a message. One thread. */
 static const curl_library *load_curl(const char **message)
 {
@@ -56,7 +49,7 @@ static const curl_library *load_curl(const char **message)
     static bool is_loaded;
     if (!is_loaded) {
         void *library = dlopen(LIBRARY, RTLD_LAZY);
-#define XX(name) &&find_symbol(library, "curl_" #name, &curl.name)
+#define XX(name) &&cli_find_symbol(library, "curl_" #name, &curl.name)
         is_loaded = library CLI_CURL_MAP(XX);
 #undef XX
     }

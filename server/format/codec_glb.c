@@ -22,8 +22,9 @@
 #define TYPE_FLOAT 5126
 #define ARRAY_BUFFER 34962
 #define ELEMENT_BUFFER 34963
-#define MAX_DRACO_WARNINGS 3 /* there are others to come */
-#define MAX_ZEROS 0x100000u  /* elements without data: a file may claim them at no cost */
+#define MAX_DRACO_WARNINGS 3   /* there are others to come */
+#define ELEMENTS_TOGETHER 1024 /* positions or triangles of the usual types, in one block */
+#define MAX_ZEROS 0x100000u    /* elements without data: a file may claim them at no cost */
 
 typedef enum primitive_mode {
     POINTS = 0,
@@ -261,7 +262,7 @@ static size_t read_unsigned(const uint8_t *at, int component_type)
 
 /* Vertices */
 
-static bool transform_point(const double matrix[16], const double point[3], double out[3])
+static inline bool transform_point(const double matrix[16], const double point[3], double out[3])
 {
     for (int row = 0; row < 3; ++row)
         out[row] = matrix[row] * point[0] + matrix[4 + row] * point[1] + matrix[8 + row] * point[2] +
@@ -293,6 +294,30 @@ static qm_status read_position(glb_reader *reader, const qm_gltf_accessor *acces
     return transform_point(matrix, point, out)
                ? QM_OK
                : fail_file(reader, QM_E_NOT_FINITE, "a coordinate is not a finite number");
+}
+
+/** Adds positions of floats up to a block with one that is not finite, which the general loop reports; *done counts
+ * them. */
+static qm_status add_float_positions(glb_reader *reader, const element_range *range, const double matrix[16],
+                                     size_t *done)
+{
+    qm_status status = QM_OK;
+    while (*done < range->count && status == QM_OK) {
+        double positions[ELEMENTS_TOGETHER][3];
+        size_t left = range->count - *done, count = left < ELEMENTS_TOGETHER ? left : ELEMENTS_TOGETHER;
+        bool is_finite = true;
+        for (size_t i = 0; i < count; ++i) {
+            const uint8_t *at = range->first + (*done + i) * range->stride;
+            const double point[3] = {(double)qm_read_f32_le(at), (double)qm_read_f32_le(at + 4),
+                                     (double)qm_read_f32_le(at + 8)};
+            is_finite &= transform_point(matrix, point, positions[i]);
+        }
+        if (!is_finite) break;
+        reader->report->offset = range->offset + *done * range->stride;
+        status = qm_builder_add_vertices(reader->builder, positions[0], count);
+        *done += count;
+    }
+    return status;
 }
 
 /** Replaces vertices that were added last, from number base on, by those of a sparse accessor. */
@@ -343,7 +368,10 @@ static qm_status add_vertices(glb_reader *reader, size_t index, const double mat
                              "accessor %zu has %llu elements without data; at most %u may be", index,
                              (unsigned long long)accessor->count, MAX_ZEROS);
     if (status == QM_OK) status = qm_builder_reserve_vertices(reader->builder, range.count);
-    for (size_t i = 0; status == QM_OK && i < range.count; ++i) {
+    size_t done = 0;
+    if (status == QM_OK && range.first && type == TYPE_FLOAT)
+        status = add_float_positions(reader, &range, matrix, &done);
+    for (size_t i = done; status == QM_OK && i < range.count; ++i) {
         double position[3] = {matrix[12], matrix[13], matrix[14]};
         if (range.first) status = read_position(reader, accessor, &range, i, matrix, position);
         if (status == QM_OK) status = qm_builder_add_vertex(reader->builder, position);
@@ -374,6 +402,34 @@ static qm_status read_index(glb_reader *reader, const index_list *list, size_t i
                              index, list->vertex_count);
     *vertex = (uint32_t)(list->base + index);
     return QM_OK;
+}
+
+/** Adds triangles of packed 32-bit indices up to a block with one that names no vertex, which the general loop reports;
+ * *done counts them. */
+static qm_status add_packed_triangles(glb_reader *reader, const index_list *list, size_t triangle_count,
+                                      bool mirrored, size_t *done)
+{
+    qm_status status = QM_OK;
+    while (*done < triangle_count && status == QM_OK) {
+        uint32_t faces[ELEMENTS_TOGETHER][4];
+        size_t left = triangle_count - *done, count = left < ELEMENTS_TOGETHER ? left : ELEMENTS_TOGETHER;
+        const uint8_t *at = list->range.first + *done * 3 * sizeof(uint32_t);
+        uint32_t max = 0;
+        for (size_t i = 0; i < count; ++i, at += 3 * sizeof(uint32_t)) {
+            const uint32_t corners[3] = {qm_read_u32_le(at), qm_read_u32_le(at + 4), qm_read_u32_le(at + 8)};
+            for (int k = 0; k < 3; ++k)
+                max = corners[k] > max ? corners[k] : max;
+            const uint32_t base = (uint32_t)list->base,
+                           face[4] = {base + corners[0], base + corners[1 + mirrored],
+                                      base + corners[2 - mirrored], QM_NO_INDEX};
+            memcpy(faces[i], face, sizeof face);
+        }
+        if (max >= list->vertex_count) break;
+        reader->report->offset = list->range.offset + *done * 3 * sizeof(uint32_t);
+        status = qm_builder_add_faces(reader->builder, faces, count);
+        *done += count;
+    }
+    return status;
 }
 
 static double determinant(const double m[16])
@@ -428,7 +484,11 @@ static qm_status add_faces(glb_reader *reader, const index_list *list, const qm_
         return qm_codec_fail(reader->report, QM_E_FORMAT, "%zu indices are not a multiple of 3", index_count);
     if (mode == TRIANGLES && primitive->has_polygons) return add_polygons(reader, list, mirrored);
     qm_status status = qm_builder_reserve_faces(reader->builder, triangle_count);
-    for (size_t i = 0; status == QM_OK && i < triangle_count; ++i) {
+    size_t done = 0;
+    if (status == QM_OK && mode == TRIANGLES && list->range.first && list->component_type == TYPE_UINT32 &&
+        list->range.stride == sizeof(uint32_t))
+        status = add_packed_triangles(reader, list, triangle_count, mirrored, &done);
+    for (size_t i = done; status == QM_OK && i < triangle_count; ++i) {
         size_t places[3];
         uint32_t corners[3];
         /* The positions in the index list of the corners of triangle i, in the order of the mode. */

@@ -1,6 +1,7 @@
 """`quadmesh reconstruct`: files in, a mesh and a picture out, and what it says when something is wrong."""
 import json
 import math
+import os
 import struct
 import zlib
 
@@ -73,6 +74,16 @@ def test_a_mesh_and_its_picture(quadmesh, surface, layout, tmp_path):
     width, lines = read_png((tmp_path / "out.png").read_bytes())
     assert (width, len(lines)) == (1000, 800)
     assert set(lines[0]) == {255} and len(set(b"".join(lines))) > 20  # white on top, shades within
+
+
+def test_no_libspng_is_a_problem_only_where_a_picture_is_written(quadmesh, surface, layout, tmp_path):
+    (tmp_path / "libspng.so.0").write_bytes(b"")
+    without = os.environ | {"LD_LIBRARY_PATH": str(tmp_path)}
+    words = ["reconstruct", surface, layout, "-o", "out.obj", "--quads", 300]
+    assert quadmesh(*words, env=without).returncode == 0
+    done = quadmesh(*words, "--picture", "out.png", env=without)
+    assert done.returncode == 1 and "out.png: cannot be written: Can not access a needed shared library" in done.stderr
+    assert not (tmp_path / "out.png").exists()
 
 
 def test_goals_and_exit_status(quadmesh, surface, layout):

@@ -127,6 +127,49 @@ static void threads_make_the_same_items(void **state)
     qm_shape_free(&mesh);
 }
 
+/** The float pack that the tree gives is that of the corners of its faces as they are. */
+static void check_float_packs(const qm_bvh *tree)
+{
+    const qm_kernel *kernel = qm_kernel_get();
+    for (size_t i = 0; i < tree->pack_count; i++) {
+        qm_pack_corners corners;
+        qm_float_pack expected;
+        kernel->load_corners(tree, i, &corners);
+        kernel->fill_float(&expected, corners.at);
+        assert_memory_equal(qm_bvh_float_pack(tree, i), &expected, sizeof expected);
+    }
+}
+
+/** Those of a small tree are made by the build; the others are stored in the order in which they are asked for, also
+ * when they are made again for a mesh that has moved. */
+static void float_packs_of_large_trees_are_made_on_demand(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_mesh mesh = qm_shape_torus(200, 100, 2.0, 0.5);
+    qm_bvh *tree = build(&ctx, &mesh, QM_BVH_ALL, 1);
+    assert_int_equal(*tree->floats.used, 0);
+    const qm_float_pack *first = qm_bvh_float_pack(tree, 4000), *second = qm_bvh_float_pack(tree, 17);
+    assert_true(second == first + 1 && qm_bvh_float_pack(tree, 4000) == first);
+    assert_int_equal(*tree->floats.used, 2);
+    qm_host_parallel(NULL, 4, ask_for_everything, tree);
+    check_all_made(&tree->floats);
+    check_float_packs(tree);
+
+    qm_deformer *deformer;
+    size_t updated;
+    assert_int_equal(qm_deformer_build(&ctx, tree, &deformer), QM_OK);
+    for (size_t i = 0; i < 3 * mesh.vertex_count; i++)
+        mesh.positions[i] = 1.25 * mesh.positions[i] + 0.125;
+    assert_int_equal(qm_bvh_refit(&ctx, tree, deformer, &mesh, NULL, 0, 1, &updated), QM_OK);
+    assert_true(qm_bvh_float_pack(tree, 17) == second);
+    check_float_packs(tree);
+    check_all_made(&tree->floats);
+    qm_deformer_destroy(&ctx, deformer);
+    qm_bvh_destroy(&ctx, tree);
+    qm_shape_free(&mesh);
+}
+
 static qm_hausdorff_result measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b)
 {
     qm_hausdorff_options options = qm_hausdorff_options_default();
@@ -340,7 +383,8 @@ static void entries_are_sorted_by_any_number_of_workers(void **state)
     const size_t counts[] = {0, 1, 2, 1000, 16384, 50001, 70000};
     for (int part = 0; part < 3; part++) {
         for (size_t c = 0; c < sizeof counts / sizeof *counts; c++) {
-            check_sort(&ctx, &random, counts[c], 7 * part, 24); /* in two digits where there are many */
+            check_sort(&ctx, &random, counts[c], 7 * part,
+                       24); /* in wide digits where there are many, 36 bits too */
             for (int key_bits = 30; key_bits <= 36; key_bits += 3)
                 check_sort(&ctx, &random, counts[c], 10 * part, key_bits);
         }
@@ -388,6 +432,7 @@ int main(void)
         cmocka_unit_test(sizes_are_known_before),
         cmocka_unit_test(threads_build_the_same_tree),
         cmocka_unit_test(threads_make_the_same_items),
+        cmocka_unit_test(float_packs_of_large_trees_are_made_on_demand),
         cmocka_unit_test(rows_without_room_are_the_same),
         cmocka_unit_test(boxes_are_those_of_the_vertices),
         cmocka_unit_test(sources_hold_no_triangles_and_are_refused_as_targets),

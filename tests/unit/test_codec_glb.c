@@ -1,7 +1,9 @@
 /* glTF binary files by hand: transforms, modes, shared accessors, every fault. */
 #include <dlfcn.h>
 #include <math.h>
+#include <stddef.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include <nettle/base64.h>
@@ -591,6 +593,88 @@ static void indices_past_their_vertices_are_refused(void **state)
     assert_int_equal(decoded.report.offset, file.size - part.size + 48 + 5);
 }
 
+#define MANY 3000 /* positions and triangles: more than the decoder takes together */
+
+/** The binary part of a mesh with many elements, its triangles as ints and as shorts. */
+typedef struct many_elements {
+    float positions[MANY][3];
+    uint32_t ints[MANY][3];
+    uint16_t shorts[MANY][3];
+} many_elements;
+
+/** Decodes the triangles of the accessor; *part_offset becomes the offset of the part. */
+static qm_decoded decode_many(const many_elements *part, int accessor, size_t *part_offset)
+{
+    char json[1024];
+    snprintf(
+        json, sizeof json,
+        "{\"buffers\":[{\"byteLength\":%zu}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":%zu},"
+        "{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu},{\"buffer\":0,\"byteOffset\":%zu,"
+        "\"byteLength\":%zu}],\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":%d,\"type\":"
+        "\"VEC3\"},{\"bufferView\":1,\"componentType\":5125,\"count\":%d,\"type\":\"SCALAR\"},{"
+        "\"bufferView\":2,"
+        "\"componentType\":5123,\"count\":%d,\"type\":\"SCALAR\"}],\"scene\":0,\"scenes\":[{\"nodes\":[0,1]}]"
+        ","
+        "\"nodes\":[{\"mesh\":0},{\"mesh\":0,\"scale\":[-1,2,1],\"translation\":[1,0,3]}]," MESH(
+            ",\"indices\":%d") "}",
+        sizeof *part, sizeof part->positions, offsetof(many_elements, ints), sizeof part->ints,
+        offsetof(many_elements, shorts), sizeof part->shorts, MANY, 3 * MANY, 3 * MANY, accessor);
+    qm_bytes head;
+    add_file(&head, json, &(qm_bytes){.size = 0});
+    *part_offset = head.size;
+    uint8_t *file = malloc(head.size + sizeof *part);
+    memcpy(file, head.data, head.size);
+    memcpy(file + head.size, part, sizeof *part);
+    const uint32_t sizes[2] = {(uint32_t)(head.size + sizeof *part), (uint32_t)sizeof *part};
+    memcpy(file + 8, &sizes[0], sizeof sizes[0]);
+    memcpy(file + head.size - 8, &sizes[1], sizeof sizes[1]);
+    qm_decoded decoded = qm_decode(QM_FORMAT_GLB, file, head.size + sizeof *part);
+    free(file);
+    return decoded;
+}
+
+static void many_elements_are_read_like_few(void **state)
+{
+    (void)state;
+    static many_elements part;
+    qm_random random = qm_random_make(qm_check_seed(), 0);
+    for (uint32_t i = 0; i < MANY; i++) {
+        for (uint32_t k = 0; k < 3; k++) {
+            part.positions[i][k] = (float)qm_random_below(&random, 1000) - 500.0f;
+            part.ints[i][k] = (i + k * (1 + i % 7)) % MANY;
+            part.shorts[i][k] = (uint16_t)part.ints[i][k];
+        }
+    }
+    size_t start;
+    qm_decoded ints = decode_many(&part, 1, &start), shorts = decode_many(&part, 2, &start);
+    QM_CHECK(ints.status == QM_OK && shorts.status == QM_OK, "%s; %s", ints.report.detail,
+             shorts.report.detail);
+    assert_int_equal(ints.mesh.vertex_count, 2 * MANY);
+    assert_int_equal(ints.mesh.face_count, 2 * MANY);
+    assert_int_equal(shorts.mesh.face_count, 2 * MANY);
+    assert_memory_equal(ints.mesh.faces, shorts.mesh.faces, 2 * MANY * 4 * sizeof *ints.mesh.faces);
+    for (uint32_t i = 0; i < MANY; i++) {
+        const float *p = part.positions[i];
+        const double *first = ints.mesh.positions + 3 * (size_t)i, *second = first + 3 * MANY;
+        assert_true(first[0] == p[0] && first[1] == p[1] && first[2] == p[2]);
+        assert_true(second[0] == 1.0 - p[0] && second[1] == 2.0 * p[1] && second[2] == p[2] + 3.0);
+    }
+    qm_decoded_free(&ints);
+    qm_decoded_free(&shorts);
+
+    part.ints[2500][1] = MANY;
+    ints = decode_many(&part, 1, &start);
+    assert_int_equal(ints.status, QM_E_INDEX);
+    assert_int_equal(ints.report.offset, start + offsetof(many_elements, ints[2500][1]));
+    qm_decoded_free(&ints);
+    part.ints[2500][1] = 0;
+    part.positions[2500][1] = NAN;
+    ints = decode_many(&part, 1, &start);
+    assert_int_equal(ints.status, QM_E_NOT_FINITE);
+    assert_int_equal(ints.report.offset, start + offsetof(many_elements, positions[2500]));
+    qm_decoded_free(&ints);
+}
+
 static void broken_chunks_name_their_byte(void **state)
 {
     (void)state;
@@ -646,6 +730,7 @@ int main(void)
         cmocka_unit_test(encoded_views_are_decoded),
         cmocka_unit_test(json_faults_are_refused),
         cmocka_unit_test(indices_past_their_vertices_are_refused),
+        cmocka_unit_test(many_elements_are_read_like_few),
         cmocka_unit_test(broken_chunks_name_their_byte),
         cmocka_unit_test(bytes_after_the_end_are_reported),
     };

@@ -235,7 +235,7 @@ static qm_status order_faces(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts 
 #define PACKS_AHEAD 8        /* packs whose vertices are prefetched before their boxes are computed */
 #define PACKS_KEPT 16384     /* packs of a tree that has room for all triangles in double precision */
 #define PACKS_KEPT_BEYOND 16 /* beyond them there is room for one in this many */
-#define ALL_FLOATS_MAX 65536 /* packs of the largest tree whose float packs are all made by the build */
+#define ALL_FLOATS_MAX 4096  /* packs of the largest tree whose float packs are all made by the build */
 #define BLOCK_PACKS 64       /* packs of a block of work: those below one node of level 2 */
 
 /** Work on the packs, which the workers share by blocks. */
@@ -351,10 +351,11 @@ static void build_block(void *data, int worker, size_t block)
         if (i < end) fill_lanes(builder, i);
         if (i >= begin + PACKS_AHEAD) {
             /* Searches ask for most packs of a small tree: their float packs are made here, while the vertices
-             * are in the cache. */
+             * are in the cache. Of a large one they are made on demand, next to each other, so that those of
+             * packs that no search comes near take neither time nor memory. */
             size_t pack = i - PACKS_AHEAD;
             const qm_pack_lanes *lanes = &bvh->lanes[pack];
-            if (bvh->floats.items && bvh->pack_count <= ALL_FLOATS_MAX) {
+            if (bvh->floats.in_place) {
                 qm_pack_corners corners;
                 builder->kernel->fit_corners(bvh, pack, &corners);
                 qm_bvh_put_float_pack(bvh, pack, &corners);
@@ -377,11 +378,13 @@ static qm_status fill_tree(pack_builder *builder, qm_bvh_parts parts)
 {
     qm_bvh *bvh = builder->bvh;
     size_t packs = bvh->pack_count, kept = kept_packs(packs);
+    size_t float_room = packs <= ALL_FLOATS_MAX ? 0 : packs;
     bool is_target = parts & QM_BVH_TARGET, has_twists = parts & QM_BVH_PATCHES && bvh->has_quads;
     bvh->lanes = qm_context_alloc(builder->ctx, packs, sizeof *bvh->lanes);
     bool has_room =
         bvh->lanes &&
-        (!is_target || qm_demand_init(builder->ctx, packs, 0, sizeof(qm_float_pack), &bvh->floats)) &&
+        (!is_target ||
+         qm_demand_init(builder->ctx, packs, float_room, sizeof(qm_float_pack), &bvh->floats)) &&
         (!is_target || qm_demand_init(builder->ctx, packs, kept, sizeof(qm_pack), &bvh->rows)) &&
         (!has_twists || qm_demand_init(builder->ctx, packs, 0, sizeof(qm_pack_twists), &bvh->twists)) &&
         qm_box_tree_init(builder->ctx, packs, &bvh->boxes);
@@ -390,7 +393,7 @@ static qm_status fill_tree(pack_builder *builder, qm_bvh_parts parts)
     size_t blocks = (bvh->pack_count + BLOCK_PACKS - 1) / BLOCK_PACKS;
     qm_context_parallel_for(builder->ctx, builder->workers, blocks, build_block, builder);
     if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
-    bvh->has_all_floats = bvh->floats.items && bvh->pack_count <= ALL_FLOATS_MAX;
+    bvh->has_all_floats = bvh->floats.in_place;
     qm_box_tree_fill(&bvh->boxes, 3);
     bvh->reach = qm_box_tree_max_coordinate(&bvh->boxes);
     return QM_OK;

@@ -22,7 +22,8 @@ static inline const qm_float_pack *qm_bvh_float_pack(const qm_bvh *bvh, size_t p
     QM_ASSERT(pack < bvh->pack_count);
     const qm_float_pack *floats = bvh->floats.items;
     if (bvh->has_all_floats) return floats + pack;
-    return qm_demand_is_made(&bvh->floats, pack) ? floats + pack : qm_bvh_make_float_pack(bvh, pack);
+    const unsigned slot = qm_demand_slot(&bvh->floats, pack);
+    return slot < QM_DEMAND_STALE ? floats + slot : qm_bvh_make_float_pack(bvh, pack);
 }
 
 /** Triangles of a pack in double precision; the tree is a target. They are in *spare when there is no room to

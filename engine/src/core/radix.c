@@ -90,6 +90,8 @@ static void sort_serial(const sort_work *work)
         sort_digits(producer, from, to, count, QM_RADIX_INDEX_BITS, 3, 8);
     else if (work->low_bit == QM_RADIX_INDEX_BITS && work->digits == 2 && work->digit_bits == WIDE_DIGIT_BITS)
         sort_digits(producer, from, to, count, QM_RADIX_INDEX_BITS, 2, WIDE_DIGIT_BITS);
+    else if (work->low_bit == QM_RADIX_INDEX_BITS && work->digits == 3 && work->digit_bits == WIDE_DIGIT_BITS)
+        sort_digits(producer, from, to, count, QM_RADIX_INDEX_BITS, 3, WIDE_DIGIT_BITS);
     else if (work->low_bit == QM_RADIX_INDEX_BITS && work->digits == 3 && work->digit_bits == 10)
         sort_digits(producer, from, to, count, QM_RADIX_INDEX_BITS, 3, 10);
     else
@@ -201,7 +203,7 @@ static qm_status sort_with_spare(qm_context *ctx, sort_work work)
 
 static sort_work entry_work(uint64_t *entries, size_t count, int key_bits, int workers)
 {
-    bool is_wide = key_bits == 2 * WIDE_DIGIT_BITS && count > MANY_ENTRIES;
+    bool is_wide = key_bits % WIDE_DIGIT_BITS == 0 && count > MANY_ENTRIES;
     int max_bits = is_wide ? WIDE_DIGIT_BITS : ENTRY_DIGIT_BITS,
         digits = (key_bits + max_bits - 1) / max_bits;
     return (sort_work){.from = entries,
