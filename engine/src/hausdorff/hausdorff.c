@@ -13,6 +13,7 @@
 
 #include "bvh/surface.h"
 #include "core/rounding.h"
+#include "hausdorff_parts.h"
 #include "hausdorff_sample.h"
 
 /* By how many eta the result is wider than the search's own bracket, and its rounding */
@@ -99,6 +100,8 @@ static void set_witness(const qm_search *search, qm_hausdorff_result *out)
     const qm_worker *best = &search->workers[0];
     for (int i = 1; i < search->worker_count; i++)
         if (search->workers[i].witness > best->witness) best = &search->workers[i];
+    out->found = best->witness;
+    if (best->witness < 0.0) return;
     const qm_side *side = &search->side[best->witness_side];
     qm_quad_reading quads = search->options->quads;
     double error = fmax(WITNESS_ERROR * search->tolerance * side->scale, QM_BILINEAR_MIN_ERROR * side->reach);
@@ -133,8 +136,11 @@ static void set_result(const qm_search *search, qm_hausdorff_result *out)
     out->upper = fmin(search->reported_upper, fmax(lower, qm_worker_max_upper(search)) + search->eta);
     out->iterations = atomic_load(&search->iterations);
     out->projections = atomic_load(&search->projections);
-    for (int i = 0; i < search->worker_count; i++)
+    out->margin = search->eta;
+    for (int i = 0; i < search->worker_count; i++) {
         out->max_queue += search->workers[i].max_queue;
+        out->settled = fmax(out->settled, atomic_load(&search->workers[i].discarded));
+    }
     int reason = atomic_load(&search->stop);
     QM_ASSERT(!(out->lower > out->upper));
     set_witness(search, out);
@@ -184,14 +190,18 @@ static void set_limits(qm_search *search, int workers)
     search->memory_limit = memory / (size_t)workers;
 }
 
-/** Raises the lower bound by seeds, queues the root of each source, and runs the workers until they end. */
+/** Raises the lower bound by seeds, queues the root of each source, or the parts that the caller has given, and
+ * runs the workers until they end. */
 static qm_status run_search(qm_context *ctx, qm_search *search, qm_hausdorff_result *out)
 {
     int workers = ctx->parallel ? search->options->thread_count : 1;
     set_limits(search, workers);
     if (!qm_worker_create_all(ctx, search, workers))
         return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the workers of a search");
-    for (int i = 0; i < search->side_count; i++) {
+    const qm_hausdorff_share *share = search->options->share;
+    bool has_parts = share && share->parts;
+    if (has_parts) qm_parts_queue(search);
+    for (int i = 0; i < search->side_count && !has_parts; i++) {
         const qm_side *side = &search->side[i];
         uint32_t hint = qm_sample_seeds(ctx, search, &search->side[i]);
         double radius = sqrt(3.0) * side->source->reach * side->factor;
@@ -208,6 +218,7 @@ static qm_status run_search(qm_context *ctx, qm_search *search, qm_hausdorff_res
     search->is_queued = true;
     qm_context_parallel(ctx, search->worker_count, run_worker, search);
     set_result(search, out);
+    qm_parts_give_rest(search);
     out->elapsed_ms = qm_clock_ms() - search->start_ms;
     qm_worker_destroy_all(ctx, search);
     for (int i = 0; i < search->side_count; i++)
@@ -283,8 +294,10 @@ qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b
         .reported_ms = -INFINITY,
         .reported_gap = INFINITY,
         .reported_upper = INFINITY,
+        .lower = options->share ? options->share->known_lower : 0.0,
     };
     status = set_sides(ctx, &search, a, b);
+    if (status == QM_OK) status = qm_parts_check(ctx, &search);
     if (status == QM_OK && set_same(&search, out)) return QM_OK;
     if (status == QM_OK) status = build_locators(ctx, &search);
     if (status == QM_OK) status = run_search(ctx, &search, out);

@@ -252,7 +252,7 @@ static void visit_open(qm_worker *worker, pack_work *work)
     }
     for (int i = 0; i < work->open_count; i++) {
         if (qm_worker_must_stop(worker)) {
-            qm_worker_discard(worker, work->entry.upper);
+            qm_worker_push(worker, work->entry, NULL); /* faces of it are left */
             return;
         }
         if (is_matching) {
@@ -288,8 +288,10 @@ static void visit_pack(qm_worker *worker, qm_entry entry, node_work *node)
         count = qm_lane_corners(work.lanes, (uint32_t)lane, work.side->source_patches, corner);
         if (face_reached(&work, cutoff, corner, count)) continue;
         qm_piece *piece = &work.open[work.open_count];
-        *piece =
-            (qm_piece){.high = {1.0, 1.0}, .face = work.lanes->face[lane], .corner_count = (uint8_t)count};
+        *piece = (qm_piece){.high = {1.0, 1.0},
+                            .face = work.lanes->face[lane],
+                            .pack = entry.index,
+                            .corner_count = (uint8_t)count};
         for (int i = 0; i < count; i++)
             piece->corner[i] = work.vertex[corner[i]];
         for (int i = 0; i < 4; i++)

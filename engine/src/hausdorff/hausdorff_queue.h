@@ -19,10 +19,10 @@ typedef struct qm_piece {
         };
         double distance[4]; /* by matching: upper bounds of the corners' distances, local */
     };
-    uint32_t foot[4]; /* by matching: QM_PACK_LANES * pack + lane of the facet under each corner */
-    double slack;     /* the triangle is within this distance of the source's surface; mostly 0 */
-    uint32_t face;
-    uint16_t cuts; /* between the face and a triangle of it, see rounding.h */
+    uint32_t foot[4];    /* by matching: QM_PACK_LANES * pack + lane of the facet under each corner */
+    double slack;        /* the triangle is within this distance of the source's surface; mostly 0 */
+    uint32_t face, pack; /* of the source */
+    uint16_t cuts;       /* between the face and a triangle of it, see rounding.h */
     uint8_t corner_count, depth;
     uint32_t next_free; /* list of free slots in the pool */
 } qm_piece;

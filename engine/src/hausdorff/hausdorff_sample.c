@@ -35,10 +35,7 @@ static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, double
     QM_ASSERT(distance >= 0.0);
     qm_search *search = worker->search;
     double world = distance * side->inverse_scale;
-    double lower = atomic_load_explicit(&search->lower, memory_order_relaxed);
-    while (world > lower && !atomic_compare_exchange_weak(&search->lower, &lower, world))
-        continue;
-    if (world > lower || worker->witness < 0.0) {
+    if (qm_search_raise_lower(search, world) || worker->witness < 0.0) {
         worker->witness = world;
         worker->witness_side = (int)(side - search->side);
         worker->witness_face = face;

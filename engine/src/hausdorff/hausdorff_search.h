@@ -54,6 +54,15 @@ static inline double qm_search_cutoff(const qm_search *search)
     return fmax(lower + search->tolerance, search->floor);
 }
 
+/** Raises the lower bound; false when it was as large already. */
+static inline bool qm_search_raise_lower(qm_search *search, double lower)
+{
+    double before = atomic_load_explicit(&search->lower, memory_order_relaxed);
+    while (lower > before && !atomic_compare_exchange_weak(&search->lower, &before, lower))
+        continue;
+    return lower > before;
+}
+
 /** The lower bound in the local space of a side. */
 static inline double qm_search_local_lower(const qm_search *search, const qm_side *side)
 {

@@ -193,6 +193,15 @@ static void report(qm_search *search, double now, double upper)
     options->progress(options->progress_user, &progress);
 }
 
+/** Tells the caller of a search in parts what this worker has found, and takes the lower bound that is known
+ * elsewhere. */
+static void exchange(qm_worker *worker)
+{
+    const qm_hausdorff_share *share = worker->search->options->share;
+    if (share && share->exchange)
+        qm_search_raise_lower(worker->search, share->exchange(share->user, worker->witness));
+}
+
 /** Adds this worker's counts to the search's, reports progress and checks the limits; one worker at a
  * time. */
 static void check_limits(qm_worker *worker)
@@ -205,6 +214,7 @@ static void check_limits(qm_worker *worker)
     bool is_canceled = qm_context_canceled(worker->ctx); /* may wait: before the flag is taken */
     if (atomic_flag_test_and_set(&search->reporting)) return;
     double now = qm_clock_ms();
+    exchange(worker);
     if (search->is_queued) report(search, now, qm_worker_max_upper(search));
     int reason = QM_SEARCH_RUNNING;
     if (is_canceled) reason = QM_STOP_CANCELED;
@@ -237,6 +247,8 @@ void qm_worker_run(qm_worker *worker)
         }
         if (entry.upper <= qm_search_cutoff(search)) /* which may have risen since it was queued */
             qm_worker_discard(worker, entry.upper);
+        else if (entry.kind == QM_ENTRY_NODE && entry.level == 0) /* of a search in parts */
+            qm_pack_visit_all(worker, &entry, 1);
         else if (entry.kind == QM_ENTRY_NODE)
             qm_node_visit(worker, entry);
         else if (qm_search_is_matching(search))

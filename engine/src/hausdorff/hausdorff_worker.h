@@ -92,7 +92,7 @@ void qm_worker_push(qm_worker *worker, qm_entry entry, const qm_piece *piece);
 void qm_worker_run(qm_worker *worker);
 
 /** True when the search is to end; checks the limits and reports progress when that is due. A caller that
- * stops for it discards the part of the source that it has in work, with its bound. */
+ * stops for it puts the part of the source that it has in work back in the queue. */
 bool qm_worker_must_stop(qm_worker *worker);
 
 /** Ascends from the worker's witness over the source to a local maximum, and samples that. */
