@@ -63,7 +63,10 @@ static qm_hausdorff_result run_call(call *c, const qm_mesh *a, const qm_mesh *b,
     options.share = &share;
     c->rest_count = 0;
     c->found = -1;
-    return qm_measured(a, b, &options);
+    qm_hausdorff_result r = qm_measured(a, b, &options);
+    QM_CHECK(r.has_witness == (r.found >= 0), "seed %llu: found %g", (unsigned long long)c->of->seed,
+             r.found);
+    return r;
 }
 
 /** The bracket that the pool stands for holds the distance. */
