@@ -31,10 +31,6 @@ void cli_print_problem(const char *path, double line, double offset, const char 
 const char *cli_base_name(const char *path);
 bool cli_path_ends_in(const char *path, const char *end);
 
-/** Sets *function, a pointer to a function, to that of a library which dlopen has loaded; false if it has none of the
- * name. */
-bool cli_find_symbol(void *library, const char *name, void *function);
-
 /** Reads a whole file, for free(). "-" is standard input. NULL after a report. */
 uint8_t *cli_read_file(const char *path, size_t *size, bool as_json);
 

@@ -1,7 +1,6 @@
 /**
- * files.c: reads and checks files, loads meshes, and reports problems with them; symbols of files that are libraries.
+ * files.c: reads and checks files, loads meshes, and reports problems with them.
  */
-#include <dlfcn.h>
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -22,13 +21,6 @@ bool cli_path_ends_in(const char *path, const char *end)
 {
     size_t length = strlen(path), size = strlen(end);
     return length >= size && strcmp(path + length - size, end) == 0;
-}
-
-bool cli_find_symbol(void *library, const char *name, void *function)
-{
-    void *found = dlsym(library, name);
-    *(void **)function = found;
-    return found != NULL;
 }
 
 void cli_report(const char *path, const qm_problem *problem, bool as_json)

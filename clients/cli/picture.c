@@ -13,6 +13,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/library.h"
+
 enum { WIDTH = 1000, HEIGHT = 800, PIXELS_SIZE = 3 * WIDTH * HEIGHT };
 
 #define MARGIN 0.92     /* fraction of the picture that the mesh fills */
@@ -188,7 +190,7 @@ typedef struct spng_library {
 static bool load_spng(spng_library *spng)
 {
     void *library = dlopen(LIBRARY, RTLD_LAZY);
-#define XX(name) &&cli_find_symbol(library, "spng_" #name, &spng->name)
+#define XX(name) &&qm_library_find(library, "spng_" #name, &spng->name)
     const bool is_loaded = library CLI_SPNG_MAP(XX);
 #undef XX
     if (!is_loaded) errno = ELIBACC;

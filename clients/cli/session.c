@@ -12,6 +12,7 @@
 #include <strings.h>
 
 #include "base/json.h"
+#include "base/library.h"
 
 #define URL_SIZE 2048
 
@@ -49,7 +50,7 @@ static const curl_library *load_curl(const char **message)
     static bool is_loaded;
     if (!is_loaded) {
         void *library = dlopen(LIBRARY, RTLD_LAZY);
-#define XX(name) &&cli_find_symbol(library, "curl_" #name, &curl.name)
+#define XX(name) &&qm_library_find(library, "curl_" #name, &curl.name)
         is_loaded = library CLI_CURL_MAP(XX);
 #undef XX
     }

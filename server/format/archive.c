@@ -9,6 +9,7 @@
 #include <time.h>
 #include <zip.h>
 
+#include "base/library.h"
 #include "base/log.h"
 #include "codec_builder.h"
 
@@ -50,13 +51,8 @@ static bool is_loaded;
 static void load(void)
 {
     void *library = dlopen(LIBRARY, RTLD_NOW | RTLD_LOCAL);
-    void *symbol;
-    is_loaded = library;
-#define XX(name)                                                                                             \
-    symbol = library ? dlsym(library, #name) : NULL;                                                         \
-    memcpy(&lib.name, &symbol, sizeof symbol);                                                               \
-    is_loaded = is_loaded && symbol;
-    ZIP_MAP(XX)
+#define XX(name) &&qm_library_find(library, #name, &lib.name)
+    is_loaded = library ZIP_MAP(XX);
 #undef XX
     if (!is_loaded)
         qm_log(QM_LOG_WARN, "%s cannot be loaded: %s", LIBRARY,

@@ -3,6 +3,7 @@
 #include <dlfcn.h>
 #include <pthread.h>
 
+#include "base/library.h"
 #include "base/log.h"
 
 #define LIBRARY "libmeshoptimizer.so.2d"
@@ -16,21 +17,14 @@ static decode_fn *decoders[3]; /* by qm_gltf_coding */
 static filter_fn *decode_exponential;
 static bool is_loaded;
 
-static bool find_symbol(void *library, const char *name, void *function)
-{
-    void *symbol = dlsym(library, name);
-    memcpy(function, &symbol, sizeof symbol);
-    return symbol != NULL;
-}
-
 static void load(void)
 {
     void *library = dlopen(LIBRARY, RTLD_NOW | RTLD_LOCAL);
     is_loaded = library &&
-                find_symbol(library, "meshopt_decodeVertexBuffer", &decoders[QM_GLTF_ATTRIBUTES]) &&
-                find_symbol(library, "meshopt_decodeIndexBuffer", &decoders[QM_GLTF_TRIANGLES]) &&
-                find_symbol(library, "meshopt_decodeIndexSequence", &decoders[QM_GLTF_INDICES]) &&
-                find_symbol(library, "meshopt_decodeFilterExp", &decode_exponential);
+                qm_library_find(library, "meshopt_decodeVertexBuffer", &decoders[QM_GLTF_ATTRIBUTES]) &&
+                qm_library_find(library, "meshopt_decodeIndexBuffer", &decoders[QM_GLTF_TRIANGLES]) &&
+                qm_library_find(library, "meshopt_decodeIndexSequence", &decoders[QM_GLTF_INDICES]) &&
+                qm_library_find(library, "meshopt_decodeFilterExp", &decode_exponential);
     if (!is_loaded)
         qm_log(QM_LOG_WARN, "%s cannot be loaded: %s", LIBRARY,
                library ? "a function is missing" : dlerror());

@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "base/id.h"
+#include "base/library.h"
 #include "http_internal.h"
 #include "ops/json_out.h"
 
@@ -20,8 +21,7 @@ static queue_fn *queue;
 
 static void find_queue(void)
 {
-    void *symbol = dlsym(RTLD_NEXT, "MHD_queue_response");
-    memcpy(&queue, &symbol, sizeof symbol);
+    qm_library_find(RTLD_NEXT, "MHD_queue_response", &queue);
 }
 
 enum MHD_Result qm_http_queue(struct MHD_Connection *connection, unsigned status,
