@@ -20,8 +20,8 @@ enum { MOST_PARTS = 1 << 16, MOST_AT_ONCE = 64, MOST_CALLS = 2000, PATIENCE = 32
 typedef struct pool {
     qm_hausdorff_part part[MOST_PARTS];
     size_t count;
-    double lower, settled, upper; /* upper: the least bound so far, with its margin */
-    double truth[2];              /* the distance lies between them */
+    double lower, discarded, upper; /* upper: the least bound so far, with its margin */
+    double truth[2];                /* the distance lies between them */
     uint64_t seed;
 } pool;
 
@@ -54,25 +54,25 @@ static qm_hausdorff_result run_call(call *c, const qm_mesh *a, const qm_mesh *b,
                                     size_t parts)
 {
     QM_CHECK(parts <= c->of->count, "seed %llu", (unsigned long long)c->of->seed);
-    qm_hausdorff_share share = {.parts = parts > 0 ? c->of->part + c->of->count - parts : NULL,
-                                .part_count = parts,
+    qm_hausdorff_parts begun = {.begin = parts > 0 ? c->of->part + c->of->count - parts : NULL,
+                                .count = parts,
                                 .known_lower = c->known,
                                 .exchange = exchange,
                                 .rest = keep_rest,
                                 .user = c};
-    options.share = &share;
+    options.parts = &begun;
     c->rest_count = 0;
     c->found = -1;
     qm_hausdorff_result r = qm_measured(a, b, &options);
-    QM_CHECK(r.has_witness == (r.found >= 0), "seed %llu: found %g", (unsigned long long)c->of->seed,
-             r.found);
+    QM_CHECK(r.has_witness == (r.found_lower >= 0), "seed %llu: found %g", (unsigned long long)c->of->seed,
+             r.found_lower);
     return r;
 }
 
 /** The bracket that the pool stands for holds the distance. */
 static void check_bracket(pool *p, double margin, double size)
 {
-    double upper = fmax(p->lower, p->settled), slack = 1e-12 * size;
+    double upper = fmax(p->lower, p->discarded), slack = 1e-12 * size;
     for (size_t i = 0; i < p->count; i++)
         upper = fmax(upper, p->part[i].upper);
     p->upper = fmin(p->upper, upper + margin);
@@ -125,8 +125,8 @@ static void end_call(pool *p, const call *c, const qm_hausdorff_result *r, size_
     if (c->rest_count > 0) memcpy(p->part + p->count, c->rest, c->rest_count * sizeof *c->rest);
     p->count += c->rest_count;
     merge_parts(p);
-    p->settled = fmax(p->settled, r->settled);
-    p->lower = fmax(p->lower, fmax(r->found, c->found));
+    p->discarded = fmax(p->discarded, r->discarded);
+    p->lower = fmax(p->lower, fmax(r->found_lower, c->found));
 }
 
 /** Adds the nodes of one level of a mesh's tree as parts of a side: together they are all of the source. */
@@ -179,10 +179,10 @@ static int check_search(uint64_t seed, const qm_mesh *a, const qm_mesh *b, qm_ha
         end_call(&p, &c, &r, parts);
         check_bracket(&p, r.margin, size);
         if (!is_twice || p.count == 0) continue;
-        /* Another node has run parts meanwhile that are others' by now: only its lower bound counts. */
+        /* Another process has run parts meanwhile that are others' by now: only its lower bound counts. */
         parts = choose_parts(&p, &random);
         r = run_call(&c, a, b, options, parts);
-        p.lower = fmax(p.lower, fmax(r.found, c.found));
+        p.lower = fmax(p.lower, fmax(r.found_lower, c.found));
         check_bracket(&p, r.margin, size);
     }
     qm_hausdorff_result whole = qm_measured(a, b, &options);
@@ -243,7 +243,7 @@ static void spheres_in_parts_hold_the_distance(void **state)
     qm_shape_free(&b);
 }
 
-static qm_status status_of(const qm_mesh *a, const qm_mesh *b, const qm_hausdorff_share *share)
+static qm_status status_of(const qm_mesh *a, const qm_mesh *b, const qm_hausdorff_parts *parts)
 {
     qm_context ctx = qm_context_make();
     qm_bvh *tree_a = NULL, *tree_b = NULL;
@@ -251,7 +251,7 @@ static qm_status status_of(const qm_mesh *a, const qm_mesh *b, const qm_hausdorf
     qm_hausdorff_result result;
     options.direction = QM_A_TO_B;
     options.tolerance = 1e-6;
-    options.share = share;
+    options.parts = parts;
     assert_int_equal(qm_bvh_build(&ctx, a, QM_BVH_ALL, 1, &tree_a), QM_OK);
     assert_int_equal(qm_bvh_build(&ctx, b, QM_BVH_ALL, 1, &tree_b), QM_OK);
     qm_status status = qm_hausdorff_measure(&ctx, tree_a, tree_b, &options, &result);
@@ -274,17 +274,17 @@ static void parts_that_the_trees_lack_are_refused(void **state)
         {.upper = 1, .level = 1, .index = 1},
     };
     qm_hausdorff_part right = {.upper = 4, .level = 1};
-    qm_hausdorff_share share = {.parts = &right, .part_count = 1};
-    assert_int_equal(status_of(&a, &b, &share), QM_OK);
+    qm_hausdorff_parts parts = {.begin = &right, .count = 1};
+    assert_int_equal(status_of(&a, &b, &parts), QM_OK);
     for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
-        share.parts = &wrong[i];
-        QM_CHECK(status_of(&a, &b, &share) == QM_E_ARGUMENT, "part %zu", i);
+        parts.begin = &wrong[i];
+        QM_CHECK(status_of(&a, &b, &parts) == QM_E_ARGUMENT, "part %zu", i);
     }
     const double lower[] = {-1, NAN, INFINITY};
-    share.parts = &right;
+    parts.begin = &right;
     for (size_t i = 0; i < sizeof lower / sizeof *lower; i++) {
-        share.known_lower = lower[i];
-        QM_CHECK(status_of(&a, &b, &share) == QM_E_ARGUMENT, "lower bound %g", lower[i]);
+        parts.known_lower = lower[i];
+        QM_CHECK(status_of(&a, &b, &parts) == QM_E_ARGUMENT, "lower bound %g", lower[i]);
     }
     qm_shape_free(&a);
     qm_shape_free(&b);

@@ -72,12 +72,12 @@ typedef struct qm_hausdorff_progress {
 typedef void qm_hausdorff_progress_fn(void *user, const qm_hausdorff_progress *progress);
 
 /**
- * A part of a search: a node of a source's tree, or a pack of it (level 0). Bounds of parts have no margin for
- * roundings yet. Parts mean the same to every call on trees of the same arrays that were built alike, also in
- * another process of the same version; not to a tree that was refitted.
+ * A part of a search: a node of a source's tree, or a pack of it (level 0). Its bound has no margin for roundings.
+ * Parts mean the same to every call on trees of the same arrays that were built alike, also in another process
+ * of the same version; not to a tree that was refitted.
  */
 typedef struct qm_hausdorff_part {
-    double upper;        /* no point of the part is farther, but for points that a search has settled */
+    double upper;        /* no point of the part is farther, but for points that a search has discarded */
     uint32_t index;      /* in the level */
     uint32_t hint;       /* a pack of the target; the nearer, the faster */
     uint8_t side, level; /* side 0 is the first direction of the search, 1 the second */
@@ -85,29 +85,32 @@ typedef struct qm_hausdorff_part {
 
 /** Called on one thread at a time, with the largest distance that one thread of this search has found (-1: none
  * yet): returns the largest lower bound that the caller knows, or 0. Neither has a margin. */
-typedef double qm_hausdorff_exchange_fn(void *user, double found);
+typedef double qm_hausdorff_exchange_fn(void *user, double found_lower);
 
 /** Called at the end, on the calling thread, for each part that is left. A pack may come several times: it is
- * one part with the largest of these bounds. What a call has proved of parts of a pack is lost when it ends. */
+ * one part with the largest of these bounds. All that a call has proved of some faces of such a pack is lost. */
 typedef void qm_hausdorff_rest_fn(void *user, const qm_hausdorff_part *part);
 
 /**
- * A search in parts: several calls share the work of one. Let L be the largest `found` of all calls so far, D
- * the largest `settled`, and P the parts that no call has ended yet: to begin with those that a call without
- * parts left, or all nodes of a level with an upper bound of INFINITY. Then, with m the margin,
+ * A search in parts: several calls divide the work of one. Let L be the largest found_lower of all calls so far,
+ * D the largest `discarded`, and P the parts that no call has ended yet: to begin with those that a call on all of
+ * the sources left, or all nodes of a level with an upper bound of INFINITY. Then, with m the margin,
  *     max(0, L - m) <= h <= max(L, D, upper of each part of P) + m.
  * A call that begins with parts from P is given L, or less, as known_lower; when it has ended, its parts leave
- * P, its rest joins P, and `found` and `settled` join L and D: all four at once, or none, so that a call that is
- * lost, or made twice, does no harm. Source: the invariant of branch and bound for a union of regions.
+ * P, its rest joins P, and found_lower and `discarded` join L and D: all four at once, or none, so that a call
+ * that is lost, or made twice, does no harm. Source: the invariant of branch and bound for a union of regions.
+ *
+ * Of a call that begins with parts, `upper` and a verdict QM_VERDICT_BELOW are about these parts alone, in the
+ * result and in progress; `lower` and QM_VERDICT_ABOVE hold for the sources if known_lower does.
  */
-typedef struct qm_hausdorff_share {
-    const qm_hausdorff_part *parts; /* NULL: all of the sources */
-    size_t part_count;
+typedef struct qm_hausdorff_parts {
+    const qm_hausdorff_part *begin; /* NULL: all of the sources */
+    size_t count;
     double known_lower;                 /* 0 or more, without margin; 0: none */
     qm_hausdorff_exchange_fn *exchange; /* NULL: none; called as often as limits are checked */
     qm_hausdorff_rest_fn *rest;         /* NULL: none */
     void *user;
-} qm_hausdorff_share;
+} qm_hausdorff_parts;
 
 typedef struct qm_hausdorff_options {
     qm_direction direction;
@@ -123,7 +126,7 @@ typedef struct qm_hausdorff_options {
     qm_bounds bounds;
     qm_hausdorff_progress_fn *progress; /* NULL: none */
     void *progress_user;
-    const qm_hausdorff_share *share; /* NULL: the search is not in parts */
+    const qm_hausdorff_parts *parts; /* NULL: the search is not in parts */
 } qm_hausdorff_options;
 
 /** Two-sided, triangles, tolerance 0 (to be set), no threshold, no limits, one thread. */
@@ -136,9 +139,9 @@ typedef struct qm_hausdorff_result {
        roundings of its coordinates */
     qm_surface_point from, to;
     bool has_witness; /* false only when no point of a source was measured */
-    /* of a search in parts, without margin: the distance of the witness, -1 without one; what the discarded
-       points are at most, unless that is the lower bound; and the margin */
-    double found, settled, margin;
+    /* of a search in parts: the distance of the witness (-1: none) and the largest bound with which points were
+       discarded, both without margin, and the margin */
+    double found_lower, discarded, margin;
     uint64_t iterations, projections;
     size_t max_queue;
     double elapsed_ms;
@@ -154,7 +157,8 @@ typedef struct qm_hausdorff_result {
  * Threads:   only reads the trees; splits its work with ctx->parallel.
  * Returns:   QM_OK, also when the search stopped early (out->stop says why; the bounds hold), for example
  *            when the queue ran out of memory; QM_E_ARGUMENT (tolerance, threshold, threads; a part that the
- *            trees do not have; a tree that was not built as a target); QM_E_UNSUPPORTED (the accelerator); QM_E_NO_MEMORY; QM_E_SCALE.
+ *            trees do not have; a tree that was not built as a target); QM_E_UNSUPPORTED (the accelerator);
+ *            QM_E_NO_MEMORY; QM_E_SCALE.
  */
 qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                                const qm_hausdorff_options *options, qm_hausdorff_result *out);

@@ -100,7 +100,7 @@ static void set_witness(const qm_search *search, qm_hausdorff_result *out)
     const qm_worker *best = &search->workers[0];
     for (int i = 1; i < search->worker_count; i++)
         if (search->workers[i].witness > best->witness) best = &search->workers[i];
-    out->found = best->witness;
+    out->found_lower = best->witness;
     if (best->witness < 0.0) return;
     const qm_side *side = &search->side[best->witness_side];
     qm_quad_reading quads = search->options->quads;
@@ -139,7 +139,7 @@ static void set_result(const qm_search *search, qm_hausdorff_result *out)
     out->margin = search->eta;
     for (int i = 0; i < search->worker_count; i++) {
         out->max_queue += search->workers[i].max_queue;
-        out->settled = fmax(out->settled, atomic_load(&search->workers[i].discarded));
+        out->discarded = fmax(out->discarded, atomic_load(&search->workers[i].discarded));
     }
     int reason = atomic_load(&search->stop);
     QM_ASSERT(!(out->lower > out->upper));
@@ -190,18 +190,10 @@ static void set_limits(qm_search *search, int workers)
     search->memory_limit = memory / (size_t)workers;
 }
 
-/** Raises the lower bound by seeds, queues the root of each source, or the parts that the caller has given, and
- * runs the workers until they end. */
-static qm_status run_search(qm_context *ctx, qm_search *search, qm_hausdorff_result *out)
+/** Raises the lower bound by seeds, and queues the root of each source. */
+static void queue_sources(qm_context *ctx, qm_search *search)
 {
-    int workers = ctx->parallel ? search->options->thread_count : 1;
-    set_limits(search, workers);
-    if (!qm_worker_create_all(ctx, search, workers))
-        return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the workers of a search");
-    const qm_hausdorff_share *share = search->options->share;
-    bool has_parts = share && share->parts;
-    if (has_parts) qm_parts_queue(search);
-    for (int i = 0; i < search->side_count && !has_parts; i++) {
+    for (int i = 0; i < search->side_count; i++) {
         const qm_side *side = &search->side[i];
         uint32_t hint = qm_sample_seeds(ctx, search, &search->side[i]);
         double radius = sqrt(3.0) * side->source->reach * side->factor;
@@ -215,6 +207,19 @@ static qm_status run_search(qm_context *ctx, qm_search *search, qm_hausdorff_res
         };
         qm_worker_push(&search->workers[0], root, NULL);
     }
+}
+
+/** Queues the sources, or the parts that the caller has given, and runs the workers until they end. */
+static qm_status run_search(qm_context *ctx, qm_search *search, qm_hausdorff_result *out)
+{
+    int workers = ctx->parallel ? search->options->thread_count : 1;
+    set_limits(search, workers);
+    if (!qm_worker_create_all(ctx, search, workers))
+        return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the workers of a search");
+    if (search->options->parts && search->options->parts->begin)
+        qm_parts_queue(search);
+    else
+        queue_sources(ctx, search);
     search->is_queued = true;
     qm_context_parallel(ctx, search->worker_count, run_worker, search);
     set_result(search, out);
@@ -294,7 +299,7 @@ qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b
         .reported_ms = -INFINITY,
         .reported_gap = INFINITY,
         .reported_upper = INFINITY,
-        .lower = options->share ? options->share->known_lower : 0.0,
+        .lower = options->parts ? options->parts->known_lower : 0.0,
     };
     status = set_sides(ctx, &search, a, b);
     if (status == QM_OK) status = qm_parts_check(ctx, &search);

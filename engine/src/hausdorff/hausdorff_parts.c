@@ -2,7 +2,7 @@
  * hausdorff_parts.c: what a search in parts begins with, and what it leaves.
  *
  * A piece is left as its whole pack: all else in the pack has been discarded, or is in a queue too, so that the
- * largest of these bounds, which are merged, holds for the pack. A face that was passed over as a copy of the one
+ * largest of these bounds holds for the pack. A face that was passed over as a copy of the one
  * before it has that face's bound: the pack of that face is left, or the face is discarded.
  */
 #include "hausdorff_parts.h"
@@ -28,23 +28,23 @@ static qm_status check_part(qm_context *ctx, const qm_search *search, const qm_h
 qm_status qm_parts_check(qm_context *ctx, const qm_search *search)
 {
     QM_ASSERT(ctx && search);
-    const qm_hausdorff_share *share = search->options->share;
-    if (!share) return QM_OK;
-    if (!(share->known_lower >= 0.0) || isinf(share->known_lower))
+    const qm_hausdorff_parts *parts = search->options->parts;
+    if (!parts) return QM_OK;
+    if (!(parts->known_lower >= 0.0) || isinf(parts->known_lower))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "known lower bound must be 0 or more, got %g",
-                               share->known_lower);
+                               parts->known_lower);
     qm_status status = QM_OK;
-    for (size_t i = 0; share->parts && i < share->part_count && status == QM_OK; i++)
-        status = check_part(ctx, search, &share->parts[i], i);
+    for (size_t i = 0; parts->begin && i < parts->count && status == QM_OK; i++)
+        status = check_part(ctx, search, &parts->begin[i], i);
     return status;
 }
 
 void qm_parts_queue(qm_search *search)
 {
-    QM_ASSERT(search && search->options->share && search->options->share->parts);
-    const qm_hausdorff_share *share = search->options->share;
-    for (size_t i = 0; i < share->part_count; i++) {
-        const qm_hausdorff_part *part = &share->parts[i];
+    QM_ASSERT(search && search->options->parts && search->options->parts->begin);
+    const qm_hausdorff_parts *parts = search->options->parts;
+    for (size_t i = 0; i < parts->count; i++) {
+        const qm_hausdorff_part *part = &parts->begin[i];
         qm_entry entry = {
             .upper = part->upper,
             .index = part->index,
@@ -60,8 +60,8 @@ void qm_parts_queue(qm_search *search)
 void qm_parts_give_rest(const qm_search *search)
 {
     QM_ASSERT(search);
-    const qm_hausdorff_share *share = search->options->share;
-    if (!share || !share->rest) return;
+    const qm_hausdorff_parts *parts = search->options->parts;
+    if (!parts || !parts->rest) return;
     for (int i = 0; i < search->worker_count; i++) {
         const qm_queue *queue = &search->workers[i].queue;
         for (size_t k = 0; k < queue->count; k++) {
@@ -74,7 +74,7 @@ void qm_parts_give_rest(const qm_search *search)
                 .side = entry->side,
                 .level = is_piece ? 0 : entry->level,
             };
-            share->rest(share->user, &part);
+            parts->rest(parts->user, &part);
         }
     }
 }

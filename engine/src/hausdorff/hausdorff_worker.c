@@ -197,9 +197,9 @@ static void report(qm_search *search, double now, double upper)
  * elsewhere. */
 static void exchange(qm_worker *worker)
 {
-    const qm_hausdorff_share *share = worker->search->options->share;
-    if (share && share->exchange)
-        qm_search_raise_lower(worker->search, share->exchange(share->user, worker->witness));
+    const qm_hausdorff_parts *parts = worker->search->options->parts;
+    if (parts && parts->exchange)
+        qm_search_raise_lower(worker->search, parts->exchange(parts->user, worker->witness));
 }
 
 /** Adds this worker's counts to the search's, reports progress and checks the limits; one worker at a
