@@ -241,12 +241,16 @@ static bool refine(const qm_piece_work *work, const qm_polygon *polygon, qm_refi
 static bool cover_polygon(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
 {
     qm_refined refined;
-    bool is_part = work->depth > 0, is_cut = false;
-    if (!is_part && work->kernel->cover(&work->candidates, polygon, moved)) return true;
-    bool is_refined = refine(work, polygon, &refined);
-    if (is_part ? cover_with(work, is_refined ? &refined : NULL, polygon, &is_cut)
-                : is_refined && cover_by_refined(work, &refined, polygon, &is_cut))
-        return true;
+    bool is_refined, is_covered, is_cut = false;
+    if (work->depth > 0) {
+        is_refined = refine(work, polygon, &refined);
+        is_covered = cover_with(work, is_refined ? &refined : NULL, polygon, &is_cut);
+    } else {
+        if (work->kernel->cover(&work->candidates, polygon, moved)) return true;
+        is_refined = refine(work, polygon, &refined);
+        is_covered = is_refined && cover_by_refined(work, &refined, polygon, &is_cut);
+    }
+    if (is_covered) return true;
     *moved |= is_cut;
     return is_refined && is_cut && refine(work, polygon, &refined) &&
            cover_by_refined(work, &refined, polygon, moved);
