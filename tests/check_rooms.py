@@ -29,7 +29,7 @@ ROOMS = {
     'server/base': '',
     'server/format': 'base',
     'server/ops': 'base format',
-    'server/store': 'base',
+    'server/store': 'base ops',
     'server/mesh': 'base ops store',
     'server/layout': 'base format ops store mesh',
     'server/job': 'base ops store mesh layout',

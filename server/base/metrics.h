@@ -23,7 +23,10 @@
     XX(CACHED_ANSWERS, "cached_answers_total", "Jobs that were answered from an earlier one.")               \
     XX(BATCH_LINES, "batch_lines_total", "Lines of batches that were read.")                                 \
     XX(REFUSED_TOKENS, "refused_tokens_total", "Requests without a token that allows them.")                 \
-    XX(SLOW_CLIENTS, "slow_clients_total", "Connections closed as they kept the daemon waiting.")
+    XX(SLOW_CLIENTS, "slow_clients_total", "Connections closed as they kept the daemon waiting.")            \
+    XX(BLOB_BYTES_FETCHED, "blob_bytes_fetched_total", "Bytes of blobs copied from the shared store.")       \
+    XX(LEASES_LOST, "leases_lost_total", "Jobs that another node took over.")                                \
+    XX(JOBS_CLAIMED, "jobs_claimed_total", "Jobs taken from the queue of the shared store.")
 
 typedef enum qm_metrics_counter {
 #define XX(suffix, name, help) QM_METRICS_##suffix,

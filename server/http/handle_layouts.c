@@ -8,6 +8,7 @@
 #include "ops/json_layout.h"
 #include "ops/json_out.h"
 #include "qm/layout_edit.h"
+#include "store/store_problem.h"
 
 #define SNAP_SHARE 0.01 /* of the diagonal: snap radius unless the request has one */
 
@@ -65,10 +66,10 @@ static bool session_take_mesh(layout_session *s, qm_problem *problem)
 static bool find_layout(qm_request *request, qm_store_layout *out, qm_problem *problem)
 {
     const char *id = qm_request_id(request);
-    qm_status status = qm_store_find_layout(qm_request_app(request)->store, id, out);
-    if (status != QM_OK)
-        *problem = qm_problem_from_store(status, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout %s", id);
-    return status == QM_OK;
+    qm_stored stored = qm_store_find_layout(qm_request_app(request)->store, id, out);
+    if (stored != QM_STORED)
+        *problem = qm_store_read_problem(stored, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout %s", id);
+    return stored == QM_STORED;
 }
 
 /** Opens a session on the layout that the path names. False with a problem. */
@@ -170,15 +171,15 @@ static void session_finish(qm_request *request, layout_session *s, const char *m
     next.issues = issues;
     next.is_complete = s->issues.count == 0;
     next.next_curve = s->layout.next_id;
-    status = written ? qm_store_edit_layout(s->app->store, &next) : QM_E_NO_MEMORY;
-    if (status == QM_OK) {
+    qm_stored stored = written ? qm_store_edit_layout(s->app->store, &next) : QM_STORED_NO_MEMORY;
+    if (stored == QM_STORED) {
         next.latest = ++next.revision;
         qm_reply_header(request, "Location", "/v1/layouts/%s", next.id);
         reply_layout(request, 200, &next, members);
     } else {
-        problem = status == QM_E_CANCELED
+        problem = stored == QM_STORED_LATE
                       ? qm_problem_make(QM_PROBLEM_CONFLICT, "another client has edited the layout")
-                      : qm_problem_from_write(status, "the layout");
+                      : qm_store_write_problem(stored, "the layout");
         qm_reply_problem(request, &problem);
     }
     free(layout);
@@ -201,9 +202,9 @@ static bool store_new(layout_session *s, const qm_store_idempotency *idempotency
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the layout");
         return false;
     }
-    qm_status status = qm_store_put_layout(s->app->store, &s->row, idempotency);
-    if (status != QM_OK) *problem = qm_problem_from_write(status, "the layout");
-    return status == QM_OK;
+    qm_stored stored = qm_store_put_layout(s->app->store, &s->row, idempotency);
+    if (stored != QM_STORED) *problem = qm_store_write_problem(stored, "the layout");
+    return stored == QM_STORED;
 }
 
 /** Patches that the request names stay as they are; else they are found. */
@@ -227,13 +228,13 @@ static bool reply_again(qm_request *request, const qm_store_idempotency *idempot
         qm_handlers_check_idempotency(request, idempotency, qm_store_find_layout_by_idempotency_key, id);
     if (outcome != QM_IDEMPOTENCY_MADE) return outcome == QM_IDEMPOTENCY_REFUSED;
     qm_store_layout row;
-    qm_status status = qm_store_find_layout(qm_request_app(request)->store, id, &row);
-    if (status == QM_OK) {
+    qm_stored stored = qm_store_find_layout(qm_request_app(request)->store, id, &row);
+    if (stored == QM_STORED) {
         qm_reply_header(request, "Location", "/v1/layouts/%s", row.id);
         reply_layout(request, 201, &row, NULL);
         qm_store_layout_reset(&row);
     } else {
-        qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout %s", id);
+        qm_problem problem = qm_store_read_problem(stored, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout %s", id);
         qm_reply_problem(request, &problem);
     }
     return true;
@@ -268,12 +269,12 @@ void qm_handle_layout_list(qm_request *request)
     qm_store_layout *rows = calloc(asked.limit, sizeof *rows);
     size_t count = 0;
     qm_store *store = qm_request_app(request)->store;
-    qm_status status =
+    qm_stored stored =
         rows ? qm_store_list_layouts(store, &asked, qm_request_query(request, "mesh"), rows, &count)
-             : QM_E_NO_MEMORY;
-    if (status != QM_OK) {
+             : QM_STORED_NO_MEMORY;
+    if (stored != QM_STORED) {
         free(rows);
-        qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "layouts");
+        qm_problem problem = qm_store_read_problem(stored, QM_PROBLEM_INTERNAL, "layouts");
         qm_reply_problem(request, &problem);
         return;
     }
@@ -308,12 +309,12 @@ void qm_handle_layout_get(qm_request *request)
 void qm_handle_layout_delete(qm_request *request)
 {
     const char *id = qm_request_id(request);
-    qm_status status = qm_store_delete_layout(qm_request_app(request)->store, id);
-    if (status == QM_OK) {
+    qm_stored stored = qm_store_delete_layout(qm_request_app(request)->store, id);
+    if (stored == QM_STORED) {
         qm_reply_empty(request, 204);
         return;
     }
-    qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout %s", id);
+    qm_problem problem = qm_store_read_problem(stored, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout %s", id);
     qm_reply_problem(request, &problem);
 }
 
@@ -328,14 +329,15 @@ static void step_revision(qm_request *request, int step)
         return;
     }
     int64_t to = row.revision + step;
-    qm_status status = to < row.first || to > row.latest
-                           ? QM_E_ARGUMENT
-                           : qm_store_move_layout(app->store, row.id, row.revision, to);
+    bool is_kept = row.first <= to && to <= row.latest;
+    qm_stored stored = is_kept ? qm_store_move_layout(app->store, row.id, row.revision, to) : QM_STORED_NONE;
     qm_store_layout_reset(&row);
-    if (status == QM_E_CANCELED)
-        problem = qm_problem_make(QM_PROBLEM_CONFLICT, "another client has edited the layout");
-    else if (status != QM_OK)
+    if (!is_kept)
         problem = qm_problem_make(QM_PROBLEM_CONFLICT, "there is nothing to %s", step < 0 ? "undo" : "redo");
+    else if (stored == QM_STORED_LATE)
+        problem = qm_problem_make(QM_PROBLEM_CONFLICT, "another client has edited the layout");
+    else if (stored != QM_STORED)
+        problem = qm_store_write_problem(stored, "the layout");
     else if (find_layout(request, &row, &problem)) {
         reply_layout(request, 200, &row, NULL);
         qm_store_layout_reset(&row);

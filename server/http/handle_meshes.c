@@ -12,6 +12,7 @@
 #include "media.h"
 #include "mesh/etag.h"
 #include "ops/projections.h"
+#include "store/store_problem.h"
 
 #define NAME_SIZE 200
 
@@ -154,11 +155,11 @@ void qm_handle_mesh_list(qm_request *request)
                                          qm_request_query(request, "content_hash")};
     qm_store_mesh *rows = calloc(asked.limit, sizeof *rows);
     size_t count = 0;
-    qm_status status =
-        rows ? qm_store_list_meshes(app->store, &asked, &filter, rows, &count) : QM_E_NO_MEMORY;
-    if (status != QM_OK) {
+    qm_stored stored =
+        rows ? qm_store_list_meshes(app->store, &asked, &filter, rows, &count) : QM_STORED_NO_MEMORY;
+    if (stored != QM_STORED) {
         free(rows);
-        qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "meshes");
+        qm_problem problem = qm_store_read_problem(stored, QM_PROBLEM_INTERNAL, "meshes");
         qm_reply_problem(request, &problem);
         return;
     }

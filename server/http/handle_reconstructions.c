@@ -8,13 +8,14 @@
 #include "base/json.h"
 #include "handlers.h"
 #include "ops/json_layout.h"
+#include "store/store_problem.h"
 
 static bool find_row(qm_request *request, const char *id, qm_store_reconstruction *out)
 {
-    qm_status status = qm_store_find_reconstruction(qm_request_app(request)->store, id, out);
-    if (status == QM_OK) return true;
+    qm_stored stored = qm_store_find_reconstruction(qm_request_app(request)->store, id, out);
+    if (stored == QM_STORED) return true;
     qm_problem problem =
-        qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
+        qm_store_read_problem(stored, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
     qm_reply_problem(request, &problem);
     return false;
 }
@@ -45,10 +46,10 @@ static void reply_row(qm_request *request, int status, const qm_store_reconstruc
 /** Reads the current revision of a layout; false with a problem. */
 static bool take_layout(qm_app *app, const char *id, qm_store_layout *out, qm_problem *problem)
 {
-    qm_status status = qm_store_find_layout(app->store, id, out);
-    if (status == QM_OK) return true;
-    *problem = qm_problem_from_store(status, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout with the id in `layout`");
-    if (status == QM_E_EMPTY) qm_problem_add_pointer(problem, "/layout", "no such layout");
+    qm_stored stored = qm_store_find_layout(app->store, id, out);
+    if (stored == QM_STORED) return true;
+    *problem = qm_store_read_problem(stored, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout with the id in `layout`");
+    if (stored == QM_STORED_NONE) qm_problem_add_pointer(problem, "/layout", "no such layout");
     return false;
 }
 
@@ -104,12 +105,12 @@ void qm_handle_reconstruction_list(qm_request *request)
     qm_store_reconstruction *rows = calloc(asked.limit, sizeof *rows);
     qm_store *store = qm_request_app(request)->store;
     size_t count = 0;
-    qm_status status =
+    qm_stored stored =
         rows ? qm_store_list_reconstructions(store, &asked, qm_request_query(request, "mesh"), rows, &count)
-             : QM_E_NO_MEMORY;
-    if (status != QM_OK) {
+             : QM_STORED_NO_MEMORY;
+    if (stored != QM_STORED) {
         free(rows);
-        qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "reconstructions");
+        qm_problem problem = qm_store_read_problem(stored, QM_PROBLEM_INTERNAL, "reconstructions");
         qm_reply_problem(request, &problem);
         return;
     }
@@ -138,13 +139,13 @@ void qm_handle_reconstruction_get(qm_request *request)
 void qm_handle_reconstruction_delete(qm_request *request)
 {
     const char *id = qm_request_id(request);
-    qm_status status = qm_reconstructions_delete(qm_request_app(request)->reconstructions, id);
-    if (status == QM_OK) {
+    qm_stored stored = qm_reconstructions_delete(qm_request_app(request)->reconstructions, id);
+    if (stored == QM_STORED) {
         qm_reply_empty(request, 204);
         return;
     }
     qm_problem problem =
-        qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
+        qm_store_read_problem(stored, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
     qm_reply_problem(request, &problem);
 }
 

@@ -9,6 +9,7 @@
 #include "base/id.h"
 #include "handlers.h"
 #include "mesh/etag.h"
+#include "store/store_problem.h"
 
 #define MAX_KEY_LENGTH 255
 #define DEFAULT_LIMIT 100
@@ -19,9 +20,9 @@
 bool qm_handlers_find_mesh(qm_request *request, qm_store_mesh *out)
 {
     const char *id = qm_request_id(request);
-    qm_status status = qm_store_find_mesh(qm_request_app(request)->store, id, out);
-    if (status == QM_OK) return true;
-    qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
+    qm_stored stored = qm_store_find_mesh(qm_request_app(request)->store, id, out);
+    if (stored == QM_STORED) return true;
+    qm_problem problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
     qm_reply_problem(request, &problem);
     return false;
 }
@@ -106,12 +107,12 @@ qm_idempotency qm_handlers_check_idempotency(qm_request *request, const qm_store
 {
     qm_store_idempotency_record made;
     qm_problem problem;
-    qm_status status =
-        idempotency->key ? find(qm_request_app(request)->store, idempotency->key, &made) : QM_E_EMPTY;
-    if (status == QM_E_EMPTY) return QM_IDEMPOTENCY_NEW;
-    if (status != QM_OK) {
+    qm_stored stored =
+        idempotency->key ? find(qm_request_app(request)->store, idempotency->key, &made) : QM_STORED_NONE;
+    if (stored == QM_STORED_NONE) return QM_IDEMPOTENCY_NEW;
+    if (stored != QM_STORED) {
         problem =
-            qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "the requests with this Idempotency-Key");
+            qm_store_read_problem(stored, QM_PROBLEM_INTERNAL, "the requests with this Idempotency-Key");
     } else if (strcmp(made.request, idempotency->request) != 0) {
         problem = qm_problem_make(QM_PROBLEM_IDEMPOTENCY_MISMATCH,
                                   "the Idempotency-Key was used for a different request");

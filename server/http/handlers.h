@@ -86,7 +86,7 @@ typedef enum qm_idempotency {
     QM_IDEMPOTENCY_MADE,   /* it has created the resource of this id */
     QM_IDEMPOTENCY_REFUSED /* replied with a problem: the key belongs to another request */
 } qm_idempotency;
-typedef qm_status qm_find_idempotency_record(qm_store *store, const char *key,
+typedef qm_stored qm_find_idempotency_record(qm_store *store, const char *key,
                                              qm_store_idempotency_record *out);
 qm_idempotency qm_handlers_check_idempotency(qm_request *request, const qm_store_idempotency *idempotency,
                                              qm_find_idempotency_record *find, char id[QM_ID_SIZE]);

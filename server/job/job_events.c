@@ -17,6 +17,7 @@
 #include <string.h>
 
 #include "job_internal.h"
+#include "store/store_problem.h"
 
 #define SEQS_OF_A_RUN 1000000000u /* more events than any run has, few enough for exact doubles */
 
@@ -24,6 +25,7 @@
 
 void qm_job_set_restarts(qm_job *job, int64_t restarts)
 {
+    job->restarts = restarts;
     job->seq_base = SEQS_OF_A_RUN * (uint64_t)restarts;
 }
 
@@ -98,20 +100,20 @@ static bool restore_event(void *user, const qm_store_event *event)
     return append_event(user, event->seq, event->name, event->members);
 }
 
-qm_status qm_job_restore_events(qm_job *job)
+qm_stored qm_job_restore_events(qm_job *job)
 {
-    qm_status status = qm_store_read_events(job->jobs->store, job->id, restore_event, job);
+    qm_stored stored = qm_store_read_events(job->jobs->store, job->id, last_seq(job), restore_event, job);
     job->saved_count = job->event_count;
-    return status;
+    return stored;
 }
 
 bool qm_job_fetch_events(qm_job *job, qm_problem *problem)
 {
     if (!job->is_from_row || job->event_count > 0) return true;
-    qm_status status = qm_job_restore_events(job);
-    if (status != QM_OK)
-        *problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "events of job %s", job->id);
-    return status == QM_OK;
+    qm_stored stored = qm_job_restore_events(job);
+    if (stored != QM_STORED)
+        *problem = qm_store_read_problem(stored, QM_PROBLEM_INTERNAL, "events of job %s", job->id);
+    return stored == QM_STORED;
 }
 
 /** A job with events that are about to be stored. */
@@ -139,7 +141,12 @@ static size_t gather(qm_jobs *jobs, unsaved_job *found, size_t *event_count)
 void qm_job_events_save(qm_jobs *jobs)
 {
     unsaved_job *found = calloc(QM_JOBS_BEGUN, sizeof *found);
-    if (!found) return;
+    qm_store_run *runs = calloc(QM_JOBS_BEGUN, sizeof *runs);
+    if (!found || !runs) {
+        free(found);
+        free(runs);
+        return;
+    }
     uv_mutex_lock(&jobs->saving);
 
     uv_mutex_lock(&jobs->lock);
@@ -147,6 +154,7 @@ void qm_job_events_save(qm_jobs *jobs)
     size_t count = gather(jobs, found, &event_count);
     qm_store_event *events = count > 0 ? calloc(event_count, sizeof *events) : NULL;
     for (size_t i = 0; events && i < count; i++) {
+        runs[i] = (qm_store_run){.job = found[i].job->id, .restarts = found[i].job->restarts};
         qm_job_list_unsaved(found[i].job, found[i].end, events + listed);
         listed += found[i].end - found[i].job->saved_count;
     }
@@ -154,16 +162,18 @@ void qm_job_events_save(qm_jobs *jobs)
     uv_mutex_unlock(&jobs->lock);
 
     /* After a fault they are saved another time. */
-    bool stored = events && qm_store_append_events(jobs->store, events, event_count) == QM_OK;
+    bool is_stored =
+        events && qm_store_append_events(jobs->store, runs, count, events, event_count) == QM_STORED;
     uv_mutex_lock(&jobs->lock);
     for (size_t i = 0; i < count; i++) {
-        if (stored) found[i].job->saved_count = found[i].end;
+        if (is_stored) found[i].job->saved_count = found[i].end;
         qm_job_drop_reference(found[i].job);
     }
     uv_mutex_unlock(&jobs->lock);
 
     uv_mutex_unlock(&jobs->saving);
     free(events);
+    free(runs);
     free(found);
 }
 

@@ -59,7 +59,8 @@ struct qm_job {
     bool is_loading;    /* its meshes are being read, which cannot be stopped: who clears this ends the job */
     qm_job *next_expired;  /* in a list of qm_job_events_tick */
     bool interrupted;      /* by the end of the daemon: it will run again */
-    uint64_t seq_base;     /* events up to this number belong to interrupted runs */
+    int64_t restarts;      /* interrupted runs so far */
+    uint64_t seq_base;     /* events up to this number belong to them */
     qm_job_event **events; /* by seq */
     size_t event_count, event_capacity;
     size_t saved_count;    /* the first ones, which the store has */
@@ -180,7 +181,7 @@ uint64_t qm_job_next_seq(const qm_job *job);
 void qm_job_list_unsaved(const qm_job *job, size_t end, qm_store_event *out);
 
 /** Reads the stored events of a job back. After an error the job has those that could be read. */
-qm_status qm_job_restore_events(qm_job *job);
+qm_stored qm_job_restore_events(qm_job *job);
 
 /** Sets where events are numbered from: each run has numbers of its own, so that a client which has read
  * events of one run continues with the next. */
@@ -209,9 +210,9 @@ typedef struct qm_job_end {
     bool is_stored;
 } qm_job_end;
 
-/** Stores the end of a job with a result and an effect or NULL, all or nothing. With a status other than QM_OK there
- * is no end. */
-qm_status qm_job_store_end(qm_job *job, qm_job_state state, const qm_job_result *result,
+/** Stores the end of a job with a result and an effect or NULL, all or nothing. Unless it is QM_STORED there is no
+ * end. */
+qm_stored qm_job_store_end(qm_job *job, qm_job_state state, const qm_job_result *result,
                            const qm_store_effect *effect, qm_job_end *end);
 /** Ends the job, notifies its subscribers, and frees end. */
 void qm_job_announce_end(qm_job *job, qm_job_end *end);

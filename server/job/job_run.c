@@ -13,6 +13,7 @@
 #include "job_internal.h"
 #include "ops/json_out.h"
 #include "store/result_file.h"
+#include "store/store_problem.h"
 
 #define MS_PER_S 1e3
 
@@ -37,6 +38,7 @@ static bool make_end(qm_job *job, const qm_job_outcome *outcome, char *object, q
     qm_text_add_string(&text, outcome->object);
     *end = (qm_job_end){.outcome = *outcome, .object = object, .event = qm_text_take(&text)};
     end->row.state = outcome->state;
+    end->row.restarts = job->restarts;
     end->row.result = has_result(outcome) ? strdup(outcome->object) : NULL;
     memcpy(end->row.id, job->id, sizeof end->row.id);
     uv_mutex_lock(&job->jobs->lock);
@@ -47,7 +49,7 @@ static bool make_end(qm_job *job, const qm_job_outcome *outcome, char *object, q
 }
 
 /** Stores the end of a job with the events that the store lacks, and a last one. */
-static qm_status store_end(qm_job *job, const qm_job_end *end, const qm_store_effect *effect)
+static qm_stored store_end(qm_job *job, const qm_job_end *end, const qm_store_effect *effect)
 {
     qm_jobs *jobs = job->jobs;
     uv_mutex_lock(&jobs->lock);
@@ -59,11 +61,11 @@ static qm_status store_end(qm_job *job, const qm_job_end *end, const qm_store_ef
             (qm_store_event){job->id, qm_job_next_seq(job), last_event_name(&end->outcome), end->event};
     }
     uv_mutex_unlock(&jobs->lock);
-    qm_status status =
+    qm_stored stored =
         events ? qm_store_finish_job(jobs->store, &end->row, job->revisions, events, count + 1, effect)
-               : QM_E_NO_MEMORY;
+               : QM_STORED_NO_MEMORY;
     free(events);
-    return status;
+    return stored;
 }
 
 static void finish(qm_job *job, const qm_job_outcome *outcome);
@@ -148,14 +150,14 @@ static void finish(qm_job *job, const qm_job_outcome *outcome)
 {
     qm_job_end end = {.outcome = *outcome};
     if (!job->on_end) {
-        end.is_stored = make_end(job, outcome, NULL, &end) && store_end(job, &end, NULL) == QM_OK;
+        end.is_stored = make_end(job, outcome, NULL, &end) && store_end(job, &end, NULL) == QM_STORED;
         if (!end.is_stored)
             qm_log(QM_LOG_ERROR, "the end of job %s could not be stored: it is kept in memory", job->id);
     }
     qm_job_announce_end(job, &end);
 }
 
-qm_status qm_job_store_end(qm_job *job, qm_job_state state, const qm_job_result *result,
+qm_stored qm_job_store_end(qm_job *job, qm_job_state state, const qm_job_result *result,
                            const qm_store_effect *effect, qm_job_end *end)
 {
     qm_text text = {0};
@@ -163,19 +165,19 @@ qm_status qm_job_store_end(qm_job *job, qm_job_state state, const qm_job_result 
     char *object = qm_text_take(&text);
     const qm_job_outcome outcome = {state, "result", object ? object : "null"};
     *end = (qm_job_end){.outcome = outcome, .object = object};
-    qm_status status =
-        !object || (!job->on_end && !make_end(job, &outcome, object, end)) ? QM_E_NO_MEMORY : QM_OK;
-    if (status == QM_OK && !job->on_end)
-        status = store_end(job, end, effect);
-    else if (status == QM_OK && effect)
-        status = qm_store_update_reconstruction(job->jobs->store, effect);
-    end->is_stored = status == QM_OK;
-    if (status == QM_OK) return QM_OK;
+    qm_stored stored =
+        !object || (!job->on_end && !make_end(job, &outcome, object, end)) ? QM_STORED_NO_MEMORY : QM_STORED;
+    if (stored == QM_STORED && !job->on_end)
+        stored = store_end(job, end, effect);
+    else if (stored == QM_STORED && effect)
+        stored = qm_store_update_reconstruction(job->jobs->store, effect);
+    end->is_stored = stored == QM_STORED;
+    if (stored == QM_STORED) return stored;
     free(end->object);
     free(end->event);
     free(end->row.document);
     free(end->row.result);
-    return status;
+    return stored;
 }
 
 void qm_job_finish_with_problem(qm_job *job, qm_job_state state, const qm_problem *problem)
@@ -301,16 +303,16 @@ static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, uint64_
                        qm_problem *problem)
 {
     qm_store_mesh row;
-    qm_status status = qm_store_find_mesh(jobs->store, id, &row);
-    if (status == QM_OK) {
+    qm_stored stored = qm_store_find_mesh(jobs->store, id, &row);
+    if (stored == QM_STORED) {
         *revision = row.revision;
         qm_store_mesh_reset(&row);
         return true;
     }
     char pointer[32];
     snprintf(pointer, sizeof pointer, "/%s", field);
-    *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh with the id in `%s`", field);
-    if (status == QM_E_EMPTY) qm_problem_add_pointer(problem, pointer, "no such mesh");
+    *problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh with the id in `%s`", field);
+    if (stored == QM_STORED_NONE) qm_problem_add_pointer(problem, pointer, "no such mesh");
     return false;
 }
 
@@ -442,7 +444,7 @@ void qm_job_run(void *data)
 {
     qm_job *job = data;
     qm_jobs *jobs = job->jobs;
-    if (job->seq_base > 0 && qm_store_begin_job(jobs->store, job->id) != QM_OK)
+    if (job->seq_base > 0 && qm_store_begin_job(jobs->store, job->id) != QM_STORED)
         qm_log(QM_LOG_ERROR, "the run of job %s could not be counted", job->id);
     if (start(job)) {
         qm_job_expiry expiry = qm_job_get_expiry(job);

@@ -9,6 +9,7 @@
 #include "base/host.h"
 #include "job_internal.h"
 #include "ops/json_out.h"
+#include "store/store_problem.h"
 
 /** Collects the records of the steps. */
 typedef struct step_log {
@@ -57,7 +58,7 @@ typedef struct commit_task {
 } commit_task;
 
 /** Stores the end of the job with its effect. */
-static qm_status store_steps(void *user, const char *mesh, const qm_store_effect *effect)
+static qm_stored store_steps(void *user, const char *mesh, const qm_store_effect *effect)
 {
     const commit_task *task = user;
     qm_job_result *result = &task->end->result;
@@ -145,14 +146,15 @@ static bool check_reconstruction(qm_jobs *jobs, const qm_job_request *request,
 {
     qm_store_reconstruction row;
     revisions[0] = '\0';
-    qm_status status = qm_store_find_reconstruction(jobs->store, request->a, &row);
-    if (status == QM_OK) {
+    qm_stored stored = qm_store_find_reconstruction(jobs->store, request->a, &row);
+    if (stored == QM_STORED) {
         qm_store_reconstruction_reset(&row);
         return true;
     }
-    *problem = qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND,
+    *problem = qm_store_read_problem(stored, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND,
                                      "reconstruction with the id in `reconstruction`");
-    if (status == QM_E_EMPTY) qm_problem_add_pointer(problem, "/reconstruction", "no such reconstruction");
+    if (stored == QM_STORED_NONE)
+        qm_problem_add_pointer(problem, "/reconstruction", "no such reconstruction");
     return false;
 }
 

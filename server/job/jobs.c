@@ -11,6 +11,7 @@
 #include "job_internal.h"
 #include "json_in.h"
 #include "ops/json_out.h"
+#include "store/store_problem.h"
 
 #define JOB_NICENESS 5
 #define DRAIN_STEP_MS 10
@@ -173,9 +174,9 @@ qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem)
     qm_store_job row;
     qm_job *job = find_listed(jobs, id);
     if (job) return job;
-    qm_status status = qm_store_find_job(jobs->store, id, &row);
-    if (status != QM_OK) {
-        *problem = qm_problem_from_store(status, QM_PROBLEM_JOB_NOT_FOUND, "job %s", id);
+    qm_stored stored = qm_store_find_job(jobs->store, id, &row);
+    if (stored != QM_STORED) {
+        *problem = qm_store_read_problem(stored, QM_PROBLEM_JOB_NOT_FOUND, "job %s", id);
         return NULL;
     }
     /* A row without a document was inserted after the first search: its job has been listed since. */
@@ -189,11 +190,11 @@ static qm_job *find_by_idempotency_key(qm_jobs *jobs, const char *key, const cha
                                        qm_problem *problem)
 {
     qm_store_job row;
-    qm_status status = qm_store_find_job_by_idempotency_key(jobs->store, key, &row);
-    if (status != QM_OK) {
-        if (status != QM_E_EMPTY)
+    qm_stored stored = qm_store_find_job_by_idempotency_key(jobs->store, key, &row);
+    if (stored != QM_STORED) {
+        if (stored != QM_STORED_NONE)
             *problem =
-                qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "the jobs with this Idempotency-Key");
+                qm_store_read_problem(stored, QM_PROBLEM_INTERNAL, "the jobs with this Idempotency-Key");
         return NULL;
     }
     qm_job *job = NULL;
@@ -209,7 +210,8 @@ static qm_job *find_by_idempotency_key(qm_jobs *jobs, const char *key, const cha
 qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions)
 {
     qm_store_job row;
-    if (qm_store_find_job_by_key(jobs->store, key, revisions, QM_JOB_SUCCEEDED, &row) != QM_OK) return NULL;
+    if (qm_store_find_job_by_key(jobs->store, key, revisions, QM_JOB_SUCCEEDED, &row) != QM_STORED)
+        return NULL;
     qm_job *job = job_from_row(jobs, &row);
     qm_store_job_reset(&row);
     return job;
@@ -275,17 +277,17 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, co
                         .created = job->created,
                         .state = QM_JOB_QUEUED};
     memcpy(row.id, job->id, sizeof row.id);
-    qm_status status = qm_store_submit_job(jobs->store, &row);
-    bool stored = status == QM_OK;
+    qm_stored stored = qm_store_submit_job(jobs->store, &(qm_store_submission){.job = &row});
+    bool is_stored = stored == QM_STORED;
     bool may_follow = submission->use_cache && qm_job_type_of(job->request.kind)->is_pure;
-    if (stored && ((may_follow && follow(jobs, job)) || qm_job_enqueue(jobs, job))) return job;
-    if (stored) qm_store_delete_job(jobs->store, job->id);
+    if (is_stored && ((may_follow && follow(jobs, job)) || qm_job_enqueue(jobs, job))) return job;
+    if (is_stored) qm_store_delete_job(jobs->store, job->id);
     qm_job_withdraw(jobs, job);
     qm_job *same = NULL; /* of a submission with the same idempotency key that was stored first */
-    if (status == QM_E_CANCELED)
+    if (stored == QM_STORED_TAKEN)
         same = find_by_idempotency_key(jobs, submission->idempotency_key, job->key, problem);
     else
-        *problem = qm_problem_from_write(status, "the job");
+        *problem = qm_store_write_problem(is_stored ? QM_STORED_FAULT : stored, "the job");
     qm_jobs_release(jobs, job);
     return same;
 }
@@ -421,14 +423,14 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
     snprintf(job->created, sizeof job->created, "%s", row->created);
     qm_job_set_restarts(job, row->restarts);
     job->is_kept = true; /* its streams ended with the daemon: no client owns it */
-    if (qm_job_restore_events(job) != QM_OK)
+    if (qm_job_restore_events(job) != QM_STORED)
         qm_log(QM_LOG_ERROR, "the events of job %s so far cannot be read", job->id);
     qm_job_enlist(jobs, job);
     uv_mutex_lock(&jobs->lock);
     qm_job_add_event(job, "server_restart",
                      "\"detail\":\"the daemon was restarted; the job runs again from its beginning\"");
     uv_mutex_unlock(&jobs->lock);
-    bool is_given_up = readable && row->begun + 1 >= MAX_STARTS;
+    bool is_given_up = readable && row->deaths + 1 >= MAX_STARTS;
     if (is_given_up)
         problem = qm_problem_make(QM_PROBLEM_INTERNAL,
                                   "the daemon was killed %d times while the job ran: it is not started again",
@@ -448,23 +450,17 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
 static void resume_unfinished(qm_jobs *jobs)
 {
     qm_store_job rows[RESUME_STEP];
-    qm_store_page page = {.limit = RESUME_STEP};
-    const qm_job_state unfinished = QM_JOB_QUEUED;
-    const qm_store_job_filter filter = {.state = &unfinished};
+    const qm_store_wish wish = {.free = RESUME_STEP};
     size_t total = 0, count;
-    qm_status status;
-    if (qm_store_claim_jobs(jobs->store) != QM_OK)
-        qm_log(QM_LOG_ERROR,
-               "the jobs that run again could not be counted: their events may have old numbers");
-    while ((status = qm_store_list_jobs(jobs->store, &page, &filter, rows, &count)) == QM_OK && count > 0) {
-        page.after = rows[count - 1].sequence;
+    qm_stored stored;
+    while ((stored = qm_store_claim_jobs(jobs->store, &wish, rows, &count)) == QM_STORED && count > 0) {
         for (size_t i = 0; i < count; i++) {
             resume_row(jobs, &rows[i]);
             qm_store_job_reset(&rows[i]);
         }
         total += count;
     }
-    if (status != QM_OK)
+    if (stored != QM_STORED)
         qm_log(QM_LOG_ERROR, "there may be more unfinished jobs: the next start looks for them");
     if (total > 0) qm_log(QM_LOG_INFO, "%zu unfinished jobs queued again", total);
 }
@@ -507,7 +503,7 @@ void qm_jobs_drain(qm_jobs *jobs)
     uv_mutex_unlock(&jobs->lock);
     qm_scheduler_close(jobs->scheduler);
     qm_job_events_save(jobs);
-    if (qm_store_leave_jobs(jobs->store) != QM_OK)
+    if (qm_store_leave_jobs(jobs->store) != QM_STORED)
         qm_log(QM_LOG_ERROR, "the end could not be noted: it counts as a kill for the jobs that run");
 }
 

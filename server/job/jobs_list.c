@@ -9,6 +9,7 @@
 #include "job_internal.h"
 #include "ops/json_out.h"
 #include "store/result_file.h"
+#include "store/store_problem.h"
 
 #define DROP_STEP 64
 #define LIST_STEP 8              /* documents that are in memory twice: they may be large */
@@ -146,7 +147,7 @@ static bool list_step(qm_jobs *jobs, job_page *page)
     QM_ASSERT(page->rest > 0);
     qm_store_job rows[LIST_STEP];
     size_t count;
-    if (qm_store_list_jobs(jobs->store, &page->rows, page->filter, rows, &count) != QM_OK)
+    if (qm_store_list_jobs(jobs->store, &page->rows, page->filter, rows, &count) != QM_STORED)
         page->out->failed = true;
     for (size_t i = 0; i < count; i++) {
         if (has_room_for_more(page)) {
@@ -175,7 +176,8 @@ bool qm_jobs_list(qm_jobs *jobs, qm_store_page page, const qm_store_job_filter *
     qm_store_job following;
     size_t count;
     work.rows.limit = 1;
-    if (qm_store_list_jobs(jobs->store, &work.rows, filter, &following, &count) != QM_OK) out->failed = true;
+    if (qm_store_list_jobs(jobs->store, &work.rows, filter, &following, &count) != QM_STORED)
+        out->failed = true;
     bool is_last = count == 0;
     if (!is_last) qm_store_job_reset(&following);
     *next = is_last ? 0 : work.rows.after;
@@ -191,9 +193,9 @@ bool qm_jobs_remove(qm_jobs *jobs, qm_job *job, qm_problem *problem)
         *problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job has not ended");
         return false;
     }
-    qm_status status = qm_store_delete_job(jobs->store, job->id);
-    if (status != QM_OK) {
-        *problem = qm_problem_from_store(status, QM_PROBLEM_JOB_NOT_FOUND, "job %s", job->id);
+    qm_stored stored = qm_store_delete_job(jobs->store, job->id);
+    if (stored != QM_STORED) {
+        *problem = qm_store_read_problem(stored, QM_PROBLEM_JOB_NOT_FOUND, "job %s", job->id);
         return false;
     }
     qm_result_file_remove(jobs->store, job->id);
@@ -205,11 +207,11 @@ bool qm_jobs_remove(qm_jobs *jobs, qm_job *job, qm_problem *problem)
 
 void qm_jobs_drop_old(qm_jobs *jobs)
 {
-    char ids[DROP_STEP][QM_ID_SIZE], before[QM_TIME_SIZE] = "";
+    char ids[DROP_STEP][QM_ID_SIZE];
     size_t total = 0, count;
-    if (jobs->limits.kept_s > 0.0) qm_clock_format_past(jobs->limits.kept_s, before);
     do {
-        count = qm_store_drop_old_jobs(jobs->store, jobs->limits.kept_jobs, before, DROP_STEP, ids);
+        qm_store_drop_old_jobs(jobs->store, jobs->limits.kept_jobs, jobs->limits.kept_s, DROP_STEP, ids,
+                               &count);
         for (size_t i = 0; i < count; i++)
             qm_result_file_remove(jobs->store, ids[i]);
         total += count;

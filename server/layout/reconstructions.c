@@ -12,6 +12,7 @@
 #include "format/encoder.h"
 #include "ops/json_layout.h"
 #include "reconstructions.h"
+#include "store/store_problem.h"
 
 #define KEPT_IDLE 4 /* reconstructions in memory without a lease */
 
@@ -138,10 +139,10 @@ static lease_entry *lease_rebuild(qm_reconstructions *rs, const char *id, const 
                                   qm_problem *problem)
 {
     qm_store_reconstruction row;
-    qm_status status = qm_store_find_reconstruction(rs->store, id, &row);
-    if (status != QM_OK) {
+    qm_stored stored = qm_store_find_reconstruction(rs->store, id, &row);
+    if (stored != QM_STORED) {
         *problem =
-            qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
+            qm_store_read_problem(stored, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
         return NULL;
     }
     qm_reconstruction_options options = qm_reconstruction_options_default();
@@ -252,9 +253,9 @@ void qm_reconstructions_release(qm_reconstructions *rs, qm_reconstruction_lease 
     if (dropped) lease_free(rs, dropped);
 }
 
-qm_status qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
+qm_stored qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
 {
-    qm_status status = qm_store_delete_reconstruction(rs->store, id);
+    qm_stored stored = qm_store_delete_reconstruction(rs->store, id);
     uv_mutex_lock(&rs->lock);
     lease_entry *e = unlist(rs, id);
     /* The holder of the lease releases it; it is dropped when newer idle ones follow. */
@@ -264,7 +265,7 @@ qm_status qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
     }
     uv_mutex_unlock(&rs->lock);
     if (e) lease_free(rs, e);
-    return status;
+    return stored;
 }
 
 size_t qm_reconstructions_count_quads(const qm_reconstruction_lease *lease)
@@ -330,7 +331,7 @@ static bool add_mesh(qm_reconstructions *rs, qm_reconstruction_lease *r, qm_mesh
     if (!upload) return false;
     /* It is named after its source, if that has a name. */
     qm_store_mesh source;
-    bool has_source = qm_store_find_mesh(rs->store, r->source_id, &source) == QM_OK;
+    bool has_source = qm_store_find_mesh(rs->store, r->source_id, &source) == QM_STORED;
     qm_text text = {0};
     qm_text_printf(&text, "%s, %zu quads", has_source && source.name[0] ? source.name : r->id,
                    qm_reconstructions_count_quads(r));
@@ -409,14 +410,24 @@ static bool set_mesh(const row_task *task, const qm_store_mesh *mesh, qm_problem
     return row->state;
 }
 
-static bool put_new(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem)
+/** A mesh that was new, and has a row by now, is looked for again. */
+static qm_stored taken_if(bool is_new, qm_stored stored)
+{
+    return is_new && stored == QM_STORED_LATE ? QM_STORED_TAKEN : stored;
+}
+
+static qm_stored put_new(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem)
 {
     const row_task *task = user;
-    if (!set_mesh(task, mesh, problem)) return false;
-    qm_status status =
+    if (!set_mesh(task, mesh, problem)) return QM_STORED_NO_MEMORY;
+    qm_stored stored =
         qm_store_put_reconstruction(task->rs->store, task->row, is_new ? mesh : NULL, task->idempotency);
-    if (status != QM_OK) *problem = qm_problem_from_write(status, "the reconstruction");
-    return status == QM_OK;
+    if (stored == QM_STORED_TAKEN) {
+        *problem = qm_problem_make(QM_PROBLEM_CONFLICT, "an equal request is being answered");
+        return QM_STORED_LOST;
+    }
+    if (stored != QM_STORED) *problem = qm_store_write_problem(stored, "the reconstruction");
+    return taken_if(is_new, stored);
 }
 
 static bool fill_row(qm_reconstructions *rs, qm_reconstruction_lease *r, const char *layout_text,
@@ -465,28 +476,28 @@ bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const ch
 static bool find_row(qm_reconstructions *rs, const char *id, qm_store_reconstruction *row,
                      qm_problem *problem)
 {
-    qm_status status = qm_store_find_reconstruction(rs->store, id, row);
-    if (status == QM_OK) return true;
-    *problem = qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
+    qm_stored stored = qm_store_find_reconstruction(rs->store, id, row);
+    if (stored == QM_STORED) return true;
+    *problem = qm_store_read_problem(stored, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
     return false;
 }
 
 /** The row of a reconstruction that was changed or deleted meanwhile. */
-static qm_problem problem_from_update(qm_status status)
+static qm_problem problem_from_update(qm_stored stored)
 {
-    if (status == QM_E_CANCELED)
+    if (stored == QM_STORED_LATE)
         return qm_problem_make(QM_PROBLEM_CONFLICT, "the reconstruction was changed or deleted meanwhile");
-    return qm_problem_from_write(status, "the reconstruction");
+    return qm_store_write_problem(stored, "the reconstruction");
 }
 
-static bool put_steps(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem)
+static qm_stored put_steps(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem)
 {
     const row_task *task = user;
-    if (!set_mesh(task, mesh, problem)) return false;
+    if (!set_mesh(task, mesh, problem)) return QM_STORED_NO_MEMORY;
     const qm_store_effect effect = {task->row, is_new ? mesh : NULL};
-    qm_status status = task->end(task->end_user, mesh->id, &effect);
-    if (status != QM_OK) *problem = problem_from_update(status);
-    return status == QM_OK;
+    qm_stored stored = task->end(task->end_user, mesh->id, &effect);
+    if (stored != QM_STORED) *problem = problem_from_update(stored);
+    return taken_if(is_new, stored);
 }
 
 /** Makes the row the one after some steps. */
@@ -515,9 +526,9 @@ bool qm_reconstructions_commit(qm_reconstructions *rs, qm_reconstruction_lease *
     row_task task = {.rs = rs, .lease = lease, .row = &row, .end = end, .end_user = user};
     bool good;
     if (step_count == 0) {
-        qm_status status = end(user, row.mesh, NULL);
-        good = status == QM_OK;
-        if (!good) *problem = problem_from_update(status);
+        qm_stored stored = end(user, row.mesh, NULL);
+        good = stored == QM_STORED;
+        if (!good) *problem = problem_from_update(stored);
     } else {
         good = add_steps(&row, max_quads, step_count, records, problem) &&
                add_mesh(rs, lease, put_steps, &task, problem);
@@ -526,14 +537,14 @@ bool qm_reconstructions_commit(qm_reconstructions *rs, qm_reconstruction_lease *
     return good;
 }
 
-static bool put_edit(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem)
+static qm_stored put_edit(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem)
 {
     const row_task *task = user;
-    if (!set_mesh(task, mesh, problem)) return false;
-    qm_status status =
+    if (!set_mesh(task, mesh, problem)) return QM_STORED_NO_MEMORY;
+    qm_stored stored =
         qm_store_update_reconstruction(task->rs->store, &(qm_store_effect){task->row, is_new ? mesh : NULL});
-    if (status != QM_OK) *problem = problem_from_update(status);
-    return status == QM_OK;
+    if (stored != QM_STORED) *problem = problem_from_update(stored);
+    return taken_if(is_new, stored);
 }
 
 /** Makes the row the one after an edit of the layout. */

@@ -47,7 +47,7 @@ void qm_reconstructions_release(qm_reconstructions *reconstructions, qm_reconstr
                                 bool keeps);
 
 /** Stores the end of the steps with their effect, NULL when there were none; mesh is the id of the current mesh. */
-typedef qm_status qm_reconstructions_end_fn(void *user, const char *mesh, const qm_store_effect *effect);
+typedef qm_stored qm_reconstructions_end_fn(void *user, const char *mesh, const qm_store_effect *effect);
 
 /**
  * Has the steps that were taken with a limit of quads stored by end, with their records (objects with commas
@@ -64,7 +64,7 @@ bool qm_reconstructions_commit(qm_reconstructions *reconstructions, qm_reconstru
 bool qm_reconstructions_edit(qm_reconstructions *reconstructions, const char *id, const char *layout_text,
                              qm_store_reconstruction *out, size_t *redone, qm_problem *problem);
 
-qm_status qm_reconstructions_delete(qm_reconstructions *reconstructions, const char *id);
+qm_stored qm_reconstructions_delete(qm_reconstructions *reconstructions, const char *id);
 
 /** Number of quads of the current mesh. */
 size_t qm_reconstructions_count_quads(const qm_reconstruction_lease *refining);

@@ -15,6 +15,9 @@
 #include "base/metrics.h"
 #include "etag.h"
 #include "ops/json_out.h"
+#include "store/store_problem.h"
+
+#define TRIES 5 /* of a step that another node's may come before */
 
 /** An entry lives while it is in the list or anybody holds a reference. */
 struct qm_mesh_ref {
@@ -23,6 +26,7 @@ struct qm_mesh_ref {
     enum { QM_MESH_LOADING, QM_MESH_READY, QM_MESH_BROKEN } state; /* loading, or being changed in place */
     int references;                                                /* the list counts as one */
     bool listed;
+    bool is_behind;     /* its next revision is about to be stored, and then to follow in memory */
     qm_problem problem; /* when broken */
     qm_meshes *meshes;
     qm_mesh_ref *next;
@@ -296,8 +300,8 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
 {
     qm_store_mesh row;
     bool loaded = false;
-    qm_status status = qm_store_find_mesh(meshes->store, ref->id, &row);
-    if (status == QM_OK) {
+    qm_stored stored = qm_store_find_mesh(meshes->store, ref->id, &row);
+    if (stored == QM_STORED) {
         mapped_bytes file = {0}, positions = {0};
         loaded = map_blob(meshes, row.id, row.hash, "an upload of the same file repairs it", &file,
                           &ref->problem) &&
@@ -309,7 +313,7 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
         if (loaded) ref->mesh.revision = row.revision;
         qm_store_mesh_reset(&row);
     } else {
-        ref->problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", ref->id);
+        ref->problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", ref->id);
     }
     qm_metrics_add(QM_METRICS_MESH_LOADS, loaded);
     uv_mutex_lock(&meshes->lock);
@@ -328,36 +332,95 @@ bool qm_meshes_has_loaded(qm_meshes *meshes, const char *id)
     return is_ready;
 }
 
-qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem)
+/** Waits until an entry is loaded; the lock is held. False with a problem. */
+static bool await_loading(qm_meshes *meshes, qm_mesh_ref *ref, qm_problem *problem)
 {
-    uv_mutex_lock(&meshes->lock);
-    qm_mesh_ref *ref = find_listed(meshes, id);
-    bool is_mine = !ref;
-    if (is_mine && !(ref = list_entry(meshes, id))) {
-        uv_mutex_unlock(&meshes->lock);
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for mesh %s", id);
-        return NULL;
-    }
     ref->references++;
-    /* The most recently used one is the first. */
+    while (ref->state == QM_MESH_LOADING)
+        uv_cond_wait(&meshes->changed, &meshes->lock);
+    bool is_broken = ref->state == QM_MESH_BROKEN;
+    if (is_broken) *problem = ref->problem;
+    drop_reference(ref);
+    return !is_broken;
+}
+
+/**
+ * Takes a reference to a ready entry that is at a revision or a later one. An older one is waited for while it is about to follow, else
+ * it leaves the list: another node has moved the mesh. NULL: there is none, with a problem when one could not be
+ * loaded. The lock is held.
+ */
+static qm_mesh_ref *find_current(qm_meshes *meshes, const char *id, uint64_t revision, bool *failed,
+                                 qm_problem *problem)
+{
+    QM_ASSERT(is_locked(&meshes->lock));
+    qm_mesh_ref *ref;
+    *failed = false;
+    while (!*failed && (ref = find_listed(meshes, id)) != NULL) {
+        if (ref->state == QM_MESH_LOADING)
+            *failed = !await_loading(meshes, ref, problem);
+        else if (ref->mesh.revision >= revision) {
+            ref->references++;
+            return ref;
+        } else if (ref->is_behind)
+            uv_cond_wait(&meshes->changed, &meshes->lock);
+        else
+            unlist(meshes, ref);
+    }
+    return NULL;
+}
+
+/** The list has the most recently used entry first. The lock is held. */
+static void move_to_front(qm_meshes *meshes, qm_mesh_ref *ref)
+{
     qm_mesh_ref **link = &meshes->first;
     while (*link != ref)
         link = &(*link)->next;
     *link = ref->next;
     ref->next = meshes->first;
     meshes->first = ref;
-    if (is_mine) {
-        uv_mutex_unlock(&meshes->lock);
-        load_listed(meshes, ref);
-        uv_mutex_lock(&meshes->lock);
+}
+
+/** Loads a mesh that is not in memory, and takes a reference. The lock is held, but for the time of loading. */
+static qm_mesh_ref *load_new(qm_meshes *meshes, const char *id, qm_problem *problem)
+{
+    qm_mesh_ref *ref = list_entry(meshes, id);
+    if (!ref) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for mesh %s", id);
+        return NULL;
     }
-    while (ref->state == QM_MESH_LOADING)
-        uv_cond_wait(&meshes->changed, &meshes->lock);
-    if (ref->state == QM_MESH_BROKEN) {
-        *problem = ref->problem;
-        drop_reference(ref);
-        ref = NULL;
+    ref->references++;
+    uv_mutex_unlock(&meshes->lock);
+    load_listed(meshes, ref);
+    uv_mutex_lock(&meshes->lock);
+    if (ref->state != QM_MESH_BROKEN) return ref;
+    *problem = ref->problem;
+    drop_reference(ref);
+    return NULL;
+}
+
+/** Takes a mesh that is gone from the store out of memory. */
+static void forget(qm_meshes *meshes, const char *id)
+{
+    uv_mutex_lock(&meshes->lock);
+    qm_mesh_ref *ref = find_listed(meshes, id);
+    if (ref && ref->state == QM_MESH_READY) unlist(meshes, ref);
+    uv_mutex_unlock(&meshes->lock);
+}
+
+qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem)
+{
+    uint64_t revision;
+    qm_stored stored = qm_store_find_revision(meshes->store, id, &revision);
+    if (stored == QM_STORED_NONE) forget(meshes, id);
+    if (stored != QM_STORED) {
+        *problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
+        return NULL;
     }
+    bool failed;
+    uv_mutex_lock(&meshes->lock);
+    qm_mesh_ref *ref = find_current(meshes, id, revision, &failed, problem);
+    if (!ref && !failed) ref = load_new(meshes, id, problem);
+    if (ref && ref->listed) move_to_front(meshes, ref);
     uv_mutex_unlock(&meshes->lock);
     return ref;
 }
@@ -380,9 +443,9 @@ static bool find_row(qm_meshes *meshes, const char *id, const char *if_match, qm
                      qm_problem *problem)
 {
     QM_ASSERT(is_locked(&meshes->store_lock));
-    qm_status status = qm_store_find_mesh(meshes->store, id, out);
-    if (status != QM_OK) {
-        *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
+    qm_stored stored = qm_store_find_mesh(meshes->store, id, out);
+    if (stored != QM_STORED) {
+        *problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
         return false;
     }
     char tag[QM_ETAG_SIZE];
@@ -395,15 +458,15 @@ static bool find_row(qm_meshes *meshes, const char *id, const char *if_match, qm
 }
 
 /** Removes a row, and the mesh from memory. store_lock is held. */
-static qm_status remove_row(qm_meshes *meshes, const char *id)
+static qm_stored remove_row(qm_meshes *meshes, const char *id)
 {
     QM_ASSERT(is_locked(&meshes->store_lock));
-    qm_status status = qm_store_delete_mesh(meshes->store, id);
+    qm_stored stored = qm_store_delete_mesh(meshes->store, id);
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = find_listed(meshes, id);
-    if (ref && status == QM_OK) unlist(meshes, ref);
+    if (ref && stored == QM_STORED) unlist(meshes, ref);
     uv_mutex_unlock(&meshes->lock);
-    return status;
+    return stored;
 }
 
 bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem)
@@ -413,10 +476,10 @@ bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, q
     bool deleted = find_row(meshes, id, if_match, &row, problem);
     if (deleted) {
         qm_store_mesh_reset(&row);
-        qm_status status = remove_row(meshes, id);
-        if (status != QM_OK)
-            *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
-        deleted = status == QM_OK;
+        qm_stored stored = remove_row(meshes, id);
+        if (stored != QM_STORED)
+            *problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
+        deleted = stored == QM_STORED;
     }
     uv_mutex_unlock(&meshes->store_lock);
     return deleted;
@@ -438,7 +501,7 @@ bool qm_meshes_set_ttl(qm_meshes *meshes, const char *id, double ttl_s, const ch
     bool is_set = find_row(meshes, id, if_match, out, problem);
     if (is_set) {
         set_expires(out, ttl_s);
-        is_set = qm_store_set_expiry(meshes->store, id, out->expires) == QM_OK;
+        is_set = qm_store_set_expiry(meshes->store, id, out->expires) == QM_STORED;
         if (!is_set) {
             *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
             qm_store_mesh_reset(out);
@@ -457,7 +520,7 @@ static bool extend_life(qm_meshes *meshes, qm_store_mesh *row, double ttl_s)
     bool is_longer = row->expires[0] && (ttl_s <= 0.0 || strcmp(wanted.expires, row->expires) > 0);
     if (!is_longer) return true;
     memcpy(row->expires, wanted.expires, sizeof row->expires);
-    return qm_store_set_expiry(meshes->store, row->id, row->expires) == QM_OK;
+    return qm_store_set_expiry(meshes->store, row->id, row->expires) == QM_STORED;
 }
 
 void qm_meshes_drop_expired(qm_meshes *meshes)
@@ -467,10 +530,10 @@ void qm_meshes_drop_expired(qm_meshes *meshes)
     for (bool found = true; found;) {
         qm_store_mesh row;
         uv_mutex_lock(&meshes->store_lock);
-        found = qm_store_find_expired_mesh(meshes->store, now, &row) == QM_OK;
+        found = qm_store_find_expired_mesh(meshes->store, now, &row) == QM_STORED;
         if (found) {
             qm_log(QM_LOG_INFO, "mesh %s expired at %s", row.id, row.expires);
-            found = remove_row(meshes, row.id) == QM_OK;
+            found = remove_row(meshes, row.id) == QM_STORED;
             qm_store_mesh_reset(&row);
         }
         uv_mutex_unlock(&meshes->store_lock);
@@ -488,13 +551,13 @@ static void free_loaded(qm_meshes *meshes, qm_loaded_mesh *mesh)
 /** Finds a mesh of equal content and options. */
 static bool find_same(qm_meshes *meshes, const qm_store_mesh *wanted, qm_store_mesh *found)
 {
-    return qm_store_find_mesh_by_content(meshes->store, wanted->hash, wanted->options, found) == QM_OK;
+    return qm_store_find_mesh_by_content(meshes->store, wanted->hash, wanted->options, found) == QM_STORED;
 }
 
 /** An upload that becomes a mesh, and what stores it. */
 typedef struct upload_task {
     qm_meshes *meshes;
-    qm_blob_writer *upload;
+    qm_blob_writer *upload; /* until it is a blob */
     double ttl_s;
     qm_mesh_put_fn *put;
     void *user;
@@ -502,66 +565,83 @@ typedef struct upload_task {
 } upload_task;
 
 /** Stores a new mesh without anything else. */
-static bool put_alone(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem)
+static qm_stored put_alone(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem)
 {
     qm_meshes *meshes = user;
-    if (!is_new || qm_store_put_mesh(meshes->store, mesh) == QM_OK) return true;
-    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
-    return false;
+    qm_stored stored = is_new ? qm_store_put_mesh(meshes->store, mesh) : QM_STORED;
+    if (stored != QM_STORED) *problem = qm_store_write_problem(stored, "the mesh");
+    return stored;
 }
 
-/** Names the blob and stores the row; takes over the upload. store_lock is held. */
-static bool store_new(const upload_task *task, const qm_store_mesh *row)
+/** Makes a blob of the upload; false with a problem. */
+static bool keep_upload(upload_task *task)
+{
+    qm_status status = task->upload ? qm_blob_keep(task->upload) : QM_OK;
+    task->upload = NULL;
+    if (status != QM_OK) *task->problem = qm_problem_from_write(status, "the mesh");
+    return status == QM_OK;
+}
+
+/** Names the blob and stores the row. store_lock is held. QM_STORED_TAKEN: another node has stored the same. */
+static qm_stored store_new(upload_task *task, const qm_store_mesh *row)
 {
     QM_ASSERT(is_locked(&task->meshes->store_lock));
-    if (qm_blob_keep(task->upload) != QM_OK) {
-        *task->problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
-        return false;
-    }
-    if (task->put(task->user, row, true, task->problem)) return true;
-    qm_blob_remove(task->meshes->store, row->hash);
-    return false;
+    if (!keep_upload(task)) return QM_STORED_FAULT;
+    qm_stored stored = task->put(task->user, row, true, task->problem);
+    if (stored != QM_STORED) qm_blob_remove(task->meshes->store, row->hash);
+    return stored;
 }
 
 /** Lets a mesh that is stored live as long as the upload, and stores what names it. store_lock is held. */
-static bool store_same(const upload_task *task, qm_store_mesh *row)
+static qm_stored store_same(const upload_task *task, qm_store_mesh *row)
 {
     if (extend_life(task->meshes, row, task->ttl_s)) return task->put(task->user, row, false, task->problem);
     *task->problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh has just expired: upload it again");
-    return false;
+    return QM_STORED_NONE;
+}
+
+/** Lists a mesh that was just stored: it waits in memory for its first job. Without memory for that it is loaded again
+ * then. Takes over the mesh. */
+static void list_loaded(qm_meshes *meshes, const char *id, qm_loaded_mesh *mesh)
+{
+    uv_mutex_lock(&meshes->lock);
+    qm_mesh_ref *listed = list_entry(meshes, id);
+    if (listed) {
+        listed->mesh = *mesh;
+        listed->state = QM_MESH_READY;
+    }
+    uv_mutex_unlock(&meshes->lock);
+    if (!listed) free_loaded(meshes, mesh);
 }
 
 /** Stores a decoded upload, unless equal content was stored meanwhile. Takes over mesh and upload. */
-static bool store_loaded(const upload_task *task, qm_store_mesh *row, qm_loaded_mesh *mesh, bool *is_new)
+static bool store_loaded(upload_task *task, qm_store_mesh *row, qm_loaded_mesh *mesh, bool *is_new)
 {
     qm_meshes *meshes = task->meshes;
     qm_store_mesh same;
-    qm_mesh_ref *listed = NULL;
-    bool stored;
+    qm_stored stored = QM_STORED_TAKEN;
+    bool found = false;
     uv_mutex_lock(&meshes->store_lock);
-    bool found = find_same(meshes, row, &same);
-    if (found) {
-        qm_store_mesh_reset(row);
-        *row = same;
-        qm_blob_abort(task->upload);
-        stored = store_same(task, row);
-    } else {
-        set_expires(row, task->ttl_s);
-        stored = store_new(task, row);
-        uv_mutex_lock(&meshes->lock);
-        /* It waits in memory for its first job. Without memory to list it, it is loaded again then. */
-        listed = stored ? list_entry(meshes, row->id) : NULL;
-        if (listed) {
-            listed->mesh = *mesh;
-            listed->state = QM_MESH_READY;
+    for (int i = 0; i < TRIES && stored == QM_STORED_TAKEN && !found; i++) {
+        found = find_same(meshes, row, &same);
+        if (found) {
+            qm_store_mesh_reset(row);
+            *row = same;
+            stored = store_same(task, row);
+        } else {
+            set_expires(row, task->ttl_s);
+            stored = store_new(task, row);
         }
-        uv_mutex_unlock(&meshes->lock);
     }
+    qm_blob_abort(task->upload);
+    *is_new = stored == QM_STORED && !found;
+    if (*is_new)
+        list_loaded(meshes, row->id, mesh);
+    else
+        free_loaded(meshes, mesh);
     uv_mutex_unlock(&meshes->store_lock);
-    if (!listed) free_loaded(meshes, mesh);
-    *is_new = stored && !found;
     if (*is_new) qm_metrics_add(QM_METRICS_MESHES_ADDED, 1);
-    return stored;
+    return stored == QM_STORED;
 }
 
 /** A row with all but its hash and document; false when out of memory. */
@@ -603,37 +683,35 @@ static bool prepare(qm_meshes *meshes, mapped_bytes file, qm_format format, qm_s
 }
 
 /** Ends an upload whose bytes a mesh has already: it takes the place of their blob when that is damaged. */
-static bool give_to_same(const upload_task *task, qm_store_mesh *row)
+static bool give_to_same(upload_task *task, qm_store_mesh *row)
 {
     qm_meshes *meshes = task->meshes;
     const char *hash = row->hash;
     qm_store_mesh now;
     uv_mutex_lock(&meshes->store_lock);
-    bool exists = qm_store_find_mesh(meshes->store, row->id, &now) == QM_OK;
+    bool exists = qm_store_find_mesh(meshes->store, row->id, &now) == QM_STORED;
     if (exists) qm_store_mesh_reset(&now);
     if (!exists)
         *task->problem =
             qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh has just been removed: upload it again");
-    bool stored = exists && store_same(task, row);
+    bool stored = exists && store_same(task, row) == QM_STORED;
     uv_mutex_unlock(&meshes->store_lock);
     if (!stored || !is_damaged(qm_blob_check(meshes->store, hash))) {
         qm_blob_abort(task->upload);
         return stored;
     }
     uv_mutex_lock(&meshes->store_lock);
-    bool kept = qm_blob_keep(task->upload) == QM_OK;
+    bool kept = keep_upload(task);
     if (kept) qm_blob_remove(meshes->store, hash); /* the mesh may have been deleted meanwhile */
     uv_mutex_unlock(&meshes->store_lock);
     if (kept) {
         qm_metrics_add(QM_METRICS_REPAIRS, 1);
         qm_log(QM_LOG_WARN, "blob %s was damaged or missing: an upload has replaced it", hash);
-    } else {
-        *task->problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
     }
     return kept;
 }
 
-static bool add(const upload_task *task, const char *name, qm_format format, qm_store_mesh *out, bool *is_new)
+static bool add(upload_task *task, const char *name, qm_format format, qm_store_mesh *out, bool *is_new)
 {
     qm_meshes *meshes = task->meshes;
     qm_problem *problem = task->problem;
@@ -662,14 +740,14 @@ static bool add(const upload_task *task, const char *name, qm_format format, qm_
 bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
                    double ttl_s, qm_store_mesh *out, bool *is_new, qm_problem *problem)
 {
-    const upload_task task = {meshes, upload, ttl_s, put_alone, meshes, problem};
+    upload_task task = {meshes, upload, ttl_s, put_alone, meshes, problem};
     return add(&task, name, format, out, is_new);
 }
 
 bool qm_meshes_add_with(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
                         qm_mesh_put_fn *put, void *user, qm_problem *problem)
 {
-    const upload_task task = {meshes, upload, 0.0, put, user, problem};
+    upload_task task = {meshes, upload, 0.0, put, user, problem};
     qm_store_mesh row;
     bool is_new, added = add(&task, name, format, &row, &is_new);
     if (added) qm_store_mesh_reset(&row);
@@ -689,7 +767,7 @@ bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm
     if (adopted) {
         free_loaded(meshes, &mesh);
         uv_mutex_lock(&meshes->store_lock);
-        adopted = qm_store_put_mesh(meshes->store, out) == QM_OK;
+        adopted = qm_store_put_mesh(meshes->store, out) == QM_STORED;
         uv_mutex_unlock(&meshes->store_lock);
         if (!adopted) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
     }
@@ -715,12 +793,6 @@ typedef struct deform_task {
 static size_t vertex_count(const deform_task *work)
 {
     return work->ref->mesh.mesh.vertex_count;
-}
-
-static bool fail(deform_task *work, qm_problem_code code, const char *detail)
-{
-    *work->problem = qm_problem_make(code, "%s", detail);
-    return false;
 }
 
 static bool move_some(deform_task *work)
@@ -759,7 +831,10 @@ static bool make_positions(deform_task *work, qm_context *ctx)
 {
     const qm_mesh *mesh = &work->ref->mesh.mesh;
     work->positions = qm_context_alloc(ctx, mesh->vertex_count, 3 * sizeof *work->positions);
-    if (!work->positions) return fail(work, QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the vertices");
+    if (!work->positions) {
+        *work->problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the vertices");
+        return false;
+    }
     memcpy(work->positions, mesh->positions, mesh->vertex_count * 3 * sizeof *work->positions);
     if (!(work->moved->indices ? move_some(work) : move_all(work))) return false;
     qm_mesh next = *mesh;
@@ -781,7 +856,8 @@ static qm_status write_positions(deform_task *work)
     return status;
 }
 
-static bool store_revision(deform_task *work)
+/** QM_STORED_LATE without a problem; others that are not QM_STORED with one. */
+static qm_stored store_revision(deform_task *work)
 {
     qm_loaded_mesh next = work->ref->mesh;
     next.mesh.positions = work->positions;
@@ -795,16 +871,32 @@ static bool store_revision(deform_task *work)
     qm_text_printf(&options, "deformed %s", work->row.id);
     free(work->row.options);
     work->row.options = qm_text_take(&options);
-    if (!work->row.document || !work->row.options)
-        return fail(work, QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
+    if (!work->row.document || !work->row.options) {
+        *work->problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
+        return QM_STORED_NO_MEMORY;
+    }
     qm_status status = write_positions(work);
     if (status != QM_OK) {
         *work->problem = qm_problem_from_write(status, "the vertices");
-        return false;
+        return QM_STORED_FAULT;
     }
-    if (qm_store_deform_mesh(work->meshes->store, &work->row) == QM_OK) return true;
+    qm_stored stored = qm_store_revise_mesh(work->meshes->store, &work->row);
+    if (stored == QM_STORED) return stored;
     qm_blob_remove(work->meshes->store, work->row.positions);
-    return fail(work, QM_PROBLEM_UNAVAILABLE, "the revision could not be stored");
+    if (stored == QM_STORED_NONE)
+        *work->problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", work->row.id);
+    else if (stored != QM_STORED_LATE)
+        *work->problem = qm_store_write_problem(stored, "the revision");
+    return stored;
+}
+
+/** Says that the next revision of the mesh comes, or that it has come: threads that need it wait for that. */
+static void set_behind(deform_task *work, bool is_behind)
+{
+    uv_mutex_lock(&work->meshes->lock);
+    work->ref->is_behind = is_behind;
+    uv_cond_broadcast(&work->meshes->changed);
+    uv_mutex_unlock(&work->meshes->lock);
 }
 
 /** True when only the list and this deformation hold the mesh: other threads then wait for it. */
@@ -879,25 +971,43 @@ static void follow(deform_task *work, qm_context *ctx)
     memcpy(work->out->hash, work->row.hash, sizeof work->out->hash);
 }
 
+/** One try, with store_lock held. QM_STORED_LATE without a problem: another node has moved the mesh meanwhile. */
+static qm_stored deform(deform_task *work, const char *id, const char *if_match)
+{
+    qm_meshes *meshes = work->meshes;
+    if (!find_row(meshes, id, if_match, &work->row, work->problem)) return QM_STORED_NONE;
+    work->ref = qm_meshes_acquire(meshes, id, work->problem);
+    if (!work->ref) return QM_STORED_NONE;
+    if (work->ref->mesh.revision != work->row.revision) return QM_STORED_LATE;
+    qm_context ctx = qm_meshes_context(meshes);
+    ctx.parallel = qm_host_parallel;
+    size_t vertices = vertex_count(work);
+    qm_stored stored = QM_STORED_FAULT;
+    set_behind(work, true);
+    if (make_positions(work, &ctx)) stored = store_revision(work);
+    if (stored == QM_STORED) follow(work, &ctx);
+    set_behind(work, false);
+    qm_context_free(&ctx, work->positions, vertices, 3 * sizeof *work->positions);
+    work->positions = NULL;
+    return stored;
+}
+
 bool qm_meshes_deform(qm_meshes *meshes, const char *id, const qm_moved_vertices *moved, const char *if_match,
                       qm_deformed *out, qm_problem *problem)
 {
     QM_ASSERT(id && moved && out && problem);
     *out = (qm_deformed){0};
     deform_task work = {.meshes = meshes, .moved = moved, .out = out, .problem = problem};
+    qm_stored stored = QM_STORED_LATE;
     uv_mutex_lock(&meshes->store_lock);
-    bool done = false;
-    if (find_row(meshes, id, if_match, &work.row, problem)) work.ref = qm_meshes_acquire(meshes, id, problem);
-    if (work.ref) {
-        qm_context ctx = qm_meshes_context(meshes);
-        ctx.parallel = qm_host_parallel;
-        size_t vertices = vertex_count(&work);
-        done = make_positions(&work, &ctx) && store_revision(&work);
-        if (done) follow(&work, &ctx);
-        qm_context_free(&ctx, work.positions, vertices, 3 * sizeof *work.positions);
+    for (int i = 0; i < TRIES && stored == QM_STORED_LATE; i++) {
+        stored = deform(&work, id, if_match);
+        qm_meshes_release(meshes, work.ref);
+        qm_store_mesh_reset(&work.row);
+        work.ref = NULL;
     }
     uv_mutex_unlock(&meshes->store_lock);
-    qm_meshes_release(meshes, work.ref);
-    qm_store_mesh_reset(&work.row);
-    return done;
+    if (stored == QM_STORED_LATE)
+        *problem = qm_problem_make(QM_PROBLEM_CONFLICT, "other clients move the mesh at the same time");
+    return stored == QM_STORED;
 }

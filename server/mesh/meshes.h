@@ -54,9 +54,9 @@ void qm_meshes_destroy(qm_meshes *meshes);
 bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
                    double ttl_s, qm_store_mesh *out, bool *is_new, qm_problem *problem);
 
-/** Stores a mesh of an upload, which is_new or stored already, with a row that names it: both, or none. False with a
- * problem. No mesh is removed meanwhile. */
-typedef bool qm_mesh_put_fn(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem);
+/** Stores a mesh of an upload, which is_new or stored already, with a row that names it: both, or none. No other thread
+ * removes a mesh meanwhile. QM_STORED_TAKEN: the mesh is no longer new; others that are not QM_STORED with a problem. */
+typedef qm_stored qm_mesh_put_fn(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem);
 
 /** Makes a mesh of an upload, without a time to live, that put stores. */
 bool qm_meshes_add_with(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,

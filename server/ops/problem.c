@@ -88,6 +88,11 @@ static const char *const explanations[QM_PROBLEM_COUNT] = {
         "it. quadmeshd --check lists all damage, and quadmeshd --repair mends what can be.",
     [QM_PROBLEM_UNAVAILABLE] = "The daemon cannot do this now: it stops, its disk is full, or too many "
                                "streams are open. Repeat the request after the time in Retry-After.",
+    [QM_PROBLEM_STORE_UNAVAILABLE] = "The database that the daemon shares with others cannot be reached, or "
+                                     "did not say in time whether it has "
+                                     "done this. Repeat the request after the time in Retry-After: with an "
+                                     "Idempotency-Key or If-Match it has "
+                                     "its effect once.",
     [QM_PROBLEM_DEADLINE_EXCEEDED] =
         "The time that the request (deadline_ms) or the operator (--max-job-seconds) allows a job was over "
         "before it had a result. Searches for bounds end with the bounds that they have instead.",
@@ -140,10 +145,13 @@ bool qm_problem_find(const char *name, qm_problem_code *out)
     return false;
 }
 
-/** Conditions that pass may be retried: a full queue soon, an unavailable daemon after a restart. */
+/** Conditions that pass may be retried: a full queue soon, a database after its restart, a daemon after its own. */
 static int retry_after(qm_problem_code code)
 {
-    return code == QM_PROBLEM_TOO_MANY_JOBS ? 1 : code == QM_PROBLEM_UNAVAILABLE ? 5 : 0;
+    return code == QM_PROBLEM_TOO_MANY_JOBS       ? 1
+           : code == QM_PROBLEM_STORE_UNAVAILABLE ? 2
+           : code == QM_PROBLEM_UNAVAILABLE       ? 5
+                                                  : 0;
 }
 
 qm_problem qm_problem_make(qm_problem_code code, const char *format, ...)
@@ -174,21 +182,6 @@ void qm_problem_add_offset(qm_problem *problem, size_t offset, const char *messa
     qm_problem_error *error = &problem->errors[problem->error_count++];
     *error = (qm_problem_error){.line = QM_NO_LOCATION, .offset = offset};
     snprintf(error->detail, sizeof error->detail, "%s", message);
-}
-
-qm_problem qm_problem_from_store(qm_status status, qm_problem_code none, const char *format, ...)
-{
-    char name[128];
-    va_list arguments;
-    va_start(arguments, format);
-    vsnprintf(name, sizeof name, format, arguments);
-    va_end(arguments);
-    if (status == QM_E_EMPTY) return qm_problem_make(none, "there is no %s", name);
-    if (status == QM_E_NO_MEMORY)
-        return qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for %s", name);
-    if (status == QM_E_FORMAT)
-        return qm_problem_make(QM_PROBLEM_RECORD_DAMAGED, "what is stored of %s is damaged", name);
-    return qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s cannot be read", name);
 }
 
 qm_problem qm_problem_from_write(qm_status status, const char *noun)

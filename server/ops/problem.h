@@ -44,6 +44,7 @@
     XX(RECORD_DAMAGED, 500, "record_damaged", "The stored data of this resource is damaged or missing")      \
     XX(INTERNAL, 500, "internal", "The daemon failed to process the request")                                \
     XX(UNAVAILABLE, 503, "unavailable", "The daemon cannot process the request now")                         \
+    XX(STORE_UNAVAILABLE, 503, "store_unavailable", "The database of the daemon does not answer")            \
     XX(DEADLINE_EXCEEDED, 504, "deadline_exceeded", "The time for the job was over before it had a result")  \
     XX(UNSUPPORTED_VERSION, 505, "unsupported_version", "The version of HTTP is not supported")              \
     XX(OUT_OF_MEMORY, 507, "out_of_memory", "There is not enough memory for this")                           \
@@ -98,13 +99,8 @@ void qm_problem_add_offset(qm_problem *problem, size_t offset, const char *messa
 /** Converts a status of the engine, with the context's message. */
 qm_problem qm_problem_from_status(qm_status status, const char *message);
 
-/** Converts the status of a failed write to the store (store/store.h): of what, "the layout". */
+/** Converts the status of a failed write to a file of the store: of what, "the upload". */
 qm_problem qm_problem_from_write(qm_status status, const char *noun);
-
-/** Converts the status of a failed look-up (store/store.h): to the code `none` if the store has no such record, which
- * the format names ("mesh m_7"), else to that of the failure. */
-qm_problem qm_problem_from_store(qm_status status, qm_problem_code none, const char *format, ...)
-    __attribute__((format(printf, 3, 4)));
 
 /** Converts the report of a decoder, with the line or byte of the fault. */
 qm_problem qm_problem_from_codec(qm_status status, const qm_codec_report *report);

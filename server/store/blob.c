@@ -16,10 +16,8 @@
 #include "base/clock.h"
 #include "base/id.h"
 #include "base/log.h"
-#include "blob.h"
-#include "space.h"
+#include "store_driver.h"
 
-#define PREFIXES 256u /* folders of blobs, by the first two digits of the hash */
 #define SWEEP_AGE_S (24 * 60 * 60)
 
 static bool make_folder(const char *path)
@@ -111,18 +109,18 @@ static bool needs_result(qm_store *store, const char *name)
     const char *ending = strchr(name, '.');
     if (!ending || strcmp(ending, QM_RESULT_ENDING) != 0 || ending - name >= QM_ID_SIZE) return false;
     snprintf(id, sizeof id, "%.*s", (int)(ending - name), name);
-    return qm_store_has_job(store, id);
+    return store->driver->has_job(store, id);
 }
 
 void qm_blob_sweep_orphans(qm_store *store)
 {
     char path[QM_STORE_PATH_SIZE];
     size_t removed = 0;
-    for (unsigned first = 0; first < PREFIXES; first++) {
-        snprintf(path, sizeof path, "%s/blobs/%02x", qm_store_folder(store), first);
-        removed += sweep_folder(store, path, qm_store_needs_blob);
+    for (unsigned first = 0; first < QM_BLOB_PREFIXES; first++) {
+        snprintf(path, sizeof path, "%s/blobs/%02x", store->folder, first);
+        removed += sweep_folder(store, path, store->driver->needs_blob);
     }
-    snprintf(path, sizeof path, "%s/results", qm_store_folder(store));
+    snprintf(path, sizeof path, "%s/results", store->folder);
     removed += sweep_folder(store, path, needs_result);
     if (removed > 0) qm_log(QM_LOG_WARN, "%zu old files without a mesh or job removed", removed);
 }
@@ -142,7 +140,7 @@ bool qm_blob_has_files(const char *folder)
     char path[QM_STORE_PATH_SIZE];
     snprintf(path, sizeof path, "%s/results", folder);
     bool found = has_files(path);
-    for (unsigned first = 0; first < PREFIXES && !found; first++) {
+    for (unsigned first = 0; first < QM_BLOB_PREFIXES && !found; first++) {
         snprintf(path, sizeof path, "%s/blobs/%02x", folder, first);
         found = has_files(path);
     }
@@ -168,7 +166,8 @@ bool qm_blob_move_all_away(const char *folder)
 static void take_orphans(qm_store *store, DIR *files, void (*take)(void *user, const char *hash), void *user)
 {
     for (struct dirent *entry; (entry = readdir(files));) {
-        if (strlen(entry->d_name) != QM_HASH_SIZE - 1 || qm_store_needs_blob(store, entry->d_name)) continue;
+        if (strlen(entry->d_name) != QM_HASH_SIZE - 1 || store->driver->needs_blob(store, entry->d_name))
+            continue;
         utimensat(dirfd(files), entry->d_name, NULL, 0);
         take(user, entry->d_name);
     }
@@ -178,8 +177,8 @@ bool qm_blob_each_orphan(qm_store *store, void (*take)(void *user, const char *h
 {
     char path[QM_STORE_PATH_SIZE];
     bool read = true;
-    for (unsigned first = 0; first < PREFIXES; first++) {
-        snprintf(path, sizeof path, "%s/blobs/%02x", qm_store_folder(store), first);
+    for (unsigned first = 0; first < QM_BLOB_PREFIXES; first++) {
+        snprintf(path, sizeof path, "%s/blobs/%02x", store->folder, first);
         DIR *files = opendir(path);
         if (files) take_orphans(store, files, take, user);
         if (!files && errno != ENOENT) read = false;
@@ -190,15 +189,15 @@ bool qm_blob_each_orphan(qm_store *store, void (*take)(void *user, const char *h
 
 static void find_path(const qm_store *store, const char *hash, char out[QM_STORE_PATH_SIZE])
 {
-    snprintf(out, QM_STORE_PATH_SIZE, "%s/blobs/%.2s/%s", qm_store_folder(store), hash, hash);
+    snprintf(out, QM_STORE_PATH_SIZE, "%s/blobs/%.2s/%s", store->folder, hash, hash);
 }
 
 bool qm_blob_commit_file(qm_store *store, const char *file, const char *hash)
 {
     QM_ASSERT(strlen(hash) == QM_HASH_SIZE - 1);
     char blobs[QM_STORE_PATH_SIZE], folder[QM_STORE_PATH_SIZE], path[QM_STORE_PATH_SIZE];
-    snprintf(blobs, sizeof blobs, "%s/blobs", qm_store_folder(store));
-    snprintf(folder, sizeof folder, "%s/blobs/%.2s", qm_store_folder(store), hash);
+    snprintf(blobs, sizeof blobs, "%s/blobs", store->folder);
+    snprintf(folder, sizeof folder, "%s/blobs/%.2s", store->folder, hash);
     find_path(store, hash, path);
     if (!make_folder(folder) || !qm_blob_sync_folder(blobs)) return false;
     uint64_t replaced = qm_space_size_of(path);
@@ -223,11 +222,10 @@ qm_status qm_blob_map_file(int file, const uint8_t **bytes, size_t *size)
 }
 
 /**
- * Compares the bytes of an open file with a hash. They are read, not mapped: a sector that the disk cannot give
- * is an error of read, but the end of a process that touches its page. Mapped afterwards, the pages are those
- * in memory that were just read.
+ * The bytes are read, not mapped: a sector that the disk cannot give is an error of read, but the end of a process that
+ * touches its page. Mapped afterwards, the pages are those in memory that were just read.
  */
-static qm_status check_file(int file, const char *hash)
+qm_status qm_blob_check_file(int file, const char *hash)
 {
     enum { BLOCK = 256 << 10 }; /* stays in the second cache */
     uint8_t *block = malloc(BLOCK), digest[QM_DIGEST_SIZE];
@@ -248,22 +246,29 @@ static qm_status check_file(int file, const char *hash)
     return got == 0 && strcmp(found, hash) == 0 ? QM_OK : QM_E_FORMAT;
 }
 
-/** Opens a blob whose bytes have its hash. */
-static qm_status open_blob(qm_store *store, const char *hash, int *file)
+static qm_status open_in_folder(qm_store *store, const char *hash, int *file)
 {
     char path[QM_STORE_PATH_SIZE];
     find_path(store, hash, path);
     *file = open(path, O_RDONLY | O_CLOEXEC);
     if (*file < 0) return errno == ENOENT ? QM_E_EMPTY : QM_E_ARGUMENT;
-    qm_status status = check_file(*file, hash);
+    qm_status status = qm_blob_check_file(*file, hash);
     if (status != QM_OK) close(*file);
     return status;
+}
+
+qm_status qm_blob_open(qm_store *store, const char *hash, int *file)
+{
+    qm_status status = open_in_folder(store, hash, file);
+    if (!qm_store_is_shared(store) || (status != QM_E_EMPTY && status != QM_E_FORMAT)) return status;
+    status = qm_blob_fetch(store, hash);
+    return status == QM_OK ? open_in_folder(store, hash, file) : status;
 }
 
 qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size)
 {
     int file;
-    qm_status status = open_blob(store, hash, &file);
+    qm_status status = qm_blob_open(store, hash, &file);
     if (status != QM_OK) return status;
     status = qm_blob_map_file(file, bytes, size);
     close(file);
@@ -273,7 +278,7 @@ qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, 
 qm_status qm_blob_check(qm_store *store, const char *hash)
 {
     int file;
-    qm_status status = open_blob(store, hash, &file);
+    qm_status status = qm_blob_open(store, hash, &file);
     if (status == QM_OK) close(file);
     return status;
 }
@@ -287,9 +292,9 @@ bool qm_blob_move_away(qm_store *store, const char *hash)
 {
     char from[QM_STORE_PATH_SIZE], to[QM_STORE_PATH_SIZE];
     find_path(store, hash, from);
-    snprintf(to, sizeof to, "%s/lost", qm_store_folder(store));
+    snprintf(to, sizeof to, "%s/lost", store->folder);
     if (!make_folder(to)) return false;
-    snprintf(to, sizeof to, "%s/lost/%s", qm_store_folder(store), hash);
+    snprintf(to, sizeof to, "%s/lost/%s", store->folder, hash);
     uint64_t size = qm_space_size_of(from);
     if (rename(from, to) != 0) return false;
     qm_space_release(store, QM_STORE_BLOBS, size);
@@ -299,7 +304,7 @@ bool qm_blob_move_away(qm_store *store, const char *hash)
 void qm_blob_remove(qm_store *store, const char *hash)
 {
     char path[QM_STORE_PATH_SIZE];
-    if (qm_store_needs_blob(store, hash)) return;
+    if (qm_store_is_shared(store) || store->driver->needs_blob(store, hash)) return;
     find_path(store, hash, path);
     qm_space_unlink(store, QM_STORE_BLOBS, path);
 }

@@ -37,26 +37,27 @@ void qm_blob_sweep_orphans(qm_store *store);
 /** Renames a synced file to its hash, and syncs the folders. */
 bool qm_blob_commit_file(qm_store *store, const char *file, const char *hash);
 
+/** Folders of blobs, by the first two digits of the hash. */
+#define QM_BLOB_PREFIXES 256u
+
+/** QM_OK when the bytes of an open file have a hash; QM_E_FORMAT when they have not, or the disk does not give them. */
+qm_status qm_blob_check_file(int file, const char *hash);
+
+/** Opens a blob whose bytes have its hash, which a shared store fetches when it is not in the folder. As qm_blob_map. */
+qm_status qm_blob_open(qm_store *store, const char *hash, int *file);
+
+/** Copies a blob of a shared store to the folder. */
+qm_status qm_blob_fetch(qm_store *store, const char *hash);
+
 /** Maps a whole open file for reading. */
 qm_status qm_blob_map_file(int file, const uint8_t **bytes, size_t *size);
-
-/** The data folder, without a slash at its end. */
-const char *qm_store_folder(const qm_store *store);
-
-/** The count of its bytes. */
-struct qm_space *qm_store_space(qm_store *store);
-
-/** True when a mesh has this blob, and after a fault. */
-bool qm_store_needs_blob(qm_store *store, const char *hash);
-
-/** True when there is a job of this id, and after a fault. */
-bool qm_store_has_job(qm_store *store, const char *id);
 
 /** What the row of a job says of its array: count numbers, and the checksums of its blocks. */
 #define QM_STORE_ARRAY_BLOCK 8192 /* numbers; the last block may have fewer */
 typedef struct qm_store_array {
     uint64_t count;
-    uint64_t *sums; /* on the heap */
+    uint64_t *sums;          /* on the heap */
+    char hash[QM_HASH_SIZE]; /* of the blob that has the numbers, in a shared store */
 } qm_store_array;
 
 static inline size_t qm_store_array_blocks(uint64_t count)
@@ -64,11 +65,10 @@ static inline size_t qm_store_array_blocks(uint64_t count)
     return (size_t)((count + QM_STORE_ARRAY_BLOCK - 1) / QM_STORE_ARRAY_BLOCK);
 }
 
-/** Stores the array of a job in place of one before; without _locked in a transaction of its own. */
-qm_status qm_store_put_array(qm_store *store, const char *job_id, const qm_store_array *array);
-bool qm_store_put_array_locked(qm_store *store, const char *job_id, const qm_store_array *array);
+/** Stores the array of a job in place of one before. QM_STORED_LOST: the job is no longer this node's. */
+qm_stored qm_store_put_array(qm_store *store, const char *job_id, const qm_store_array *array);
 
-/** QM_E_EMPTY when the job has none; QM_E_FORMAT when what is stored cannot be one. */
-qm_status qm_store_find_array(qm_store *store, const char *job_id, qm_store_array *out);
+/** QM_STORED_NONE when the job has none; QM_STORED_DAMAGED when what is stored cannot be one. */
+qm_stored qm_store_find_array(qm_store *store, const char *job_id, qm_store_array *out);
 
 #endif

@@ -17,8 +17,7 @@
 
 #include "base/id.h"
 #include "base/log.h"
-#include "blob.h"
-#include "space.h"
+#include "store_driver.h"
 
 /* ---- the hash ---- */
 
@@ -202,7 +201,7 @@ static qm_status hold(qm_blob_writer *writer, const char *bytes, size_t size)
 static qm_status make_file(qm_blob_writer *writer)
 {
     if (writer->file >= 0) return QM_OK;
-    snprintf(writer->path, QM_STORE_PATH_SIZE, "%s/incoming/XXXXXX", qm_store_folder(writer->store));
+    snprintf(writer->path, QM_STORE_PATH_SIZE, "%s/incoming/XXXXXX", writer->store->folder);
     writer->file = mkostemp(writer->path, O_CLOEXEC);
     return writer->file >= 0 ? QM_OK : fail_to_store("make a file");
 }
@@ -334,12 +333,15 @@ qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
 qm_status qm_blob_keep(qm_blob_writer *writer)
 {
     QM_ASSERT(writer->name[0]);
+    qm_store *store = writer->store;
     qm_status status = fsync(writer->file) == 0 ? QM_OK : fail_to_store("sync");
-    if (status == QM_OK && !qm_blob_commit_file(writer->store, writer->path, writer->name))
+    if (status == QM_OK && qm_store_is_shared(store))
+        status = qm_store_status(store->driver->put_blob(store, writer->name, writer->file));
+    if (status == QM_OK && !qm_blob_commit_file(store, writer->path, writer->name))
         status = fail_to_store("name a file");
     if (status != QM_OK) unlink(writer->path);
-    qm_space_release(writer->store, QM_STORE_UPLOADS, writer->claimed - (status == QM_OK ? writer->size : 0));
-    if (status == QM_OK) qm_space_move(writer->store, QM_STORE_UPLOADS, QM_STORE_BLOBS, writer->size);
+    qm_space_release(store, QM_STORE_UPLOADS, writer->claimed - (status == QM_OK ? writer->size : 0));
+    if (status == QM_OK) qm_space_move(store, QM_STORE_UPLOADS, QM_STORE_BLOBS, writer->size);
     end(writer);
     return status;
 }

@@ -1,5 +1,6 @@
 /**
- * result_file.c: arrays of results as files: written beside, synced, then renamed.
+ * result_file.c: arrays of results as files: written beside, synced, then renamed. Nodes that share a store keep
+ * them as blobs, so that each may read them.
  */
 #include "result_file.h"
 
@@ -14,9 +15,8 @@
 
 #include "base/log.h"
 #include "base/text.h"
-#include "blob.h"
 #include "checksum.h"
-#include "space.h"
+#include "store_driver.h"
 
 _Static_assert(QM_RESULT_BLOCK == QM_STORE_ARRAY_BLOCK, "a block that is read has a checksum");
 
@@ -28,7 +28,7 @@ struct qm_result_file {
 static void make_path(const qm_store *store, const char *job_id, const char *ending,
                       char out[QM_STORE_PATH_SIZE])
 {
-    snprintf(out, QM_STORE_PATH_SIZE, "%s/results/%s%s", qm_store_folder(store), job_id, ending);
+    snprintf(out, QM_STORE_PATH_SIZE, "%s/results/%s%s", store->folder, job_id, ending);
 }
 
 static bool write_all(int file, const void *bytes, size_t size)
@@ -43,8 +43,21 @@ static bool write_all(int file, const void *bytes, size_t size)
     return true;
 }
 
+/** Where numbers go. */
+typedef struct result_target {
+    int file;
+    qm_blob_writer *blob; /* in place of the file; or NULL */
+} result_target;
+
+static bool write_block(const result_target *target, const double *block, size_t count)
+{
+    size_t size = count * sizeof *block;
+    return target->blob ? qm_blob_write(target->blob, block, size) == QM_OK
+                        : write_all(target->file, block, size);
+}
+
 /** Writes the numbers in blocks, and the checksum of each. */
-static bool write_numbers(int file, const double *numbers, const qm_store_array *array)
+static bool write_numbers(const result_target *target, const double *numbers, const qm_store_array *array)
 {
     double block[QM_RESULT_BLOCK];
     for (size_t i = 0; i < qm_store_array_blocks(array->count); i++) {
@@ -53,7 +66,7 @@ static bool write_numbers(int file, const double *numbers, const qm_store_array 
         memcpy(block, numbers + first, count * sizeof *block);
         qm_text_swap_bytes(block, count);
         array->sums[i] = qm_checksum(block, count * sizeof *block, i);
-        if (!write_all(file, block, count * sizeof *block)) return false;
+        if (!write_block(target, block, count)) return false;
     }
     return true;
 }
@@ -68,32 +81,48 @@ static bool sync_folder(const qm_store *store)
     return synced;
 }
 
-qm_status qm_result_file_write(qm_store *store, const char *job_id, const double *numbers, size_t count)
+static qm_status write_file(qm_store *store, const char *job_id, const double *numbers,
+                            const qm_store_array *array)
 {
     char part[QM_STORE_PATH_SIZE], path[QM_STORE_PATH_SIZE];
     make_path(store, job_id, ".part", part);
     make_path(store, job_id, QM_RESULT_ENDING, path);
-    qm_store_array array = {count, malloc(qm_store_array_blocks(count) * sizeof *array.sums + 1)};
-    if (!array.sums) return QM_E_NO_MEMORY;
-    uint64_t size = count * sizeof *numbers;
+    uint64_t size = array->count * sizeof *numbers;
     qm_space_unlink(store, QM_STORE_RESULTS, part); /* of a run that was killed */
     qm_status status = qm_space_claim(store, QM_STORE_RESULTS, size);
-    if (status != QM_OK) {
-        free(array.sums);
-        return status;
-    }
-    int file = open(part, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-    bool written = file >= 0 && write_numbers(file, numbers, &array) && fsync(file) == 0;
-    if (file >= 0) close(file);
+    if (status != QM_OK) return status;
+    const result_target target = {.file = open(part, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600)};
+    bool written = target.file >= 0 && write_numbers(&target, numbers, array) && fsync(target.file) == 0;
+    if (target.file >= 0) close(target.file);
     uint64_t replaced = qm_space_size_of(path);
     if (written && rename(part, path) == 0) {
         qm_space_release(store, QM_STORE_RESULTS, replaced);
-        status = sync_folder(store) ? qm_store_put_array(store, job_id, &array) : QM_E_ARGUMENT;
-    } else {
-        unlink(part);
-        qm_space_release(store, QM_STORE_RESULTS, size);
-        status = QM_E_ARGUMENT;
+        return sync_folder(store) ? QM_OK : QM_E_ARGUMENT;
     }
+    unlink(part);
+    qm_space_release(store, QM_STORE_RESULTS, size);
+    return QM_E_ARGUMENT;
+}
+
+static qm_status write_blob(qm_store *store, const double *numbers, qm_store_array *array)
+{
+    result_target target = {.file = -1};
+    qm_status status = qm_blob_begin(store, array->count * sizeof *numbers, &target.blob);
+    if (status == QM_OK && !write_numbers(&target, numbers, array)) status = QM_E_ARGUMENT;
+    if (status == QM_OK) status = qm_blob_seal(target.blob, array->hash);
+    if (status == QM_OK) return qm_blob_keep(target.blob);
+    qm_blob_abort(target.blob);
+    return status;
+}
+
+qm_status qm_result_file_write(qm_store *store, const char *job_id, const double *numbers, size_t count)
+{
+    qm_store_array array = {.count = count,
+                            .sums = malloc(qm_store_array_blocks(count) * sizeof *array.sums + 1)};
+    if (!array.sums) return QM_E_NO_MEMORY;
+    qm_status status = qm_store_is_shared(store) ? write_blob(store, numbers, &array)
+                                                 : write_file(store, job_id, numbers, &array);
+    if (status == QM_OK) status = qm_store_status(qm_store_put_array(store, job_id, &array));
     if (status != QM_OK) qm_log(QM_LOG_ERROR, "result of %s: cannot write: %s", job_id, strerror(errno));
     free(array.sums);
     return status;
@@ -106,23 +135,34 @@ void qm_result_file_remove(qm_store *store, const char *job_id)
     qm_space_unlink(store, QM_STORE_RESULTS, path);
 }
 
+/** Opens the file of an array, whose row was found; it has its length. */
+static qm_status open_file(qm_store *store, const char *path, qm_result_file *opened)
+{
+    struct stat facts;
+    if (opened->array.hash[0]) {
+        qm_status status = qm_blob_open(store, opened->array.hash, &opened->file);
+        if (status == QM_E_EMPTY) return QM_E_FORMAT;
+        if (status != QM_OK) return status;
+    } else {
+        opened->file = open(path, O_RDONLY | O_CLOEXEC);
+        if (opened->file < 0) return errno == ENOENT ? QM_E_FORMAT : QM_E_ARGUMENT;
+    }
+    bool is_whole =
+        fstat(opened->file, &facts) == 0 && (uint64_t)facts.st_size == opened->array.count * sizeof(double);
+    return is_whole ? QM_OK : QM_E_FORMAT;
+}
+
 qm_status qm_result_file_open(qm_store *store, const char *job_id, qm_result_file **out)
 {
     char path[QM_STORE_PATH_SIZE];
-    struct stat facts;
     *out = NULL;
     make_path(store, job_id, QM_RESULT_ENDING, path);
     qm_result_file *opened = calloc(1, sizeof *opened);
     if (!opened) return QM_E_NO_MEMORY;
     opened->file = -1;
-    qm_status status = qm_store_find_array(store, job_id, &opened->array);
+    qm_status status = qm_store_status(qm_store_find_array(store, job_id, &opened->array));
     if (status == QM_E_EMPTY && access(path, F_OK) == 0) status = QM_E_FORMAT; /* its row is lost */
-    if (status == QM_OK) {
-        opened->file = open(path, O_RDONLY | O_CLOEXEC);
-        bool is_whole = opened->file >= 0 && fstat(opened->file, &facts) == 0 &&
-                        (uint64_t)facts.st_size == opened->array.count * sizeof(double);
-        if (!is_whole) status = opened->file >= 0 || errno == ENOENT ? QM_E_FORMAT : QM_E_ARGUMENT;
-    }
+    if (status == QM_OK) status = open_file(store, path, opened);
     if (status == QM_OK)
         *out = opened;
     else
@@ -175,7 +215,7 @@ qm_status qm_result_file_read(const qm_result_file *file, uint64_t first, double
 /* ---- files of earlier versions ---- */
 
 /** Sums the file of a job. One that cannot be read, or has a part of a number, gets no sums: it is damaged. */
-static bool add_sums(qm_store *store, int file, const char *job_id)
+static bool add_sums(qm_store *store, int file, const char *job_id, qm_result_put_fn *put)
 {
     struct stat facts;
     double block[QM_RESULT_BLOCK];
@@ -189,12 +229,12 @@ static bool add_sums(qm_store *store, int file, const char *job_id)
         good = read_all(file, block, size, first * sizeof *block);
         if (good) array.sums[i] = qm_checksum(block, size, i);
     }
-    good = good && qm_store_put_array_locked(store, job_id, &array);
+    good = good && put(store, job_id, &array);
     free(array.sums);
     return good;
 }
 
-bool qm_result_file_add_sums(qm_store *store)
+bool qm_result_file_add_sums(qm_store *store, qm_result_put_fn *put)
 {
     char path[QM_STORE_PATH_SIZE], id[QM_ID_SIZE];
     make_path(store, "", "", path);
@@ -206,7 +246,7 @@ bool qm_result_file_add_sums(qm_store *store)
             continue;
         snprintf(id, sizeof id, "%.*s", (int)(ending - entry->d_name), entry->d_name);
         int file = openat(dirfd(files), entry->d_name, O_RDONLY | O_CLOEXEC);
-        good = file >= 0 && add_sums(store, file, id);
+        good = file >= 0 && add_sums(store, file, id, put);
         if (file >= 0) close(file);
     }
     if (files) closedir(files);

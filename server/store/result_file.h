@@ -33,8 +33,11 @@ uint64_t qm_result_file_count(const qm_result_file *file);
 #define QM_RESULT_BLOCK 8192
 qm_status qm_result_file_read(const qm_result_file *file, uint64_t first, double *numbers, size_t count);
 
-/** Stores length and checksums of the files that an earlier version has written without. In a transaction of
- * the store; false after a fault. */
-bool qm_result_file_add_sums(qm_store *store);
+/** Stores the array of a job; false after a fault. */
+struct qm_store_array;
+typedef bool qm_result_put_fn(qm_store *store, const char *job_id, const struct qm_store_array *array);
+
+/** Has length and checksums stored of the files that an earlier version has written without; false after a fault. */
+bool qm_result_file_add_sums(qm_store *store, qm_result_put_fn *put);
 
 #endif

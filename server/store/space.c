@@ -10,7 +10,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "blob.h"
+#include "store_driver.h"
 
 uint64_t qm_space_size_of(const char *path)
 {
@@ -42,8 +42,8 @@ void qm_space_count(qm_store *store)
     static const char *const folders[QM_STORE_FILES_COUNT] = {"blobs", "results", "incoming"};
     char path[QM_STORE_PATH_SIZE];
     for (int kind = 0; kind < QM_STORE_FILES_COUNT; kind++) {
-        snprintf(path, sizeof path, "%s/%s", qm_store_folder(store), folders[kind]);
-        qm_store_space(store)->files[kind] = size_of_folder(path, 1);
+        snprintf(path, sizeof path, "%s/%s", store->folder, folders[kind]);
+        store->space.files[kind] = size_of_folder(path, 1);
     }
 }
 
@@ -58,7 +58,7 @@ static uint64_t sum(const qm_space *space)
 
 void qm_space_set_database(qm_store *store, uint64_t size)
 {
-    qm_space *space = qm_store_space(store);
+    qm_space *space = &store->space;
     pthread_mutex_lock(&space->lock);
     space->database = size;
     pthread_mutex_unlock(&space->lock);
@@ -66,7 +66,7 @@ void qm_space_set_database(qm_store *store, uint64_t size)
 
 qm_status qm_space_claim(qm_store *store, qm_store_files kind, uint64_t size)
 {
-    qm_space *space = qm_store_space(store);
+    qm_space *space = &store->space;
     pthread_mutex_lock(&space->lock);
     uint64_t used = sum(space);
     bool fits = space->quota == 0 || (used <= space->quota && size <= space->quota - used);
@@ -77,7 +77,7 @@ qm_status qm_space_claim(qm_store *store, qm_store_files kind, uint64_t size)
 
 void qm_space_release(qm_store *store, qm_store_files kind, uint64_t size)
 {
-    qm_space *space = qm_store_space(store);
+    qm_space *space = &store->space;
     pthread_mutex_lock(&space->lock);
     /* Somebody else may have changed the size of a file. */
     space->files[kind] -= size < space->files[kind] ? size : space->files[kind];
@@ -86,7 +86,7 @@ void qm_space_release(qm_store *store, qm_store_files kind, uint64_t size)
 
 void qm_space_move(qm_store *store, qm_store_files from, qm_store_files to, uint64_t size)
 {
-    qm_space *space = qm_store_space(store);
+    qm_space *space = &store->space;
     pthread_mutex_lock(&space->lock);
     QM_ASSERT(space->files[from] >= size);
     space->files[from] -= size;
@@ -100,24 +100,24 @@ void qm_space_unlink(qm_store *store, qm_store_files kind, const char *path)
     if (unlink(path) == 0) qm_space_release(store, kind, size);
 }
 
-qm_status qm_space_check(qm_store *store)
+bool qm_space_has_room(qm_store *store)
 {
-    qm_space *space = qm_store_space(store);
-    if (space->quota == 0) return QM_OK;
+    qm_space *space = &store->space;
+    if (space->quota == 0) return true;
     pthread_mutex_lock(&space->lock);
     bool has_room = sum(space) < space->quota;
     pthread_mutex_unlock(&space->lock);
-    return has_room ? QM_OK : QM_E_TOO_LARGE;
+    return has_room;
 }
 
 void qm_store_set_quota(qm_store *store, uint64_t quota)
 {
-    qm_store_space(store)->quota = quota;
+    store->space.quota = quota;
 }
 
 void qm_store_measure(qm_store *store, qm_store_usage *out)
 {
-    qm_space *space = qm_store_space(store);
+    qm_space *space = &store->space;
     pthread_mutex_lock(&space->lock);
     *out = (qm_store_usage){.database = space->database, .total = sum(space), .quota = space->quota};
     memcpy(out->files, space->files, sizeof out->files);

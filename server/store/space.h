@@ -36,7 +36,7 @@ uint64_t qm_space_size_of(const char *path);
 /** Removes a file of a kind, and its bytes from the count. */
 void qm_space_unlink(qm_store *store, qm_store_files kind, const char *path);
 
-/** QM_OK while what is stored is below the quota; else QM_E_TOO_LARGE, for new rows. */
-qm_status qm_space_check(qm_store *store);
+/** True while what is stored is below the quota: there may be new rows. */
+bool qm_space_has_room(qm_store *store);
 
 #endif

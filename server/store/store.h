@@ -3,13 +3,21 @@
  * keeps documents (JSON text made elsewhere) and the columns that it searches; it knows no geometry and no
  * JSON.
  *
- * Find calls return QM_OK, and the row is the caller's to reset; QM_E_EMPTY when there is none;
- * QM_E_FORMAT when it, or what it is found by, is damaged; QM_E_NO_MEMORY or QM_E_ARGUMENT after another fault.
- * List calls write the rows of a page, in order, and their count, which is 0 after a fault; a filter's NULL members
- * let every row pass. Delete calls return QM_OK, QM_E_EMPTY when there was none, or a fault.
+ * There are two kinds of store. An embedded one is a folder that one process holds: SQLite and files. A shared one
+ * is a PostgreSQL database that any number of processes use, the nodes of a cluster; the folder of each is a cache.
  *
- * Durability: a call that returned QM_OK survives a kill -9 and a power cut. Threads: every call may come
- * from any thread; the store takes a lock of its own.
+ * Each verb on rows is one atomic step that decides races itself. It may be called again with the same
+ * arguments, and then tells what the first call has done. An id is made by the caller.
+ *
+ * Find verbs return QM_STORED, and the row is the caller's to reset; QM_STORED_NONE when there is none. List verbs
+ * write the rows of a page, in order, and their count, which is 0 after a fault; a filter's NULL members let every
+ * row pass. A page has all rows that were acknowledged before it was asked for; of a shared store, rows that are
+ * added meanwhile may get a smaller sequence number than some of the page. Delete verbs return QM_STORED_NONE when
+ * there was none.
+ *
+ * Durability: a verb that returned QM_STORED survives a kill -9 and a power cut of this machine, and of a shared
+ * store as far as the database promises. Events of jobs that run are the exception: of a shared store the last
+ * ones may be lost with the database. Threads: every call may come from any thread; the store takes locks of its own.
  */
 #ifndef QM_STORE_H
 #define QM_STORE_H
@@ -20,6 +28,20 @@
 #include "base/id.h"
 #include "base/text.h"
 #include "qm/context.h"
+
+/** How a verb on rows ended. */
+typedef enum qm_stored {
+    QM_STORED,           /* done, by this call or an equal one before */
+    QM_STORED_NONE,      /* there is no such row */
+    QM_STORED_LATE,      /* the row is no longer as the caller expects: to be read again */
+    QM_STORED_TAKEN,     /* the Idempotency-Key, or the content, has another row */
+    QM_STORED_LOST,      /* another node has the job, or it was given up: nothing of it may be told */
+    QM_STORED_FULL,      /* a limit of bytes or of jobs that wait */
+    QM_STORED_DAMAGED,   /* the row, or what it is found by, is damaged */
+    QM_STORED_NO_MEMORY, /* of this process */
+    QM_STORED_AWAY,      /* the database cannot be reached, or did not answer: it may have done it or not */
+    QM_STORED_FAULT      /* any other; logged */
+} qm_stored;
 
 typedef struct qm_store qm_store;
 
@@ -38,6 +60,32 @@ typedef enum qm_store_purpose {
 qm_status qm_store_open(const char *folder, qm_store_purpose purpose, qm_store **out,
                         char message[QM_MESSAGE_SIZE]);
 void qm_store_close(qm_store *store);
+
+/** A process that joins a shared store. */
+#define QM_NODE_NAME_SIZE 64
+typedef struct qm_store_node {
+    char name
+        [QM_NODE_NAME_SIZE]; /* of the machine or place; a second start of a name ends the first one's claims */
+    const char *version;
+    int workers;
+    uint64_t memory; /* bytes of its budget */
+} qm_store_node;
+
+/** How far a shared store keeps what it has acknowledged. */
+typedef enum qm_store_durability {
+    QM_STORE_UNSAFE,      /* the database does not wait for its disk */
+    QM_STORE_ONE_MACHINE, /* it is on the disk of the database's machine */
+    QM_STORE_REPLICATED   /* and on another machine */
+} qm_store_durability;
+
+/**
+ * Opens a shared store at a postgres:// address, with a folder of this process as its cache, and joins its nodes.
+ * Makes the tables when the database has none. QM_STORED, or with a message: QM_STORED_AWAY (no library, no
+ * database), QM_STORED_FULL (not as durable as asked: is_unsafe allows all), QM_STORED_FAULT (other tables).
+ */
+qm_stored qm_store_open_shared(const char *address, const char *folder, const qm_store_node *self,
+                               bool is_unsafe, qm_store **out, char message[QM_MESSAGE_SIZE]);
+bool qm_store_is_shared(const qm_store *store);
 
 /** What a check has found. */
 typedef struct qm_store_findings {
@@ -85,7 +133,7 @@ typedef struct qm_store_usage {
 
 /**
  * Sets how many bytes the files and the database may have. Calls that write files, or rows that begin something,
- * return QM_E_TOO_LARGE when there is no room; what was begun may end, and its rows go beyond the quota. To be
+ * return QM_E_TOO_LARGE or QM_STORED_FULL when there is no room; what was begun may end, and its rows go beyond the quota. To be
  * called before there are other threads.
  */
 void qm_store_set_quota(qm_store *store, uint64_t quota);
@@ -107,8 +155,8 @@ qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size);
 qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE]);
 /** Maps the bytes of a sealed blob for reading; release with qm_blob_unmap. */
 qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes, size_t *size);
-/** Gives a sealed blob the name of its hash: it is on disk afterwards. Frees the writer, also after an
- * error. */
+/** Gives a sealed blob the name of its hash: it is on disk afterwards, or in the database that is shared. Frees the
+ * writer, also after an error. */
 qm_status qm_blob_keep(qm_blob_writer *writer);
 /** Bytes written so far, and reading them back from an offset: all of size, or not QM_OK. */
 uint64_t qm_blob_size(const qm_blob_writer *writer);
@@ -131,7 +179,10 @@ void qm_blob_unmap(const uint8_t *bytes, size_t size);
 bool qm_blob_each_orphan(qm_store *store, void (*take)(void *user, const char *hash), void *user);
 /** Moves a blob to the folder lost/. */
 bool qm_blob_move_away(qm_store *store, const char *hash);
-/** Removes a blob unless a mesh refers to it. The caller ensures that no thread puts such a mesh. */
+/** Removes blobs of a shared store from the folder, those used least recently first, until they have `limit` bytes. */
+void qm_blob_trim_cache(qm_store *store, uint64_t limit);
+/** Removes a blob of an embedded store unless a mesh refers to it. The caller ensures that no thread puts such a mesh.
+ * A shared store removes blobs later (qm_store_clean_blobs). */
 void qm_blob_remove(qm_store *store, const char *hash);
 
 /** A row of meshes. Strings of found rows are the caller's, for qm_store_mesh_reset. */
@@ -150,26 +201,32 @@ typedef struct qm_store_mesh {
     int64_t sequence;             /* order of creation; given by the store */
 } qm_store_mesh;
 
-qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh);
-qm_status qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
-qm_status qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
+/**
+ * Stores a new mesh. QM_STORED_TAKEN when there is one of this content and these options; QM_STORED_LATE when its
+ * blob has been removed meanwhile.
+ */
+qm_stored qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh);
+qm_stored qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
+/** Finds the revision of a mesh alone. */
+qm_stored qm_store_find_revision(qm_store *store, const char *id, uint64_t *revision);
+qm_stored qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
                                         qm_store_mesh *out);
 typedef struct qm_store_mesh_filter {
     const char *name, *hash;
 } qm_store_mesh_filter;
-qm_status qm_store_list_meshes(qm_store *store, const qm_store_page *page, const qm_store_mesh_filter *filter,
+qm_stored qm_store_list_meshes(qm_store *store, const qm_store_page *page, const qm_store_mesh_filter *filter,
                                qm_store_mesh *out, size_t *count);
 /**
  * Replaces a mesh by its next revision: revision, positions, options, document. Removes the blob of the
- * positions before. QM_E_CANCELED when the mesh is no longer at the revision before, QM_E_EMPTY when it is gone.
+ * positions before. QM_STORED_LATE when the mesh is no longer at the revision before, QM_STORED_NONE when it is gone.
  */
-qm_status qm_store_deform_mesh(qm_store *store, const qm_store_mesh *mesh);
-/** Sets when a mesh expires. QM_E_EMPTY when there is no such mesh. */
-qm_status qm_store_set_expiry(qm_store *store, const char *id, const char *expires);
+qm_stored qm_store_revise_mesh(qm_store *store, const qm_store_mesh *mesh);
+/** Sets when a mesh expires. QM_STORED_NONE when there is no such mesh. */
+qm_stored qm_store_set_expiry(qm_store *store, const char *id, const char *expires);
 /** Finds a mesh that expired before a time, and that no unfinished job, layout or reconstruction needs. */
-qm_status qm_store_find_expired_mesh(qm_store *store, const char *before, qm_store_mesh *out);
+qm_stored qm_store_find_expired_mesh(qm_store *store, const char *before, qm_store_mesh *out);
 /** Removes the row, and its blobs unless another row has them. */
-qm_status qm_store_delete_mesh(qm_store *store, const char *id);
+qm_stored qm_store_delete_mesh(qm_store *store, const char *id);
 void qm_store_mesh_reset(qm_store_mesh *mesh);
 
 typedef enum qm_job_state {
@@ -192,10 +249,11 @@ typedef struct qm_store_job {
     char *created;  /* time of submission, RFC 3339 */
     char *document; /* members of the job resource as of its end but for its result; NULL before */
     char *result;   /* the result object; NULL when the job has none */
+    char *progress; /* of one that another node runs: members of its newest bounds, or NULL */
     qm_job_state state;
     int64_t sequence; /* order of creation; given by the store */
     int64_t restarts; /* number of times that it was claimed, and began again */
-    int64_t begun;    /* runs that began, but for the first, since the process was last ended in order */
+    int64_t deaths;   /* how many processes have died while it ran, since one has ended in order */
 } qm_store_job;
 
 /** An event of a job. */
@@ -207,18 +265,38 @@ typedef struct qm_store_event {
     const char *members; /* of its JSON object besides name and seq */
 } qm_store_event;
 
+/** How a job enters the store. */
+typedef struct qm_store_submission {
+    const qm_store_job *job;
+    /* Of a shared store: */
+    const char *home; /* the name of the node that is to run it */
+    size_t limit;     /* of jobs that wait; the queue of an embedded store is in memory */
+    bool is_claimed;  /* this node runs it at once */
+    bool is_kept;     /* it runs to its end whichever client leaves */
+} qm_store_submission;
+
 /**
- * A job is submitted once and finished once, also one that is canceled or fails. In between the process that
- * holds the folder runs it, and appends its events from time to time. A submission is QM_E_CANCELED when its
- * idempotency key has another job.
+ * A job is submitted once and finished once, also one that is canceled or fails. In between one process has it, which
+ * appends its events from time to time. QM_STORED_TAKEN when its idempotency key has another job; QM_STORED_FULL.
  */
-qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job);
+qm_stored qm_store_submit_job(qm_store *store, const qm_store_submission *submission);
+/** A run of a job by this process, and what a shared store says of it. */
+typedef struct qm_store_run {
+    const char *job;
+    int64_t restarts;
+    const char *progress; /* members of its newest bounds, or NULL */
+    bool is_lost;         /* the job is no longer this node's */
+    bool is_canceled;     /* a client of another node has asked for its end */
+    bool is_watched;      /* clients of other nodes read its events */
+} qm_store_run;
+
 /**
- * Appends events of several jobs, of all or of none. An event replaces the one of the same job and seq, so
- * that events which may have been stored are appended again. A job that has ended, or does not exist, stays
- * as it is.
+ * Appends events of several runs, of all or of none; an event names its job, which is one of the runs. An event
+ * replaces the one of the same job and seq, so that events which may have been stored are appended again. A job
+ * that has ended, does not exist, or is lost, stays as it is.
  */
-qm_status qm_store_append_events(qm_store *store, const qm_store_event *events, size_t count);
+qm_stored qm_store_append_events(qm_store *store, qm_store_run *runs, size_t run_count,
+                                 const qm_store_event *events, size_t count);
 typedef struct qm_store_reconstruction qm_store_reconstruction;
 
 /** What the end of a job changes besides the job: the next revision of a reconstruction. */
@@ -230,42 +308,103 @@ typedef struct qm_store_effect {
 /**
  * Ends a job: writes state, document and result of the row with end's id, the revisions of its meshes as
  * text, and appends its last events; with its effect, or without one for NULL. All of it is stored, or nothing.
- * QM_E_CANCELED: the reconstruction is deleted, or no longer at the revision before.
+ * QM_STORED_LATE: the reconstruction is deleted, or no longer at the revision before. QM_STORED_LOST: the job is not
+ * at the restart that end names, has ended in another way, or belongs to another node.
  */
-qm_status qm_store_finish_job(qm_store *store, const qm_store_job *end, const char *revisions,
+qm_stored qm_store_finish_job(qm_store *store, const qm_store_job *end, const char *revisions,
                               const qm_store_event *events, size_t count, const qm_store_effect *effect);
-/** Called for each event; its strings live until it returns. False ends the reading (QM_E_NO_MEMORY). */
+/** Called for each event; its strings live until it returns. False ends the reading (QM_STORED_NO_MEMORY). */
 typedef bool qm_store_event_fn(void *user, const qm_store_event *event);
-/** Reads all events of a job in the order of seq; none of a job that does not exist. The callback runs under
- * the lock of the store. */
-qm_status qm_store_read_events(qm_store *store, const char *id, qm_store_event_fn *take, void *user);
-qm_status qm_store_find_job(qm_store *store, const char *id, qm_store_job *out);
+/** Reads the events of a job after a number in the order of seq; none of a job that does not exist. The callback may
+ * run under a lock of the store. */
+qm_stored qm_store_read_events(qm_store *store, const char *id, uint64_t after, qm_store_event_fn *take,
+                               void *user);
+qm_stored qm_store_find_job(qm_store *store, const char *id, qm_store_job *out);
 /** Finds the newest job of a key that ran on these revisions and is in this state. */
-qm_status qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions,
+qm_stored qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions,
                                    qm_job_state state, qm_store_job *out);
 /** Lets a job answer no later request: its result is damaged. */
-qm_status qm_store_forget_answer(qm_store *store, const char *id);
-qm_status qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
+qm_stored qm_store_forget_answer(qm_store *store, const char *id);
+qm_stored qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
 typedef struct qm_store_job_filter {
     const char *type, *subject; /* a kind; the id of a mesh or reconstruction that the request names */
-    const qm_job_state *state;  /* all that have not ended are QM_JOB_QUEUED here */
+    const qm_job_state *state;  /* of an embedded store all that have not ended are QM_JOB_QUEUED */
 } qm_store_job_filter;
-qm_status qm_store_list_jobs(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
+qm_stored qm_store_list_jobs(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
                              qm_store_job *out, size_t *count);
-/** Takes over the unfinished jobs of an earlier process: counts one more restart of each. */
-qm_status qm_store_claim_jobs(qm_store *store);
-/** Counts a run of a claimed job, before it begins. */
-qm_status qm_store_begin_job(qm_store *store, const char *id);
-/** Ends in order: the unfinished jobs have not ended the process. */
-qm_status qm_store_leave_jobs(qm_store *store);
+/** Which jobs a process asks for. */
+typedef struct qm_store_wish {
+    size_t free;  /* workers: jobs whose home is this node, or that have none, and those that have waited */
+    size_t extra; /* jobs beside those, all of which have waited for spill_s at other nodes */
+    double spill_s;
+} qm_store_wish;
+
 /**
- * Removes up to limit jobs that have ended, the oldest first: jobs that were submitted before a time (RFC
- * 3339), and jobs with at least `kept` newer ones. Writes their ids; returns their number.
+ * Gives unfinished jobs to this process: writes up to free + extra rows and their count. Of an embedded store these
+ * are the jobs of an earlier process, each once. restarts counts the claims before this one of a job.
  */
-size_t qm_store_drop_old_jobs(qm_store *store, size_t kept, const char *before, size_t limit,
-                              char (*ids)[QM_ID_SIZE]);
-qm_status qm_store_delete_job(qm_store *store, const char *id);
+qm_stored qm_store_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_store_job *out, size_t *count);
+/** Counts a run of a claimed job of an embedded store, before it begins; a shared one counts the deaths of nodes. */
+qm_stored qm_store_begin_job(qm_store *store, const char *id);
+/** Ends in order: the unfinished jobs of this process have not ended it, and may be claimed at once. */
+qm_stored qm_store_leave_jobs(qm_store *store);
+/**
+ * Removes up to limit jobs that have ended, the oldest first: jobs that were submitted kept_s seconds ago (0:
+ * none), and jobs with at least `kept` newer ones. Writes their ids and their number.
+ */
+qm_stored qm_store_drop_old_jobs(qm_store *store, size_t kept, double kept_s, size_t limit,
+                                 char (*ids)[QM_ID_SIZE], size_t *count);
+qm_stored qm_store_delete_job(qm_store *store, const char *id);
 void qm_store_job_reset(qm_store_job *job);
+
+/* ---- the nodes of a shared store ---- */
+
+/** The cluster as the last beat has seen it. */
+typedef struct qm_store_cluster {
+    char node[QM_NODE_NAME_SIZE +
+              16];          /* the id of this start of the process: its name, a dot, a random part */
+    size_t nodes;           /* that live, with this one */
+    size_t queued, running; /* jobs */
+    qm_store_durability durability;
+    char engine[64]; /* name and version of the database */
+} qm_store_cluster;
+
+/** Tells that this process lives, durably. QM_STORED_LOST: it was declared dead, and its jobs are given away. */
+qm_stored qm_store_beat(qm_store *store, size_t free_workers, qm_store_cluster *out);
+/** Joins again, with a new id, after QM_STORED_LOST. */
+qm_stored qm_store_join(qm_store *store);
+/** Declares nodes dead that have been silent, and queues their jobs again; *count is the number of these. */
+qm_stored qm_store_reap(qm_store *store, double silence_s, size_t *count);
+/** The name of the node, of those that live, that is to run jobs on something with this id: by rendezvous hashing, the
+ * one of the two first that has fewer waiting. */
+qm_stored qm_store_find_home(qm_store *store, const char *id, char out[QM_NODE_NAME_SIZE]);
+
+/**
+ * Ends a job that waits (QM_STORED), with a document and a last event, or asks the node that runs it to (QM_STORED_LATE).
+ * QM_STORED_NONE: it has ended.
+ */
+qm_stored qm_store_cancel_job(qm_store *store, const char *id, const char *document,
+                              const qm_store_event *last);
+/** Counts clients that own a job; *is_unwanted when the last one has left, and nobody keeps it. */
+qm_stored qm_store_hold_job(qm_store *store, const char *id, int owners, bool is_kept, bool *is_unwanted);
+
+/** A job that another node has, as it is after an event. */
+typedef struct qm_store_look {
+    const char *job;
+    uint64_t after; /* number of an event */
+    /* Written: */
+    qm_job_state state; /* above QM_JOB_RUNNING: it has ended, and its row has the document */
+    bool is_gone;
+} qm_store_look;
+
+/** Looks at several jobs at once, and tells their nodes that somebody reads them. */
+qm_stored qm_store_look_at_jobs(qm_store *store, qm_store_look *looks, size_t count, qm_store_event_fn *take,
+                                void *user);
+
+/** Marks the blobs that no row names, and removes those that were marked delay_s ago. */
+qm_stored qm_store_clean_blobs(qm_store *store, double delay_s);
+
+/* ---- idempotency ---- */
 
 /** Identifies a request that creates something when it is repeated. */
 typedef struct qm_store_idempotency {
@@ -278,9 +417,9 @@ typedef struct qm_store_idempotency_record {
     char id[QM_ID_SIZE];
     char request[QM_HASH_SIZE];
 } qm_store_idempotency_record;
-qm_status qm_store_find_layout_by_idempotency_key(qm_store *store, const char *key,
+qm_stored qm_store_find_layout_by_idempotency_key(qm_store *store, const char *key,
                                                   qm_store_idempotency_record *out);
-qm_status qm_store_find_reconstruction_by_idempotency_key(qm_store *store, const char *key,
+qm_stored qm_store_find_reconstruction_by_idempotency_key(qm_store *store, const char *key,
                                                           qm_store_idempotency_record *out);
 
 /**
@@ -299,19 +438,19 @@ typedef struct qm_store_layout {
     int64_t sequence;
 } qm_store_layout;
 
-/** Stores a new layout with its revision 0; a fault when its idempotency key has created another one. */
-qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout,
+/** Stores a new layout with its revision 0; QM_STORED_TAKEN when its idempotency key has created another one. */
+qm_stored qm_store_put_layout(qm_store *store, const qm_store_layout *layout,
                               const qm_store_idempotency *idempotency);
-qm_status qm_store_find_layout(qm_store *store, const char *id, qm_store_layout *out);
+qm_stored qm_store_find_layout(qm_store *store, const char *id, qm_store_layout *out);
 /** mesh: of one mesh only, or NULL. */
-qm_status qm_store_list_layouts(qm_store *store, const qm_store_page *page, const char *mesh,
+qm_stored qm_store_list_layouts(qm_store *store, const qm_store_page *page, const char *mesh,
                                 qm_store_layout *out, size_t *count);
-/** Adds the revision after layout->revision and drops the undone ones. QM_E_CANCELED when the current
+/** Adds the revision after layout->revision and drops the undone ones. QM_STORED_LATE when the current
  * revision is another one. */
-qm_status qm_store_edit_layout(qm_store *store, const qm_store_layout *layout);
-/** Moves from one revision to another that is kept; QM_E_CANCELED when `from` is not the current one. */
-qm_status qm_store_move_layout(qm_store *store, const char *id, int64_t from, int64_t to);
-qm_status qm_store_delete_layout(qm_store *store, const char *id);
+qm_stored qm_store_edit_layout(qm_store *store, const qm_store_layout *layout);
+/** Moves from one revision to another that is kept; QM_STORED_LATE when `from` is not the current one. */
+qm_stored qm_store_move_layout(qm_store *store, const char *id, int64_t from, int64_t to);
+qm_stored qm_store_delete_layout(qm_store *store, const char *id);
 void qm_store_layout_reset(qm_store_layout *layout);
 
 /** A reconstruction: its source and layout, the steps that it has taken, and its current mesh. */
@@ -329,17 +468,17 @@ struct qm_store_reconstruction {
     int64_t sequence;
 };
 
-/** Stores a new one, with its mesh, or with NULL when that is stored already: both, or none. A fault when its
- * idempotency key has created another one. */
-qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction,
+/** Stores a new one, with its mesh, or with NULL when that is stored already: both, or none. QM_STORED_TAKEN
+ * when its idempotency key has created another one; QM_STORED_LATE when the mesh's content has another row. */
+qm_stored qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction,
                                       const qm_store_mesh *mesh, const qm_store_idempotency *idempotency);
-qm_status qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out);
+qm_stored qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out);
 /** source: of one mesh only, or NULL. */
-qm_status qm_store_list_reconstructions(qm_store *store, const qm_store_page *page, const char *source,
+qm_stored qm_store_list_reconstructions(qm_store *store, const qm_store_page *page, const char *source,
                                         qm_store_reconstruction *out, size_t *count);
 /** Writes mesh, layout, steps, records, state and revision, with a new mesh or NULL, as the end of a job does. */
-qm_status qm_store_update_reconstruction(qm_store *store, const qm_store_effect *effect);
-qm_status qm_store_delete_reconstruction(qm_store *store, const char *id);
+qm_stored qm_store_update_reconstruction(qm_store *store, const qm_store_effect *effect);
+qm_stored qm_store_delete_reconstruction(qm_store *store, const char *id);
 void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction);
 
 #endif

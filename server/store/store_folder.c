@@ -11,9 +11,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "store_internal.h"
+#include "store_sqlite.h"
 
-static qm_status lock_folder(qm_store *store, char message[QM_MESSAGE_SIZE])
+qm_status qm_store_lock_folder(qm_store *store, char message[QM_MESSAGE_SIZE])
 {
     char path[QM_STORE_PATH_SIZE];
     snprintf(path, sizeof path, "%s/lock", store->folder);
@@ -37,7 +37,7 @@ static bool is_fresh(const char *folder)
 static qm_status take_folder(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE])
 {
     if (purpose != QM_STORE_CHECK && !qm_blob_make_folders(store->folder, message)) return QM_E_ARGUMENT;
-    qm_status status = lock_folder(store, message);
+    qm_status status = qm_store_lock_folder(store, message);
     if (status != QM_OK) return status;
     /* SQLite would make an empty database, and remove the log of a lost one. */
     if (is_fresh(store->folder) &&
@@ -47,9 +47,9 @@ static qm_status take_folder(qm_store *store, qm_store_purpose purpose, char mes
         return QM_E_EMPTY;
     }
     if (purpose == QM_STORE_SERVE) qm_blob_sweep(store->folder);
-    status = qm_store_open_database(store, purpose, message);
+    status = qm_sqlite_open_database(store, purpose, message);
     if (status == QM_OK && purpose == QM_STORE_SERVE) qm_blob_sweep_orphans(store);
-    if (status == QM_OK) qm_store_measure_database(store);
+    if (status == QM_OK) qm_sqlite_measure_database(store);
     if (status == QM_OK) qm_space_count(store);
     return status;
 }
@@ -60,7 +60,6 @@ static qm_store *create(const char *folder)
     qm_store *store = calloc(1, sizeof *store);
     if (!store) return NULL;
     store->lock_file = -1;
-    pthread_mutex_init(&store->lock, NULL);
     pthread_mutex_init(&store->space.lock, NULL);
     size_t length = strlen(folder);
     while (length > 1 && folder[length - 1] == '/')
@@ -95,22 +94,11 @@ qm_status qm_store_open(const char *folder, qm_store_purpose purpose, qm_store *
     return status;
 }
 
-qm_space *qm_store_space(qm_store *store)
-{
-    return &store->space;
-}
-
-const char *qm_store_folder(const qm_store *store)
-{
-    return store->folder;
-}
-
 void qm_store_close(qm_store *store)
 {
     if (!store) return;
-    qm_store_close_database(store);
+    if (store->driver) store->driver->close(store);
     if (store->lock_file >= 0) close(store->lock_file);
-    pthread_mutex_destroy(&store->lock);
     pthread_mutex_destroy(&store->space.lock);
     free(store->folder);
     free(store);
@@ -120,7 +108,7 @@ qm_status qm_store_empty(const char *folder, char message[QM_MESSAGE_SIZE])
 {
     qm_store *store = qm_store_create(folder, message);
     if (!store) return QM_E_NO_MEMORY;
-    qm_status status = lock_folder(store, message);
+    qm_status status = qm_store_lock_folder(store, message);
     if (status == QM_OK && !is_fresh(store->folder)) {
         snprintf(message, QM_MESSAGE_SIZE, "there is a database: nothing was moved");
         status = QM_E_ARGUMENT;

@@ -12,7 +12,7 @@
 #include "base/log.h"
 #include "base/metrics.h"
 #include "result_file.h"
-#include "store_internal.h"
+#include "store_sqlite.h"
 
 #define BUSY_TIMEOUT_MS 5000
 #define OLDEST_SCHEMA 7
@@ -80,9 +80,14 @@ typedef struct migration {
     bool (*task)(qm_store *store);
 } migration;
 
+static bool add_sums(qm_store *store)
+{
+    return qm_result_file_add_sums(store, qm_sqlite_add_array);
+}
+
 /** From OLDEST_SCHEMA on. A step that was released is never changed. */
 static const migration migrations[SCHEMA - OLDEST_SCHEMA] = {
-    {CREATE_ARRAYS, qm_result_file_add_sums},                               /* 7 to 8 */
+    {CREATE_ARRAYS, add_sums},                                              /* 7 to 8 */
     {"ALTER TABLE jobs ADD COLUMN begun INTEGER NOT NULL DEFAULT 0", NULL}, /* 8 to 9 */
     {"", NULL}, /* 9 to 10: the file was written again, with checksums */
     {"ALTER TABLE jobs ADD COLUMN type TEXT NOT NULL DEFAULT '';"
@@ -119,11 +124,11 @@ static bool change_schema(qm_store *store, const migration *change, int version)
 {
     char sql[48];
     snprintf(sql, sizeof sql, "PRAGMA user_version = %d", version);
-    return qm_store_begin_transaction(store) &&
-           qm_store_end_transaction(
-               store, sqlite3_exec(store->database, change->sql, NULL, NULL, NULL) == SQLITE_OK &&
-                          (!change->task || change->task(store)) &&
-                          sqlite3_exec(store->database, sql, NULL, NULL, NULL) == SQLITE_OK);
+    if (!qm_sqlite_begin_transaction(store)) return false;
+    bool good = sqlite3_exec(store->sqlite->database, change->sql, NULL, NULL, NULL) == SQLITE_OK &&
+                (!change->task || change->task(store)) &&
+                sqlite3_exec(store->sqlite->database, sql, NULL, NULL, NULL) == SQLITE_OK;
+    return qm_sqlite_end_transaction(store, good ? QM_STORED : QM_STORED_FAULT) == QM_STORED;
 }
 
 /**
@@ -137,18 +142,19 @@ static qm_status write_again(qm_store *store, char message[QM_MESSAGE_SIZE])
     snprintf(new_path, sizeof new_path, "%s/" QM_STORE_DATABASE ".new", store->folder);
     unlink(new_path);
     sqlite3_stmt *statement = NULL;
-    bool written = sqlite3_prepare_v2(store->database, "VACUUM INTO ?", -1, &statement, NULL) == SQLITE_OK &&
-                   sqlite3_bind_text(statement, 1, new_path, -1, SQLITE_STATIC) == SQLITE_OK &&
-                   sqlite3_step(statement) == SQLITE_DONE;
+    bool written =
+        sqlite3_prepare_v2(store->sqlite->database, "VACUUM INTO ?", -1, &statement, NULL) == SQLITE_OK &&
+        sqlite3_bind_text(statement, 1, new_path, -1, SQLITE_STATIC) == SQLITE_OK &&
+        sqlite3_step(statement) == SQLITE_DONE;
     sqlite3_finalize(statement);
     int file = written ? open(new_path, O_RDONLY | O_CLOEXEC) : -1;
     written = file >= 0 && fsync(file) == 0;
     if (file >= 0) close(file);
     /* Without a log: that of the old file is none of the new one. */
-    written =
-        written && ask(store->database, "PRAGMA journal_mode = DELETE", mode) && strcmp(mode, "delete") == 0;
-    if (!written) return fail_to_open(store->database, message);
-    qm_store_close_database(store);
+    written = written && ask(store->sqlite->database, "PRAGMA journal_mode = DELETE", mode) &&
+              strcmp(mode, "delete") == 0;
+    if (!written) return fail_to_open(store->sqlite->database, message);
+    qm_sqlite_close_database(store);
     if (rename(new_path, path) == 0 && qm_blob_sync_folder(store->folder)) return QM_OK;
     snprintf(message, QM_MESSAGE_SIZE, "database: cannot replace: %s", strerror(errno));
     return QM_E_ARGUMENT;
@@ -157,7 +163,7 @@ static qm_status write_again(qm_store *store, char message[QM_MESSAGE_SIZE])
 /** Checks the version first: a database of a newer version, or of one too old, is left as it is. */
 static qm_status set_up(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE])
 {
-    sqlite3 *database = store->database;
+    sqlite3 *database = store->sqlite->database;
     char text[16], mode[16];
     if (!ask(database, "PRAGMA user_version", text)) return fail_to_open(database, message);
     int version = atoi(text);
@@ -195,7 +201,7 @@ static qm_status set_up(qm_store *store, qm_store_purpose purpose, char message[
     for (; good && version < SCHEMA; version++) {
         if (is_unmade || (version + 1 == FIRST_SUMMED && is_plain)) {
             qm_status status = write_again(store, message);
-            return status == QM_OK ? qm_store_open_database(store, purpose, message) : status;
+            return status == QM_OK ? qm_sqlite_open_database(store, purpose, message) : status;
         }
         qm_log(QM_LOG_INFO, "database: schema %d becomes %d", version, version + 1);
         good = change_schema(store, &migrations[version - OLDEST_SCHEMA], version + 1);
@@ -203,70 +209,137 @@ static qm_status set_up(qm_store *store, qm_store_purpose purpose, char message[
     return good ? QM_OK : fail_to_open(database, message);
 }
 
-qm_status qm_store_open_database(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE])
+/** Makes a store one of this driver; false: out of memory. */
+static bool make_driver(qm_store *store)
+{
+    if (store->sqlite) return true;
+    store->sqlite = calloc(1, sizeof *store->sqlite);
+    if (!store->sqlite) return false;
+    pthread_mutex_init(&store->sqlite->lock, NULL);
+    store->driver = &qm_sqlite_driver;
+    return true;
+}
+
+qm_status qm_sqlite_open_database(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE])
 {
     char path[QM_STORE_PATH_SIZE];
     int flags = SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOMUTEX;
     if (purpose != QM_STORE_CHECK) flags |= SQLITE_OPEN_CREATE;
     snprintf(path, sizeof path, "%s/" QM_STORE_DATABASE, store->folder);
     int reserved = QM_STORE_SUM_SIZE;
-    qm_store_sums_register();
-    if (sqlite3_open_v2(path, &store->database, flags, QM_STORE_SUMS) != SQLITE_OK ||
-        sqlite3_file_control(store->database, "main", SQLITE_FCNTL_RESERVE_BYTES, &reserved) != SQLITE_OK)
-        return fail_to_open(store->database, message);
-    sqlite3_busy_timeout(store->database, BUSY_TIMEOUT_MS);
+    if (!make_driver(store)) {
+        snprintf(message, QM_MESSAGE_SIZE, "%s", qm_status_text(QM_E_NO_MEMORY));
+        return QM_E_NO_MEMORY;
+    }
+    qm_sqlite_sums_register();
+    if (sqlite3_open_v2(path, &store->sqlite->database, flags, QM_STORE_SUMS) != SQLITE_OK ||
+        sqlite3_file_control(store->sqlite->database, "main", SQLITE_FCNTL_RESERVE_BYTES, &reserved) !=
+            SQLITE_OK)
+        return fail_to_open(store->sqlite->database, message);
+    sqlite3_busy_timeout(store->sqlite->database, BUSY_TIMEOUT_MS);
     return set_up(store, purpose, message);
 }
 
-bool qm_store_make_file(const char *path, sqlite3 **out)
+bool qm_sqlite_make_file(const char *path, sqlite3 **out)
 {
     int reserved = QM_STORE_SUM_SIZE;
-    qm_store_sums_register();
+    qm_sqlite_sums_register();
     return sqlite3_open_v2(path, out, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX,
                            QM_STORE_SUMS) == SQLITE_OK &&
            sqlite3_file_control(*out, "main", SQLITE_FCNTL_RESERVE_BYTES, &reserved) == SQLITE_OK;
 }
 
-bool qm_store_make_database(const char *path, sqlite3 **out)
+bool qm_sqlite_make_database(const char *path, sqlite3 **out)
 {
     char sql[48];
     snprintf(sql, sizeof sql, "PRAGMA user_version = %d", SCHEMA);
-    return qm_store_make_file(path, out) && sqlite3_exec(*out, schema, NULL, NULL, NULL) == SQLITE_OK &&
+    return qm_sqlite_make_file(path, out) && sqlite3_exec(*out, schema, NULL, NULL, NULL) == SQLITE_OK &&
            sqlite3_exec(*out, sql, NULL, NULL, NULL) == SQLITE_OK;
 }
 
-void qm_store_close_database(qm_store *store)
+void qm_sqlite_close_database(qm_store *store)
 {
-    for (size_t i = 0; i < store->statement_count; i++)
-        sqlite3_finalize(store->statements[i].prepared);
-    store->statement_count = 0;
-    sqlite3_close(store->database);
-    store->database = NULL;
+    for (size_t i = 0; i < store->sqlite->statement_count; i++)
+        sqlite3_finalize(store->sqlite->statements[i].prepared);
+    store->sqlite->statement_count = 0;
+    sqlite3_close(store->sqlite->database);
+    store->sqlite->database = NULL;
 }
+
+static void close_store(qm_store *store)
+{
+    qm_sqlite_close_database(store);
+    pthread_mutex_destroy(&store->sqlite->lock);
+    free(store->sqlite);
+}
+
+const qm_store_driver qm_sqlite_driver = {
+    .close = close_store,
+    .put_mesh = qm_sqlite_put_mesh,
+    .find_mesh = qm_sqlite_find_mesh,
+    .find_revision = qm_sqlite_find_revision,
+    .find_mesh_by_content = qm_sqlite_find_mesh_by_content,
+    .list_meshes = qm_sqlite_list_meshes,
+    .revise_mesh = qm_sqlite_revise_mesh,
+    .set_expiry = qm_sqlite_set_expiry,
+    .find_expired_mesh = qm_sqlite_find_expired_mesh,
+    .delete_mesh = qm_sqlite_delete_mesh,
+    .submit_job = qm_sqlite_submit_job,
+    .claim_jobs = qm_sqlite_claim_jobs,
+    .begin_job = qm_sqlite_begin_job,
+    .append_events = qm_sqlite_append_events,
+    .finish_job = qm_sqlite_finish_job,
+    .leave_jobs = qm_sqlite_leave_jobs,
+    .read_events = qm_sqlite_read_events,
+    .find_job = qm_sqlite_find_job,
+    .find_job_by_key = qm_sqlite_find_job_by_key,
+    .find_job_by_idempotency_key = qm_sqlite_find_job_by_idempotency_key,
+    .forget_answer = qm_sqlite_forget_answer,
+    .list_jobs = qm_sqlite_list_jobs,
+    .drop_old_jobs = qm_sqlite_drop_old_jobs,
+    .delete_job = qm_sqlite_delete_job,
+    .put_array = qm_sqlite_put_array,
+    .find_array = qm_sqlite_find_array,
+    .put_layout = qm_sqlite_put_layout,
+    .find_layout = qm_sqlite_find_layout,
+    .find_layout_by_idempotency_key = qm_sqlite_find_layout_by_idempotency_key,
+    .list_layouts = qm_sqlite_list_layouts,
+    .edit_layout = qm_sqlite_edit_layout,
+    .move_layout = qm_sqlite_move_layout,
+    .delete_layout = qm_sqlite_delete_layout,
+    .put_reconstruction = qm_sqlite_put_reconstruction,
+    .find_reconstruction = qm_sqlite_find_reconstruction,
+    .find_reconstruction_by_idempotency_key = qm_sqlite_find_reconstruction_by_idempotency_key,
+    .list_reconstructions = qm_sqlite_list_reconstructions,
+    .update_reconstruction = qm_sqlite_update_reconstruction,
+    .delete_reconstruction = qm_sqlite_delete_reconstruction,
+    .needs_blob = qm_sqlite_needs_blob,
+    .has_job = qm_sqlite_has_job,
+};
 
 /* ---- statements ---- */
 
 /** Prepared once, which takes longer than running it. The code has fewer statements than the table has
  * entries. */
-sqlite3_stmt *qm_store_prepare(qm_store *store, const char *sql)
+sqlite3_stmt *qm_sqlite_prepare(qm_store *store, const char *sql)
 {
-    for (size_t i = 0; i < store->statement_count; i++)
-        if (store->statements[i].sql == sql) return store->statements[i].prepared;
-    QM_ASSERT(store->statement_count <= QM_STORE_STATEMENTS);
-    if (store->statement_count == QM_STORE_STATEMENTS) abort();
+    for (size_t i = 0; i < store->sqlite->statement_count; i++)
+        if (store->sqlite->statements[i].sql == sql) return store->sqlite->statements[i].prepared;
+    QM_ASSERT(store->sqlite->statement_count <= QM_STORE_STATEMENTS);
+    if (store->sqlite->statement_count == QM_STORE_STATEMENTS) abort();
     sqlite3_stmt *statement = NULL;
-    if (sqlite3_prepare_v2(store->database, sql, -1, &statement, NULL) == SQLITE_OK)
-        store->statements[store->statement_count++] = (qm_store_statement){sql, statement};
+    if (sqlite3_prepare_v2(store->sqlite->database, sql, -1, &statement, NULL) == SQLITE_OK)
+        store->sqlite->statements[store->sqlite->statement_count++] = (qm_sqlite_statement){sql, statement};
     else
-        qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
+        qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->sqlite->database));
     return statement;
 }
 
-sqlite3_stmt *qm_store_begin(qm_store *store, const char *sql)
+sqlite3_stmt *qm_sqlite_begin(qm_store *store, const char *sql)
 {
-    pthread_mutex_lock(&store->lock);
-    sqlite3_stmt *statement = qm_store_prepare(store, sql);
-    if (!statement) pthread_mutex_unlock(&store->lock);
+    pthread_mutex_lock(&store->sqlite->lock);
+    sqlite3_stmt *statement = qm_sqlite_prepare(store, sql);
+    if (!statement) pthread_mutex_unlock(&store->sqlite->lock);
     return statement;
 }
 
@@ -278,42 +351,43 @@ static void put_back(sqlite3_stmt *statement)
 
 static uint64_t read_number(qm_store *store, const char *pragma)
 {
-    sqlite3_stmt *statement = qm_store_prepare(store, pragma);
+    sqlite3_stmt *statement = qm_sqlite_prepare(store, pragma);
     uint64_t number =
         statement && sqlite3_step(statement) == SQLITE_ROW ? (uint64_t)sqlite3_column_int64(statement, 0) : 0;
     if (statement) sqlite3_reset(statement);
     return number;
 }
 
-void qm_store_measure_database(qm_store *store)
+void qm_sqlite_measure_database(qm_store *store)
 {
     static const char count[] = "PRAGMA page_count", free_count[] = "PRAGMA freelist_count",
                       page[] = "PRAGMA page_size";
     uint64_t pages = read_number(store, count), free_pages = read_number(store, free_count);
     qm_space_set_database(store,
                           (pages - (free_pages < pages ? free_pages : pages)) * read_number(store, page));
-    store->measured = sqlite3_total_changes(store->database);
+    store->sqlite->measured = sqlite3_total_changes(store->sqlite->database);
 }
 
 /** Gives the lock back. */
 static void leave(qm_store *store)
 {
-    if (sqlite3_total_changes(store->database) != store->measured) qm_store_measure_database(store);
-    pthread_mutex_unlock(&store->lock);
+    if (sqlite3_total_changes(store->sqlite->database) != store->sqlite->measured)
+        qm_sqlite_measure_database(store);
+    pthread_mutex_unlock(&store->sqlite->lock);
 }
 
-void qm_store_end(qm_store *store, sqlite3_stmt *statement)
+void qm_sqlite_end(qm_store *store, sqlite3_stmt *statement)
 {
     put_back(statement);
     leave(store);
 }
 
-bool qm_store_run(qm_store *store, sqlite3_stmt *statement)
+bool qm_sqlite_run(qm_store *store, sqlite3_stmt *statement)
 {
-    QM_ASSERT(pthread_mutex_trylock(&store->lock) != 0);
+    QM_ASSERT(pthread_mutex_trylock(&store->sqlite->lock) != 0);
     if (!statement) return false;
     int result = sqlite3_step(statement);
-    if (result != SQLITE_DONE) qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
+    if (result != SQLITE_DONE) qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->sqlite->database));
     put_back(statement);
     return result == SQLITE_DONE;
 }
@@ -321,76 +395,96 @@ bool qm_store_run(qm_store *store, sqlite3_stmt *statement)
 static const char begin[] = "BEGIN IMMEDIATE", commit[] = "COMMIT", rollback[] = "ROLLBACK";
 
 /** Prepares the statements that end the transaction first, so that they cannot run out of memory then. */
-bool qm_store_begin_transaction(qm_store *store)
+bool qm_sqlite_begin_transaction(qm_store *store)
 {
-    pthread_mutex_lock(&store->lock);
-    if (qm_store_prepare(store, commit) && qm_store_prepare(store, rollback) &&
-        qm_store_run(store, qm_store_prepare(store, begin)))
+    pthread_mutex_lock(&store->sqlite->lock);
+    if (qm_sqlite_prepare(store, commit) && qm_sqlite_prepare(store, rollback) &&
+        qm_sqlite_run(store, qm_sqlite_prepare(store, begin)))
         return true;
-    pthread_mutex_unlock(&store->lock);
+    pthread_mutex_unlock(&store->sqlite->lock);
     return false;
 }
 
-bool qm_store_end_transaction(qm_store *store, bool good)
+qm_stored qm_sqlite_end_transaction(qm_store *store, qm_stored stored)
 {
-    good = good && qm_store_run(store, qm_store_prepare(store, commit));
+    if (stored == QM_STORED && !qm_sqlite_run(store, qm_sqlite_prepare(store, commit)))
+        stored = QM_STORED_FAULT;
     /* Some faults have rolled it back already. */
-    if (!good && !sqlite3_get_autocommit(store->database))
-        qm_store_run(store, qm_store_prepare(store, rollback));
+    if (stored != QM_STORED && !sqlite3_get_autocommit(store->sqlite->database))
+        qm_sqlite_run(store, qm_sqlite_prepare(store, rollback));
     leave(store);
-    return good;
+    return stored;
 }
 
-bool qm_store_step(qm_store *store, sqlite3_stmt *statement)
+bool qm_sqlite_has_changed(qm_store *store)
+{
+    return sqlite3_changes(store->sqlite->database) > 0;
+}
+
+bool qm_sqlite_has_row(qm_store *store, const char *sql, const char *text)
+{
+    sqlite3_stmt *statement = qm_sqlite_prepare(store, sql);
+    if (!statement) return false;
+    qm_sqlite_bind_text(statement, 1, text);
+    bool found = qm_sqlite_step(store, statement);
+    put_back(statement);
+    return found;
+}
+
+bool qm_sqlite_step(qm_store *store, sqlite3_stmt *statement)
 {
     int result = sqlite3_step(statement);
     if (result != SQLITE_ROW && result != SQLITE_DONE)
-        qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
+        qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->sqlite->database));
     return result == SQLITE_ROW;
 }
 
-qm_status qm_store_execute(qm_store *store, sqlite3_stmt *statement)
+qm_stored qm_sqlite_execute(qm_store *store, sqlite3_stmt *statement)
 {
-    bool done = qm_store_run(store, statement);
+    bool done = qm_sqlite_run(store, statement);
     leave(store);
-    return done ? QM_OK : QM_E_ARGUMENT;
+    return done ? QM_STORED : QM_STORED_FAULT;
 }
 
 /** Of the fault that the database has just had. */
-static qm_status status_of(qm_store *store)
+static qm_stored status_of(qm_store *store)
 {
-    int code = sqlite3_extended_errcode(store->database);
+    int code = sqlite3_extended_errcode(store->sqlite->database);
     bool is_damaged = code == SQLITE_IOERR_DATA || code == SQLITE_IOERR_READ ||
                       (code & 0xff) == SQLITE_CORRUPT || code == SQLITE_NOTADB;
     if (is_damaged) qm_metrics_add(QM_METRICS_DAMAGES, 1);
-    return is_damaged ? QM_E_FORMAT : (code & 0xff) == SQLITE_NOMEM ? QM_E_NO_MEMORY : QM_E_ARGUMENT;
+    return is_damaged                      ? QM_STORED_DAMAGED
+           : (code & 0xff) == SQLITE_NOMEM ? QM_STORED_NO_MEMORY
+                                           : QM_STORED_FAULT;
 }
 
-qm_status qm_store_find_row(qm_store *store, sqlite3_stmt *statement, const qm_store_table *table, void *out)
+qm_stored qm_sqlite_find_row(qm_store *store, sqlite3_stmt *statement, const qm_sqlite_table *table,
+                             void *out)
 {
-    if (!statement) return QM_E_NO_MEMORY;
+    if (!statement) return QM_STORED_NO_MEMORY;
     int result = sqlite3_step(statement);
-    qm_status status = QM_E_EMPTY;
+    qm_stored status = QM_STORED_NONE;
     if (result == SQLITE_ROW)
-        status = table->read(statement, out) ? QM_OK : QM_E_NO_MEMORY;
+        status = table->read(statement, out) ? QM_STORED : QM_STORED_NO_MEMORY;
     else if (result != SQLITE_DONE)
         status = status_of(store);
-    if (status != QM_OK && status != QM_E_EMPTY)
-        qm_log(QM_LOG_ERROR, "database: a row cannot be read: %s", sqlite3_errmsg(store->database));
-    qm_store_end(store, statement);
+    if (status != QM_STORED && status != QM_STORED_NONE)
+        qm_log(QM_LOG_ERROR, "database: a row cannot be read: %s", sqlite3_errmsg(store->sqlite->database));
+    qm_sqlite_end(store, statement);
     return status;
 }
 
-qm_status qm_store_find_row_by(qm_store *store, const char *sql, const char *text,
-                               const qm_store_table *table, void *out)
+qm_stored qm_sqlite_find_row_by(qm_store *store, const char *sql, const char *text,
+                                const qm_sqlite_table *table, void *out)
 {
-    sqlite3_stmt *statement = qm_store_begin(store, sql);
-    if (statement) qm_store_bind_text(statement, 1, text);
-    return qm_store_find_row(store, statement, table, out);
+    sqlite3_stmt *statement = qm_sqlite_begin(store, sql);
+    if (statement) qm_sqlite_bind_text(statement, 1, text);
+    return qm_sqlite_find_row(store, statement, table, out);
 }
 
 /** Prepares the query for a page; NULL after a fault. */
-static sqlite3_stmt *prepare_page(qm_store *store, const qm_store_listing *listing, const qm_store_page *page)
+static sqlite3_stmt *prepare_page(qm_store *store, const qm_sqlite_listing *listing,
+                                  const qm_store_page *page)
 {
     qm_text sql = {0};
     const char *order = page->newest_first ? "DESC" : "ASC";
@@ -403,50 +497,50 @@ static sqlite3_stmt *prepare_page(qm_store *store, const qm_store_listing *listi
     qm_text_printf(&sql, " ORDER BY %s %s LIMIT %zu", listing->sequence, order, page->limit);
     char *text = qm_text_take(&sql);
     sqlite3_stmt *statement = NULL;
-    if (text && sqlite3_prepare_v2(store->database, text, -1, &statement, NULL) == SQLITE_OK) {
+    if (text && sqlite3_prepare_v2(store->sqlite->database, text, -1, &statement, NULL) == SQLITE_OK) {
         int index = 1;
         sqlite3_bind_int64(statement, index++, after);
         for (int i = 0; i < QM_STORE_CONDITIONS; i++)
-            if (listing->values[i]) qm_store_bind_text(statement, index++, listing->values[i]);
+            if (listing->values[i]) qm_sqlite_bind_text(statement, index++, listing->values[i]);
     }
     free(text);
     return statement;
 }
 
-qm_status qm_store_list_rows(qm_store *store, const qm_store_listing *listing, const qm_store_page *page,
-                             const qm_store_table *table, void *out, size_t *count)
+qm_stored qm_sqlite_list_rows(qm_store *store, const qm_sqlite_listing *listing, const qm_store_page *page,
+                              const qm_sqlite_table *table, void *out, size_t *count)
 {
     *count = 0;
-    pthread_mutex_lock(&store->lock);
+    pthread_mutex_lock(&store->sqlite->lock);
     sqlite3_stmt *statement = prepare_page(store, listing, page);
     int result = SQLITE_DONE;
-    qm_status status = statement ? QM_OK : status_of(store);
-    while (status == QM_OK && *count < page->limit && (result = sqlite3_step(statement)) == SQLITE_ROW) {
-        status = table->read(statement, (char *)out + *count * table->size) ? QM_OK : QM_E_NO_MEMORY;
-        if (status == QM_OK) ++*count;
+    qm_stored status = statement ? QM_STORED : status_of(store);
+    while (status == QM_STORED && *count < page->limit && (result = sqlite3_step(statement)) == SQLITE_ROW) {
+        status = table->read(statement, (char *)out + *count * table->size) ? QM_STORED : QM_STORED_NO_MEMORY;
+        if (status == QM_STORED) ++*count;
     }
-    if (status == QM_OK && result != SQLITE_ROW && result != SQLITE_DONE) status = status_of(store);
-    if (status != QM_OK) {
-        qm_log(QM_LOG_ERROR, "database: rows cannot be read: %s", sqlite3_errmsg(store->database));
+    if (status == QM_STORED && result != SQLITE_ROW && result != SQLITE_DONE) status = status_of(store);
+    if (status != QM_STORED) {
+        qm_log(QM_LOG_ERROR, "database: rows cannot be read: %s", sqlite3_errmsg(store->sqlite->database));
         while (*count > 0)
             table->reset((char *)out + --*count * table->size);
     }
     QM_ASSERT(*count <= page->limit);
     sqlite3_finalize(statement);
-    pthread_mutex_unlock(&store->lock);
+    pthread_mutex_unlock(&store->sqlite->lock);
     return status;
 }
 
-qm_status qm_store_delete_row(qm_store *store, const char *sql, const char *id)
+qm_stored qm_sqlite_delete_row(qm_store *store, const char *sql, const char *id)
 {
-    sqlite3_stmt *statement = qm_store_begin(store, sql);
-    if (!statement) return QM_E_NO_MEMORY;
-    qm_store_bind_text(statement, 1, id);
+    sqlite3_stmt *statement = qm_sqlite_begin(store, sql);
+    if (!statement) return QM_STORED_NO_MEMORY;
+    qm_sqlite_bind_text(statement, 1, id);
     int result = sqlite3_step(statement);
-    bool deleted = result == SQLITE_DONE && sqlite3_changes(store->database) > 0;
-    if (result != SQLITE_DONE) qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
-    qm_status status = deleted ? QM_OK : result == SQLITE_DONE ? QM_E_EMPTY : status_of(store);
-    qm_store_end(store, statement);
+    bool deleted = result == SQLITE_DONE && sqlite3_changes(store->sqlite->database) > 0;
+    if (result != SQLITE_DONE) qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->sqlite->database));
+    qm_stored status = deleted ? QM_STORED : result == SQLITE_DONE ? QM_STORED_NONE : status_of(store);
+    qm_sqlite_end(store, statement);
     return status;
 }
 
@@ -456,7 +550,7 @@ static bool fail_to_read(void)
     return false;
 }
 
-bool qm_store_copy_text(sqlite3_stmt *statement, int column, char **out)
+bool qm_sqlite_copy_text(sqlite3_stmt *statement, int column, char **out)
 {
     *out = NULL;
     if (sqlite3_column_type(statement, column) == SQLITE_NULL) return true;
@@ -465,7 +559,7 @@ bool qm_store_copy_text(sqlite3_stmt *statement, int column, char **out)
     return *out || fail_to_read();
 }
 
-bool qm_store_read_text(sqlite3_stmt *statement, int column, char *out, size_t size)
+bool qm_sqlite_read_text(sqlite3_stmt *statement, int column, char *out, size_t size)
 {
     const char *text = (const char *)sqlite3_column_text(statement, column);
     if (!text) return fail_to_read();
@@ -473,7 +567,7 @@ bool qm_store_read_text(sqlite3_stmt *statement, int column, char *out, size_t s
     return true;
 }
 
-void qm_store_bind_text(sqlite3_stmt *statement, int index, const char *text)
+void qm_sqlite_bind_text(sqlite3_stmt *statement, int index, const char *text)
 {
     QM_ASSERT(statement && index > 0);
     sqlite3_bind_text(statement, index, text, -1, SQLITE_STATIC);
@@ -482,14 +576,14 @@ void qm_store_bind_text(sqlite3_stmt *statement, int index, const char *text)
 static bool read_record(sqlite3_stmt *statement, void *row)
 {
     qm_store_idempotency_record *out = row;
-    return qm_store_read_text(statement, 0, out->id, sizeof out->id) &&
-           qm_store_read_text(statement, 1, out->request, sizeof out->request);
+    return qm_sqlite_read_text(statement, 0, out->id, sizeof out->id) &&
+           qm_sqlite_read_text(statement, 1, out->request, sizeof out->request);
 }
 
-static const qm_store_table record_table = {sizeof(qm_store_idempotency_record), read_record, NULL};
+static const qm_sqlite_table record_table = {sizeof(qm_store_idempotency_record), read_record, NULL};
 
-qm_status qm_store_find_idempotency_record(qm_store *store, const char *sql, const char *key,
-                                           qm_store_idempotency_record *out)
+qm_stored qm_sqlite_find_idempotency_record(qm_store *store, const char *sql, const char *key,
+                                            qm_store_idempotency_record *out)
 {
-    return qm_store_find_row_by(store, sql, key, &record_table, out);
+    return qm_sqlite_find_row_by(store, sql, key, &record_table, out);
 }

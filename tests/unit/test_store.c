@@ -79,6 +79,11 @@ static void keep_blob(const fixture *f, const char *text, char hash[QM_HASH_SIZE
     assert_int_equal(qm_blob_keep(write_blob(f, text, hash)), QM_OK);
 }
 
+static qm_stored submit_row(const fixture *f, const qm_store_job *job)
+{
+    return qm_store_submit_job(f->store, &(qm_store_submission){.job = job});
+}
+
 static void check_bytes(const uint8_t *bytes, size_t size, const char *text)
 {
     assert_int_equal(size, strlen(text));
@@ -163,7 +168,7 @@ static qm_store_mesh make_mesh(const char *id, const char *hash, const char *opt
 static void put_mesh(const fixture *f, const char *id, const char *hash, const char *options)
 {
     qm_store_mesh mesh = make_mesh(id, hash, options);
-    assert_int_equal(qm_store_put_mesh(f->store, &mesh), QM_OK);
+    assert_int_equal(qm_store_put_mesh(f->store, &mesh), QM_STORED);
 }
 
 static void test_kept_blobs_survive(void **state)
@@ -194,7 +199,7 @@ static void test_old_files_without_a_row_are_swept(void **state)
     keep_blob(f, "unused", hash);
     qm_store_job job = {.key = (char *)"k", .body = (char *)"{}", .created = (char *)"2030"};
     snprintf(job.id, sizeof job.id, "j_here");
-    assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
+    assert_int_equal(submit_row(f, &job), QM_STORED);
     assert_int_equal(qm_result_file_write(f->store, "j_here", (double[]){1.0}, 1), QM_OK);
     assert_int_equal(qm_result_file_write(f->store, "j_gone", (double[]){1.0}, 1), QM_OK);
     char blob[QM_HASH_SIZE + 16];
@@ -385,17 +390,18 @@ static void test_meshes_survive(void **state)
     put_mesh(f, "m_1", hash, "format=auto name=");
     reopen(f);
     qm_store_mesh found;
-    assert_int_equal(QM_OK, qm_store_find_mesh(f->store, "m_1", &found));
+    assert_int_equal(QM_STORED, qm_store_find_mesh(f->store, "m_1", &found));
     assert_string_equal(found.hash, hash);
     assert_string_equal(found.name, "n\xc3\xa4me");
     assert_string_equal(found.document, "{}");
     assert_int_equal(found.format, 3);
     qm_store_mesh_reset(&found);
-    assert_int_equal(QM_OK, qm_store_find_mesh_by_content(f->store, hash, "format=auto name=", &found));
+    assert_int_equal(QM_STORED, qm_store_find_mesh_by_content(f->store, hash, "format=auto name=", &found));
     assert_string_equal(found.id, "m_1");
     qm_store_mesh_reset(&found);
-    assert_int_equal(QM_E_EMPTY, qm_store_find_mesh_by_content(f->store, hash, "format=ply name=", &found));
-    assert_int_equal(QM_E_EMPTY, qm_store_find_mesh(f->store, "m_1' OR 1 --", &found));
+    assert_int_equal(QM_STORED_NONE,
+                     qm_store_find_mesh_by_content(f->store, hash, "format=ply name=", &found));
+    assert_int_equal(QM_STORED_NONE, qm_store_find_mesh(f->store, "m_1' OR 1 --", &found));
 }
 
 static void test_a_revision_takes_the_place_of_the_one_before(void **state)
@@ -407,22 +413,24 @@ static void test_a_revision_takes_the_place_of_the_one_before(void **state)
     keep_blob(f, "second", second);
     put_mesh(f, "m_1", file, "options");
     qm_store_mesh mesh;
-    assert_int_equal(QM_OK, qm_store_find_mesh(f->store, "m_1", &mesh));
+    assert_int_equal(QM_STORED, qm_store_find_mesh(f->store, "m_1", &mesh));
     assert_int_equal(mesh.revision, 0);
     assert_string_equal(mesh.positions, "");
     free(mesh.options);
     mesh.options = strdup("deformed");
     mesh.revision = 1;
     memcpy(mesh.positions, first, sizeof first);
-    assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_OK);
-    assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_E_CANCELED);
+    assert_int_equal(qm_store_revise_mesh(f->store, &mesh), QM_STORED);
+    assert_int_equal(qm_store_revise_mesh(f->store, &mesh), QM_STORED); /* once more: it is done */
+    memcpy(mesh.positions, second, sizeof second);
+    assert_int_equal(qm_store_revise_mesh(f->store, &mesh), QM_STORED_LATE);
     mesh.revision = 2;
     memcpy(mesh.positions, second, sizeof second);
-    assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_OK);
+    assert_int_equal(qm_store_revise_mesh(f->store, &mesh), QM_STORED);
     qm_store_mesh_reset(&mesh);
 
-    assert_int_equal(QM_E_EMPTY, qm_store_find_mesh_by_content(f->store, file, "options", &mesh));
-    assert_int_equal(QM_OK, qm_store_find_mesh(f->store, "m_1", &mesh));
+    assert_int_equal(QM_STORED_NONE, qm_store_find_mesh_by_content(f->store, file, "options", &mesh));
+    assert_int_equal(QM_STORED, qm_store_find_mesh(f->store, "m_1", &mesh));
     assert_int_equal(mesh.revision, 2);
     assert_string_equal(mesh.positions, second);
     assert_string_equal(mesh.created, "2026-01-02T03:04:05.678Z");
@@ -431,7 +439,7 @@ static void test_a_revision_takes_the_place_of_the_one_before(void **state)
     size_t size;
     assert_int_equal(qm_blob_map(f->store, first, &bytes, &size), QM_E_EMPTY);
     check_blob(f, second, "second");
-    assert_int_equal(QM_OK, qm_store_delete_mesh(f->store, "m_1"));
+    assert_int_equal(QM_STORED, qm_store_delete_mesh(f->store, "m_1"));
     assert_int_equal(qm_blob_map(f->store, second, &bytes, &size), QM_E_EMPTY);
     assert_int_equal(qm_blob_map(f->store, file, &bytes, &size), QM_E_EMPTY);
 }
@@ -439,8 +447,8 @@ static void test_a_revision_takes_the_place_of_the_one_before(void **state)
 static void check_expired(const fixture *f, const char *before, const char *expected)
 {
     qm_store_mesh mesh;
-    qm_status status = qm_store_find_expired_mesh(f->store, before, &mesh);
-    assert_int_equal(status, expected ? QM_OK : QM_E_EMPTY);
+    qm_stored stored = qm_store_find_expired_mesh(f->store, before, &mesh);
+    assert_int_equal(stored, expected ? QM_STORED : QM_STORED_NONE);
     if (!expected) return;
     assert_string_equal(mesh.id, expected);
     qm_store_mesh_reset(&mesh);
@@ -450,17 +458,17 @@ static void test_meshes_expire_in_order(void **state)
 {
     fixture *f = *state;
     for (const char *id = "abc"; *id; id++)
-        put_mesh(f, (char[]){*id, 0}, "", "");
+        put_mesh(f, (char[]){*id, 0}, "", (char[]){*id, 0});
     check_expired(f, "9999-01-01T00:00:00.000Z", NULL);
-    assert_int_equal(qm_store_set_expiry(f->store, "a", "2026-03-01T00:00:00.000Z"), QM_OK);
-    assert_int_equal(qm_store_set_expiry(f->store, "b", "2026-02-01T00:00:00.000Z"), QM_OK);
-    assert_int_equal(qm_store_set_expiry(f->store, "d", "2026-02-01T00:00:00.000Z"), QM_E_EMPTY);
+    assert_int_equal(qm_store_set_expiry(f->store, "a", "2026-03-01T00:00:00.000Z"), QM_STORED);
+    assert_int_equal(qm_store_set_expiry(f->store, "b", "2026-02-01T00:00:00.000Z"), QM_STORED);
+    assert_int_equal(qm_store_set_expiry(f->store, "d", "2026-02-01T00:00:00.000Z"), QM_STORED_NONE);
     reopen(f);
     check_expired(f, "2026-02-01T00:00:00.000Z", NULL);
     check_expired(f, "2026-02-01T00:00:00.001Z", "b");
-    assert_int_equal(qm_store_set_expiry(f->store, "b", ""), QM_OK);
+    assert_int_equal(qm_store_set_expiry(f->store, "b", ""), QM_STORED);
     check_expired(f, "2026-12-31T00:00:00.000Z", "a");
-    assert_int_equal(qm_store_delete_mesh(f->store, "a"), QM_OK);
+    assert_int_equal(qm_store_delete_mesh(f->store, "a"), QM_STORED);
     check_expired(f, "9999-01-01T00:00:00.000Z", NULL);
 }
 
@@ -471,14 +479,14 @@ static void test_pages_of_meshes(void **state)
     for (int i = 0; i < COUNT; i++) {
         char id[16];
         snprintf(id, sizeof id, "m_%d", i);
-        put_mesh(f, id, "", "");
+        put_mesh(f, id, "", id);
     }
     qm_store_mesh page[PAGE];
     for (int newest = 0; newest < 2; newest++) {
         qm_store_page asked = {.limit = PAGE, .newest_first = newest};
         const qm_store_mesh_filter all = {0};
         size_t total = 0, count;
-        while (qm_store_list_meshes(f->store, &asked, &all, page, &count) == QM_OK && count > 0) {
+        while (qm_store_list_meshes(f->store, &asked, &all, page, &count) == QM_STORED && count > 0) {
             for (size_t i = 0; i < count; i++) {
                 size_t number = newest ? COUNT - 1 - (total + i) : total + i;
                 assert_int_equal(page[i].id[2] - '0', number);
@@ -499,10 +507,10 @@ static void test_a_blob_goes_with_its_last_mesh(void **state)
     keep_blob(f, "shared", hash);
     put_mesh(f, "m_1", hash, "a");
     put_mesh(f, "m_2", hash, "b");
-    assert_int_equal(QM_OK, qm_store_delete_mesh(f->store, "m_1"));
-    assert_int_equal(QM_E_EMPTY, qm_store_delete_mesh(f->store, "m_1"));
+    assert_int_equal(QM_STORED, qm_store_delete_mesh(f->store, "m_1"));
+    assert_int_equal(QM_STORED_NONE, qm_store_delete_mesh(f->store, "m_1"));
     check_blob(f, hash, "shared");
-    assert_int_equal(QM_OK, qm_store_delete_mesh(f->store, "m_2"));
+    assert_int_equal(QM_STORED, qm_store_delete_mesh(f->store, "m_2"));
     assert_int_equal(count_files(f, "blobs"), 0);
 }
 
@@ -510,7 +518,7 @@ static void test_a_blob_goes_with_its_last_mesh(void **state)
 
 static const qm_job_state unfinished = QM_JOB_QUEUED;
 
-static qm_status list_jobs(fixture *f, int64_t after, size_t limit, const qm_job_state *of_state,
+static qm_stored list_jobs(fixture *f, int64_t after, size_t limit, const qm_job_state *of_state,
                            qm_store_job *out, size_t *count)
 {
     const qm_store_page page = {.after = after, .limit = limit};
@@ -518,17 +526,17 @@ static qm_status list_jobs(fixture *f, int64_t after, size_t limit, const qm_job
     return qm_store_list_jobs(f->store, &page, &filter, out, count);
 }
 
-static qm_status submit(const fixture *f, const char *id, const char *key, const char *idempotency_key)
+static qm_stored submit(const fixture *f, const char *id, const char *key, const char *idempotency_key)
 {
     qm_store_job job = {.key = (char *)key,
                         .idempotency_key = (char *)idempotency_key,
                         .body = (char *)"{\"type\":1}",
                         .created = (char *)"2030-01-02T03:04:05.678Z"};
     snprintf(job.id, sizeof job.id, "%s", id);
-    return qm_store_submit_job(f->store, &job);
+    return submit_row(f, &job);
 }
 
-static qm_status finish(const fixture *f, const char *id, qm_job_state state, const char *document,
+static qm_stored finish(const fixture *f, const char *id, qm_job_state state, const char *document,
                         const char *revisions)
 {
     const qm_store_event last = {id, 1000, "result", "\"last\":1"};
@@ -577,7 +585,7 @@ static void test_bytes_are_counted(void **state)
     check_usage(f, LARGE + 107, 0, 0);
     qm_blob_remove(f->store, long_hash);
     check_usage(f, 7, 0, 0);
-    assert_int_equal(submit(f, "j_1", "", NULL), QM_OK);
+    assert_int_equal(submit(f, "j_1", "", NULL), QM_STORED);
     assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, 100), QM_OK);
     check_usage(f, 7, 800, 0);
     assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, 50), QM_OK);
@@ -597,11 +605,11 @@ static void test_bytes_are_counted(void **state)
     check_usage(f, 7, 400, 0);
     qm_store_set_quota(f->store, usage.total);
     qm_store_job job = {.id = "j_2", .key = "", .body = "{}", .created = ""};
-    assert_int_equal(qm_store_submit_job(f->store, &job), QM_E_TOO_LARGE);
+    assert_int_equal(submit_row(f, &job), QM_STORED_FULL);
     qm_result_file_remove(f->store, "j_1");
     check_usage(f, 7, 0, 0);
-    assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
-    assert_int_equal(qm_store_delete_mesh(f->store, "m_1"), QM_OK);
+    assert_int_equal(submit_row(f, &job), QM_STORED);
+    assert_int_equal(qm_store_delete_mesh(f->store, "m_1"), QM_STORED);
     check_usage(f, 0, 0, 0);
     free(bytes);
 }
@@ -609,23 +617,23 @@ static void test_bytes_are_counted(void **state)
 static void test_jobs_survive(void **state)
 {
     fixture *f = *state;
-    assert_int_equal(submit(f, "j_1", "key", "client's"), QM_OK);
-    assert_int_equal(submit(f, "j_2", "key", NULL), QM_OK);
-    assert_int_equal(submit(f, "j_3", "other", NULL), QM_OK);
-    assert_int_equal(finish(f, "j_2", 2, "{\"done\":1}", "0 3"), QM_OK);
+    assert_int_equal(submit(f, "j_1", "key", "client's"), QM_STORED);
+    assert_int_equal(submit(f, "j_2", "key", NULL), QM_STORED);
+    assert_int_equal(submit(f, "j_3", "other", NULL), QM_STORED);
+    assert_int_equal(finish(f, "j_2", 2, "{\"done\":1}", "0 3"), QM_STORED);
     reopen(f);
     qm_store_job found;
-    assert_int_equal(QM_OK, qm_store_find_job(f->store, "j_2", &found));
+    assert_int_equal(QM_STORED, qm_store_find_job(f->store, "j_2", &found));
     assert_int_equal(found.state, 2);
     assert_string_equal(found.document, "{\"done\":1}");
     assert_string_equal(found.result, "{\"result\":1}");
     assert_null(found.idempotency_key);
     qm_store_job_reset(&found);
-    assert_int_equal(QM_OK, qm_store_find_job_by_key(f->store, "key", "0 3", 2, &found));
+    assert_int_equal(QM_STORED, qm_store_find_job_by_key(f->store, "key", "0 3", 2, &found));
     assert_string_equal(found.id, "j_2");
     qm_store_job_reset(&found);
-    assert_int_equal(QM_E_EMPTY, qm_store_find_job_by_key(f->store, "other", "0 3", 2, &found));
-    assert_int_equal(QM_OK, qm_store_find_job_by_idempotency_key(f->store, "client's", &found));
+    assert_int_equal(QM_STORED_NONE, qm_store_find_job_by_key(f->store, "other", "0 3", 2, &found));
+    assert_int_equal(QM_STORED, qm_store_find_job_by_idempotency_key(f->store, "client's", &found));
     assert_string_equal(found.id, "j_1");
     assert_null(found.document);
     assert_string_equal(found.body, "{\"type\":1}");
@@ -633,37 +641,66 @@ static void test_jobs_survive(void **state)
     qm_store_job_reset(&found);
 }
 
+/** Claims up to limit jobs of an earlier process, and checks their last digits and how often they were claimed before. */
+static void claim(fixture *f, size_t limit, const char *expected, int64_t restarts)
+{
+    char found[16] = "";
+    qm_store_job rows[4];
+    size_t count;
+    const qm_store_wish wish = {.free = limit};
+    assert_int_equal(qm_store_claim_jobs(f->store, &wish, rows, &count), QM_STORED);
+    for (size_t i = 0; i < count; i++) {
+        found[i] = rows[i].id[2];
+        assert_int_equal(rows[i].restarts, restarts);
+        qm_store_job_reset(&rows[i]);
+    }
+    assert_string_equal(found, expected);
+}
+
 static void test_unfinished_jobs(void **state)
 {
     size_t listed;
     fixture *f = *state;
+    claim(f, 4, "", 0);
     submit(f, "j_1", "k", NULL);
     submit(f, "j_2", "k", NULL);
     submit(f, "j_3", "k", NULL);
-    assert_int_equal(QM_OK, qm_store_claim_jobs(f->store));
-    finish(f, "j_2", 3, "{}", "");
-    assert_int_equal(QM_OK, qm_store_claim_jobs(f->store));
+    claim(f, 4, "", 0); /* the jobs of this process are its own */
+    reopen(f);
+    claim(f, 2, "12", 1);
+    submit(f, "j_4", "k", NULL);
+    claim(f, 2, "3", 1);
+    claim(f, 2, "", 1);
+    assert_int_equal(finish(f, "j_2", 3, "{}", ""), QM_STORED_LOST); /* of an earlier run */
+    const qm_store_job end = {.id = "j_2", .state = QM_JOB_FAILED, .document = (char *)"{}", .restarts = 1};
+    assert_int_equal(qm_store_finish_job(f->store, &end, "", NULL, 0, NULL), QM_STORED);
+    assert_int_equal(qm_store_finish_job(f->store, &end, "", NULL, 0, NULL), QM_STORED);
+    const qm_store_job other = {
+        .id = "j_2", .state = QM_JOB_CANCELED, .document = (char *)"{}", .restarts = 1};
+    assert_int_equal(qm_store_finish_job(f->store, &other, "", NULL, 0, NULL), QM_STORED_LOST);
+    reopen(f);
     qm_store_job rows[4];
-    assert_int_equal(QM_OK, qm_store_find_job(f->store, "j_2", &rows[0]));
+    assert_int_equal(QM_STORED, qm_store_find_job(f->store, "j_2", &rows[0]));
     assert_int_equal(rows[0].restarts, 1);
     qm_store_job_reset(&rows[0]);
-    assert_int_equal(QM_OK, list_jobs(f, 0, 4, &unfinished, rows, &listed));
-    assert_int_equal(listed, 2);
-    assert_int_equal(rows[0].restarts, 2);
+    assert_int_equal(QM_STORED, list_jobs(f, 0, 4, &unfinished, rows, &listed));
+    assert_int_equal(listed, 3);
     assert_string_equal(rows[0].id, "j_1");
     assert_string_equal(rows[1].id, "j_3");
-    int64_t first = rows[0].sequence;
-    qm_store_job_reset(&rows[0]);
-    qm_store_job_reset(&rows[1]);
-    assert_int_equal(QM_OK, list_jobs(f, first, 4, &unfinished, rows, &listed));
+    assert_string_equal(rows[2].id, "j_4");
+    int64_t second = rows[1].sequence;
+    for (size_t i = 0; i < listed; i++)
+        qm_store_job_reset(&rows[i]);
+    assert_int_equal(QM_STORED, list_jobs(f, second, 4, &unfinished, rows, &listed));
     assert_int_equal(listed, 1);
-    assert_string_equal(rows[0].id, "j_3");
+    assert_string_equal(rows[0].id, "j_4");
     qm_store_job_reset(&rows[0]);
-    assert_int_equal(QM_OK, list_jobs(f, 0, 2, NULL, rows, &listed));
+    assert_int_equal(QM_STORED, list_jobs(f, 0, 2, NULL, rows, &listed));
     assert_int_equal(listed, 2);
     assert_string_equal(rows[1].document, "{}");
     qm_store_job_reset(&rows[0]);
     qm_store_job_reset(&rows[1]);
+    claim(f, 1, "1", 2);
 }
 
 /** Adds "SEQ NAME MEMBERS;" to a text. */
@@ -676,7 +713,7 @@ static bool note_event(void *user, const qm_store_event *event)
 static void check_events(const fixture *f, const char *id, const char *expected)
 {
     qm_text all = {0};
-    assert_int_equal(qm_store_read_events(f->store, id, note_event, &all), QM_OK);
+    assert_int_equal(qm_store_read_events(f->store, id, 0, note_event, &all), QM_STORED);
     assert_string_equal(all.data ? all.data : "", expected);
     qm_text_reset(&all);
 }
@@ -690,8 +727,9 @@ static void test_events_are_appended(void **state)
     const qm_store_event first[] = {
         {"j_1", 1, "n", "a"}, {"j_1", 2, "n", "b"}, {"j_2", 1, "n", "x"}, {"j_none", 1, "n", "?"}};
     const qm_store_event second[] = {{"j_1", 10, "n", "d"}, {"j_1", 3, "n", "c"}};
-    assert_int_equal(qm_store_append_events(f->store, first, 4), QM_OK);
-    assert_int_equal(qm_store_append_events(f->store, second, 2), QM_OK);
+    qm_store_run runs[] = {{.job = "j_1"}, {.job = "j_2"}, {.job = "j_none"}};
+    assert_int_equal(qm_store_append_events(f->store, runs, 3, first, 4), QM_STORED);
+    assert_int_equal(qm_store_append_events(f->store, runs, 1, second, 2), QM_STORED);
     reopen(f);
     check_events(f, "j_1", "1 n a;2 n b;3 n c;10 n d;");
     check_events(f, "j_2", "1 n x;");
@@ -699,21 +737,26 @@ static void test_events_are_appended(void **state)
     /* What may have been stored already comes once more, with what followed; then the job has ended. */
     const qm_store_event longer[] = {{"j_1", 10, "n", "d"}, {"j_1", 11, "result", "e"}};
     const qm_store_job end = {.id = "j_1", .state = QM_JOB_SUCCEEDED, .document = (char *)"{}"};
-    assert_int_equal(qm_store_finish_job(f->store, &end, "", longer, 2, NULL), QM_OK);
-    assert_int_equal(qm_store_append_events(f->store, &second[0], 1), QM_OK);
+    assert_int_equal(qm_store_finish_job(f->store, &end, "", longer, 2, NULL), QM_STORED);
+    assert_int_equal(qm_store_append_events(f->store, runs, 1, &second[0], 1), QM_STORED);
     check_events(f, "j_1", "1 n a;2 n b;3 n c;10 n d;11 result e;");
     /* They go with their job; another one's stay. */
-    assert_int_equal(qm_store_delete_job(f->store, "j_1"), QM_OK);
+    assert_int_equal(qm_store_delete_job(f->store, "j_1"), QM_STORED);
     check_events(f, "j_1", "");
     submit(f, "j_1", "k", NULL);
     check_events(f, "j_1", "");
     check_events(f, "j_2", "1 n x;");
 }
 
-static void drop(const fixture *f, size_t kept, const char *before, size_t limit, const char *expected)
+/** Drops jobs that were submitted before a year, 0: of any. */
+static void drop(const fixture *f, size_t kept, int year, size_t limit, const char *expected)
 {
     char ids[8][QM_ID_SIZE], joined[400] = "";
-    size_t count = qm_store_drop_old_jobs(f->store, kept, before, limit, ids);
+    struct tm start = {.tm_year = year - 1900, .tm_mday = 1};
+    size_t count;
+    assert_int_equal(qm_store_drop_old_jobs(f->store, kept, year ? difftime(time(NULL), timegm(&start)) : 0.0,
+                                            limit, ids, &count),
+                     QM_STORED);
     for (size_t i = 0; i < count; i++)
         snprintf(joined + strlen(joined), sizeof joined - strlen(joined), "%s ", ids[i]);
     assert_string_equal(joined, expected);
@@ -727,7 +770,7 @@ static void check_filter(fixture *f, const qm_store_job_filter *filter, bool new
     qm_store_job rows[2];
     qm_store_page page = {.newest_first = newest_first, .limit = 2};
     size_t count, total = 0;
-    while (qm_store_list_jobs(f->store, &page, filter, rows, &count) == QM_OK && count > 0)
+    while (qm_store_list_jobs(f->store, &page, filter, rows, &count) == QM_STORED && count > 0)
         for (size_t i = 0; i < count; i++) {
             assert_true(total + 1 < sizeof found);
             found[total++] = rows[i].id[2];
@@ -747,9 +790,10 @@ static void test_jobs_are_listed_by_filters(void **state)
         job.subjects[0] = meshes[i % 3];
         job.subjects[1] = i == 5 ? "m_3" : i % 2 ? "m_1" : "";
         snprintf(job.id, sizeof job.id, "j_%d", i);
-        assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
+        assert_int_equal(submit_row(f, &job), QM_STORED);
         if (i > 2)
-            assert_int_equal(finish(f, job.id, i == 4 ? QM_JOB_FAILED : QM_JOB_SUCCEEDED, "{}", ""), QM_OK);
+            assert_int_equal(finish(f, job.id, i == 4 ? QM_JOB_FAILED : QM_JOB_SUCCEEDED, "{}", ""),
+                             QM_STORED);
     }
     const qm_job_state succeeded = QM_JOB_SUCCEEDED, failed = QM_JOB_FAILED;
     check_filter(f, &(qm_store_job_filter){0}, false, "012345");
@@ -764,7 +808,7 @@ static void test_jobs_are_listed_by_filters(void **state)
                  "5");
     check_filter(f, &(qm_store_job_filter){.subject = "' OR 1"}, false, "");
     /* With the job goes what it names. */
-    assert_int_equal(qm_store_delete_job(f->store, "j_0"), QM_OK);
+    assert_int_equal(qm_store_delete_job(f->store, "j_0"), QM_STORED);
     check_filter(f, &(qm_store_job_filter){.subject = "m_1"}, false, "13");
 }
 
@@ -778,19 +822,19 @@ static void test_old_jobs_are_dropped(void **state)
         snprintf(created, sizeof created, "20%d0", i);
         job.created = created;
         snprintf(job.id, sizeof job.id, "j_%d", i);
-        assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
-        if (i != 2) assert_int_equal(finish(f, job.id, 2, "{}", ""), QM_OK);
+        assert_int_equal(submit_row(f, &job), QM_STORED);
+        if (i != 2) assert_int_equal(finish(f, job.id, 2, "{}", ""), QM_STORED);
     }
-    drop(f, 100, "", 8, "");
-    drop(f, 100, "2010", 8, "");
-    drop(f, 100, "2015", 8, "j_1 ");
-    drop(f, 4, "", 8, "");
+    drop(f, 100, 0, 8, "");
+    drop(f, 100, 2009, 8, "");
+    drop(f, 100, 2015, 8, "j_1 ");
+    drop(f, 4, 0, 8, "");
     /* One that has not ended stays, however old. */
-    drop(f, 1, "", 1, "j_3 ");
-    drop(f, 2, "", 8, "j_4 ");
-    drop(f, 0, "", 8, "j_5 j_6 ");
+    drop(f, 1, 0, 1, "j_3 ");
+    drop(f, 2, 0, 8, "j_4 ");
+    drop(f, 0, 0, 8, "j_5 j_6 ");
     qm_store_job rows[2];
-    assert_int_equal(QM_OK, list_jobs(f, 0, 2, NULL, rows, &listed));
+    assert_int_equal(QM_STORED, list_jobs(f, 0, 2, NULL, rows, &listed));
     assert_int_equal(listed, 1);
     assert_string_equal(rows[0].id, "j_2");
     qm_store_job_reset(&rows[0]);
@@ -877,7 +921,7 @@ static void test_a_damaged_array_is_never_read(void **state)
         assert_int_equal(unlink(path), 0);
         assert_int_equal(read_array(f, "j_1", counts[i]), QM_E_FORMAT);
     }
-    assert_int_equal(qm_store_delete_job(f->store, "j_1"), QM_OK);
+    assert_int_equal(qm_store_delete_job(f->store, "j_1"), QM_STORED);
     assert_int_equal(read_array(f, "j_1", 0), QM_E_EMPTY);
 }
 
@@ -886,25 +930,26 @@ static void test_a_forgotten_answer_is_not_found_by_its_key(void **state)
     fixture *f = *state;
     qm_store_job found;
     submit(f, "j_1", "k", NULL);
-    assert_int_equal(finish(f, "j_1", QM_JOB_SUCCEEDED, "{}", "0 0"), QM_OK);
-    assert_int_equal(qm_store_find_job_by_key(f->store, "k", "0 0", QM_JOB_SUCCEEDED, &found), QM_OK);
+    assert_int_equal(finish(f, "j_1", QM_JOB_SUCCEEDED, "{}", "0 0"), QM_STORED);
+    assert_int_equal(qm_store_find_job_by_key(f->store, "k", "0 0", QM_JOB_SUCCEEDED, &found), QM_STORED);
     qm_store_job_reset(&found);
-    assert_int_equal(qm_store_forget_answer(f->store, "j_1"), QM_OK);
-    assert_int_equal(qm_store_find_job_by_key(f->store, "k", "0 0", QM_JOB_SUCCEEDED, &found), QM_E_EMPTY);
-    assert_int_equal(qm_store_find_job(f->store, "j_1", &found), QM_OK);
+    assert_int_equal(qm_store_forget_answer(f->store, "j_1"), QM_STORED);
+    assert_int_equal(qm_store_find_job_by_key(f->store, "k", "0 0", QM_JOB_SUCCEEDED, &found),
+                     QM_STORED_NONE);
+    assert_int_equal(qm_store_find_job(f->store, "j_1", &found), QM_STORED);
     qm_store_job_reset(&found);
 }
 
 static void test_an_idempotency_key_names_one_job(void **state)
 {
     fixture *f = *state;
-    assert_int_equal(submit(f, "j_1", "k", "same"), QM_OK);
-    assert_int_equal(submit(f, "j_2", "k", "same"), QM_E_CANCELED);
+    assert_int_equal(submit(f, "j_1", "k", "same"), QM_STORED);
+    assert_int_equal(submit(f, "j_2", "k", "same"), QM_STORED_TAKEN);
     qm_store_job found;
-    assert_int_equal(qm_store_find_job(f->store, "j_2", &found), QM_E_EMPTY);
-    assert_int_equal(QM_OK, qm_store_delete_job(f->store, "j_1"));
-    assert_int_equal(QM_E_EMPTY, qm_store_delete_job(f->store, "j_1"));
-    assert_int_equal(submit(f, "j_2", "k", "same"), QM_OK);
+    assert_int_equal(qm_store_find_job(f->store, "j_2", &found), QM_STORED_NONE);
+    assert_int_equal(QM_STORED, qm_store_delete_job(f->store, "j_1"));
+    assert_int_equal(QM_STORED_NONE, qm_store_delete_job(f->store, "j_1"));
+    assert_int_equal(submit(f, "j_2", "k", "same"), QM_STORED);
 }
 
 /** A reconstruction at a revision, with a mesh. */
@@ -925,7 +970,7 @@ static qm_store_reconstruction make_reconstruction(const char *mesh, int64_t rev
 static void check_reconstruction(const fixture *f, const char *mesh, int64_t revision)
 {
     qm_store_reconstruction found;
-    assert_int_equal(qm_store_find_reconstruction(f->store, "r_1", &found), QM_OK);
+    assert_int_equal(qm_store_find_reconstruction(f->store, "r_1", &found), QM_STORED);
     assert_string_equal(found.mesh, mesh);
     assert_int_equal(found.revision, revision);
     qm_store_reconstruction_reset(&found);
@@ -934,7 +979,7 @@ static void check_reconstruction(const fixture *f, const char *mesh, int64_t rev
 static void check_mesh(const fixture *f, const char *id, bool exists)
 {
     qm_store_mesh found;
-    assert_int_equal(qm_store_find_mesh(f->store, id, &found), exists ? QM_OK : QM_E_EMPTY);
+    assert_int_equal(qm_store_find_mesh(f->store, id, &found), exists ? QM_STORED : QM_STORED_NONE);
     if (exists) qm_store_mesh_reset(&found);
 }
 
@@ -945,12 +990,21 @@ static void test_a_job_ends_with_its_effect_or_not_at_all(void **state)
     const qm_store_idempotency once = {.key = NULL};
     qm_store_reconstruction first = make_reconstruction("m_first", 0);
     qm_store_mesh mesh = make_mesh("m_first", "hash", "options");
-    assert_int_equal(qm_store_put_reconstruction(f->store, &first, &mesh, &once), QM_OK);
+    assert_int_equal(qm_store_put_reconstruction(f->store, &first, &mesh, &once), QM_STORED);
     check_reconstruction(f, "m_first", 0);
     check_mesh(f, "m_first", true);
-    /* Its id is taken: its mesh is not stored either. */
+    /* The same call again changes nothing. A key that is taken, or a mesh whose content has a row: none of both. */
     qm_store_mesh other = make_mesh("m_other", "hash", "others");
-    assert_int_not_equal(qm_store_put_reconstruction(f->store, &first, &other, &once), QM_OK);
+    assert_int_equal(qm_store_put_reconstruction(f->store, &first, &other, &once), QM_STORED);
+    check_mesh(f, "m_other", false);
+    qm_store_reconstruction again = make_reconstruction("m_first", 0);
+    const qm_store_idempotency keyed = {.key = "key"};
+    snprintf(again.id, sizeof again.id, "r_2");
+    qm_store_mesh equal = make_mesh("m_equal", "hash", "options");
+    assert_int_equal(qm_store_put_reconstruction(f->store, &again, &equal, &keyed), QM_STORED_LATE);
+    assert_int_equal(qm_store_put_reconstruction(f->store, &again, NULL, &keyed), QM_STORED);
+    snprintf(again.id, sizeof again.id, "r_3");
+    assert_int_equal(qm_store_put_reconstruction(f->store, &again, &other, &keyed), QM_STORED_TAKEN);
     check_mesh(f, "m_other", false);
 
     submit(f, "j_1", "k", NULL);
@@ -959,27 +1013,27 @@ static void test_a_job_ends_with_its_effect_or_not_at_all(void **state)
     qm_store_reconstruction late = make_reconstruction("m_other", 2),
                             next = make_reconstruction("m_other", 1);
     assert_int_equal(qm_store_finish_job(f->store, &end, "", &last, 1, &(qm_store_effect){&late, &other}),
-                     QM_E_CANCELED);
+                     QM_STORED_LATE);
     check_reconstruction(f, "m_first", 0);
     check_mesh(f, "m_other", false);
     check_events(f, "j_1", "");
     qm_store_job found;
-    assert_int_equal(qm_store_find_job(f->store, "j_1", &found), QM_OK);
+    assert_int_equal(qm_store_find_job(f->store, "j_1", &found), QM_STORED);
     assert_null(found.document);
     qm_store_job_reset(&found);
 
     assert_int_equal(qm_store_finish_job(f->store, &end, "", &last, 1, &(qm_store_effect){&next, &other}),
-                     QM_OK);
+                     QM_STORED);
     reopen(f);
     check_reconstruction(f, "m_other", 1);
     check_mesh(f, "m_other", true);
     check_events(f, "j_1", "1 result e;");
     /* The same revision once more is late. */
     assert_int_equal(qm_store_update_reconstruction(f->store, &(qm_store_effect){&next, NULL}),
-                     QM_E_CANCELED);
-    assert_int_equal(qm_store_delete_reconstruction(f->store, "r_1"), QM_OK);
+                     QM_STORED_LATE);
+    assert_int_equal(qm_store_delete_reconstruction(f->store, "r_1"), QM_STORED);
     assert_int_equal(qm_store_update_reconstruction(f->store, &(qm_store_effect){&late, NULL}),
-                     QM_E_CANCELED);
+                     QM_STORED_LATE);
 }
 
 /* ---- folders that cannot be used ---- */
@@ -1055,11 +1109,11 @@ static void test_what_was_stored_survives_a_kill(void **state)
     assert_int_equal(WTERMSIG(end), SIGKILL);
     open_store(f);
     qm_store_mesh mesh;
-    assert_int_equal(QM_OK, qm_store_find_mesh(f->store, "m_1", &mesh));
+    assert_int_equal(QM_STORED, qm_store_find_mesh(f->store, "m_1", &mesh));
     check_blob(f, mesh.hash, "kept");
     qm_store_mesh_reset(&mesh);
     qm_store_job job;
-    assert_int_equal(QM_OK, list_jobs(f, 0, 1, &unfinished, &job, &listed));
+    assert_int_equal(QM_STORED, list_jobs(f, 0, 1, &unfinished, &job, &listed));
     assert_int_equal(listed, 1);
     assert_string_equal(job.id, "j_1");
     qm_store_job_reset(&job);

@@ -1,8 +1,8 @@
 /**
- * store_check.c: compares all that is stored with its hashes and checksums, and repairs what can be.
+ * store_sqlite_check.c: compares all that is stored with its hashes and checksums, and repairs what can be.
  *
  * The database is asked whether its pages, rows and indices agree; one where they do not is made anew of its
- * rows (store_salvage.c). The row of a mesh whose file is damaged
+ * rows (store_sqlite_salvage.c). The row of a mesh whose file is damaged
  * stays: an upload of the same bytes repairs it. A job whose array is damaged answers no later request, so that
  * an equal one is computed again.
  */
@@ -10,7 +10,7 @@
 #include <string.h>
 
 #include "result_file.h"
-#include "store_internal.h"
+#include "store_sqlite.h"
 
 typedef struct check {
     qm_store *store;
@@ -29,7 +29,7 @@ static void tell(check *work, bool is_repaired, const char *what, const char *id
 /** What the database says of itself; true when it finds nothing. */
 static bool check_database(check *work, const char *pragma)
 {
-    sqlite3_stmt *statement = qm_store_begin(work->store, pragma);
+    sqlite3_stmt *statement = qm_sqlite_begin(work->store, pragma);
     bool good = statement;
     int result = SQLITE_DONE;
     while (statement && (result = sqlite3_step(statement)) == SQLITE_ROW) {
@@ -39,10 +39,10 @@ static bool check_database(check *work, const char *pragma)
         good = false;
     }
     if (!statement || result != SQLITE_DONE) {
-        tell(work, false, "database:", sqlite3_errmsg(work->store->database), "");
+        tell(work, false, "database:", sqlite3_errmsg(work->store->sqlite->database), "");
         good = false;
     }
-    if (statement) qm_store_end(work->store, statement);
+    if (statement) qm_sqlite_end(work->store, statement);
     return good;
 }
 
@@ -60,17 +60,18 @@ static void check_meshes(check *work)
 {
     qm_store_mesh row;
     size_t count;
-    qm_status status;
+    qm_stored stored;
     qm_store_page page = {.limit = 1};
     const qm_store_mesh_filter all = {0};
-    while ((status = qm_store_list_meshes(work->store, &page, &all, &row, &count)) == QM_OK && count > 0) {
+    while ((stored = qm_store_list_meshes(work->store, &page, &all, &row, &count)) == QM_STORED &&
+           count > 0) {
         page.after = row.sequence;
         work->found.meshes++;
         check_blob(work, row.id, row.hash);
         check_blob(work, row.id, row.positions);
         qm_store_mesh_reset(&row);
     }
-    if (status != QM_OK) tell(work, false, "meshes", "cannot", "be read");
+    if (stored != QM_STORED) tell(work, false, "meshes", "cannot", "be read");
 }
 
 static qm_status read_array(qm_store *store, const char *job)
@@ -92,20 +93,20 @@ static void check_arrays(check *work)
 {
     qm_store_job row;
     size_t count;
-    qm_status status;
+    qm_stored stored;
     qm_store_page page = {.limit = 1};
     const qm_store_job_filter all = {0};
-    while ((status = qm_store_list_jobs(work->store, &page, &all, &row, &count)) == QM_OK && count > 0) {
+    while ((stored = qm_store_list_jobs(work->store, &page, &all, &row, &count)) == QM_STORED && count > 0) {
         page.after = row.sequence;
         work->found.jobs++;
-        status = row.document ? read_array(work->store, row.id) : QM_E_EMPTY;
+        qm_status status = row.document ? read_array(work->store, row.id) : QM_E_EMPTY;
         if (status != QM_OK && status != QM_E_EMPTY) {
-            bool repaired = work->repairs && qm_store_forget_answer(work->store, row.id) == QM_OK;
+            bool repaired = work->repairs && qm_store_forget_answer(work->store, row.id) == QM_STORED;
             tell(work, repaired, "job", row.id, "has a damaged array");
         }
         qm_store_job_reset(&row);
     }
-    if (status != QM_OK) tell(work, false, "jobs", "cannot", "be read");
+    if (stored != QM_STORED) tell(work, false, "jobs", "cannot", "be read");
 }
 
 static void count_orphan(void *user, const char *hash)
@@ -123,7 +124,8 @@ qm_status qm_store_check(const char *folder, bool repairs, FILE *out, qm_store_f
     if (status == QM_OK) {
         bool is_good = check_database(&work, "PRAGMA integrity_check") &&
                        check_database(&work, "PRAGMA foreign_key_check");
-        if (!is_good && repairs && qm_store_salvage(work.store, out)) work.found.repaired = work.found.faults;
+        if (!is_good && repairs && qm_sqlite_salvage(work.store, out))
+            work.found.repaired = work.found.faults;
         check_meshes(&work);
         check_arrays(&work);
         qm_blob_each_orphan(work.store, count_orphan, &work);

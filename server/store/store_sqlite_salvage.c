@@ -1,5 +1,5 @@
 /**
- * store_salvage.c: makes a database anew of the rows that can be read in a damaged one: each by its number, so
+ * store_sqlite_salvage.c: makes a database anew of the rows that can be read in a damaged one: each by its number, so
  * that one which cannot be read costs no other, and without the indices, which are made again. A page that leads
  * to others costs these.
  */
@@ -8,7 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "store_internal.h"
+#include "store_sqlite.h"
 
 #define UNKNOWN_LAST (1 << 18) /* row to end with when neither table nor counter can be read */
 
@@ -115,15 +115,15 @@ static bool replace(const qm_store *store, const char *path, const char *new_pat
     return rename(new_path, path) == 0 && qm_blob_sync_folder(store->folder);
 }
 
-bool qm_store_salvage(qm_store *store, FILE *out)
+bool qm_sqlite_salvage(qm_store *store, FILE *out)
 {
     char path[QM_STORE_PATH_SIZE], new_path[QM_STORE_PATH_SIZE], message[QM_MESSAGE_SIZE];
     snprintf(path, sizeof path, "%s/" QM_STORE_DATABASE, store->folder);
     snprintf(new_path, sizeof new_path, "%s/" QM_STORE_DATABASE ".new", store->folder);
     unlink(new_path);
-    qm_store_close_database(store);
+    qm_sqlite_close_database(store);
     salvage work = {0};
-    bool good = qm_store_make_database(new_path, &work.database) && copy_all(&work, path);
+    bool good = qm_sqlite_make_database(new_path, &work.database) && copy_all(&work, path);
     sqlite3_close(work.damaged);
     sqlite3_close(work.database);
     good = good && replace(store, path, new_path);
@@ -135,5 +135,5 @@ bool qm_store_salvage(qm_store *store, FILE *out)
             work.copied, work.failed);
     else
         unlink(new_path);
-    return qm_store_open_database(store, QM_STORE_CHECK, message) == QM_OK && good;
+    return qm_sqlite_open_database(store, QM_STORE_CHECK, message) == QM_OK && good;
 }

@@ -1,5 +1,5 @@
 /**
- * store_sums.c: a layer between SQLite and the file of the database that ends each page with its checksum, and
+ * store_sqlite_sums.c: a layer between SQLite and the file of the database that ends each page with its checksum, and
  * compares them whenever a page is read: rows, indices and free pages alike. SQLite leaves room for it at the
  * end of pages (reserved bytes, byte 20 of the header). Pages in the write-ahead log have SQLite's own
  * checksums; they get theirs when they are copied to the file.
@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "checksum.h"
-#include "store_internal.h"
+#include "store_sqlite.h"
 
 #define MIN_PAGE 512 /* whatever is shorter is a part of the header */
 #define HEADER_SIZE 100
@@ -239,7 +239,7 @@ static void add_layer(void)
     sqlite3_vfs_register(&layer, 0);
 }
 
-void qm_store_sums_register(void)
+void qm_sqlite_sums_register(void)
 {
     pthread_once(&once, add_layer);
 }

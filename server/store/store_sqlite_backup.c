@@ -1,5 +1,5 @@
 /**
- * store_backup.c: one file that holds all of a data folder, made while the daemon writes to it, and the folder that
+ * store_sqlite_backup.c: one file that holds all of a data folder, made while the daemon writes to it, and the folder that
  * is made of such a file.
  *
  * The file is a database of the store with one more table, of the parts of blobs and arrays, so that its pages have
@@ -16,7 +16,7 @@
 
 #include "base/text.h"
 #include "result_file.h"
-#include "store_internal.h"
+#include "store_sqlite.h"
 
 #define PART_SIZE (1u << 20) /* bytes of a blob in a row */
 #define TRIES 100            /* how often the row of a mesh may move on while its blob is looked for */
@@ -42,8 +42,8 @@ static sqlite3_stmt *prepare(sqlite3 *database, const char *sql, const char *fir
 {
     sqlite3_stmt *statement = NULL;
     if (sqlite3_prepare_v2(database, sql, -1, &statement, NULL) != SQLITE_OK) return NULL;
-    if (first) qm_store_bind_text(statement, 1, first);
-    if (second) qm_store_bind_text(statement, 2, second);
+    if (first) qm_sqlite_bind_text(statement, 1, first);
+    if (second) qm_sqlite_bind_text(statement, 2, second);
     return statement;
 }
 
@@ -116,9 +116,9 @@ static qm_status copy_blob(backup *work, const char *hash)
 static bool follow_mesh(backup *work, const char *id, const char *hash, const char *positions)
 {
     qm_store_mesh row;
-    qm_status status = qm_store_find_mesh(work->store, id, &row);
-    if (status == QM_E_EMPTY) return run_text(work->copy, "DELETE FROM meshes WHERE id = ?", id);
-    if (status != QM_OK) return false;
+    qm_stored stored = qm_store_find_mesh(work->store, id, &row);
+    if (stored == QM_STORED_NONE) return run_text(work->copy, "DELETE FROM meshes WHERE id = ?", id);
+    if (stored != QM_STORED) return false;
     bool has_moved = strcmp(row.hash, hash) != 0 || strcmp(row.positions, positions) != 0;
     sqlite3_stmt *statement =
         has_moved ? prepare(work->copy,
@@ -127,10 +127,10 @@ static bool follow_mesh(backup *work, const char *id, const char *hash, const ch
                             row.hash, row.positions)
                   : NULL;
     if (statement) {
-        qm_store_bind_text(statement, 3, row.options);
-        qm_store_bind_text(statement, 4, row.document);
+        qm_sqlite_bind_text(statement, 3, row.options);
+        qm_sqlite_bind_text(statement, 4, row.document);
         sqlite3_bind_int64(statement, 5, (sqlite3_int64)row.revision);
-        qm_store_bind_text(statement, 6, id);
+        qm_sqlite_bind_text(statement, 6, id);
         has_moved = execute(statement);
     }
     qm_store_mesh_reset(&row);
@@ -178,7 +178,7 @@ static bool copy_array(backup *work, const char *job)
     qm_result_file_close(file);
     if (status == QM_OK || status == QM_E_FORMAT || status == QM_E_EMPTY) {
         work->found.files += status == QM_OK;
-        if (status != QM_OK && !qm_store_has_job(work->store, job))
+        if (status != QM_OK && !qm_sqlite_has_job(work->store, job))
             return run_text(work->copy, "DELETE FROM jobs WHERE id = ?", job);
         if (status != QM_OK) tell(work, "job", job, name, "damaged");
         return written;
@@ -197,7 +197,7 @@ static bool for_each(backup *work, const char *sql, bool (*copy)(backup *, const
         sqlite3_bind_int64(statement, 1, after);
         int result = sqlite3_step(statement);
         if (result == SQLITE_ROW) {
-            good = qm_store_read_text(statement, 0, id, sizeof id);
+            good = qm_sqlite_read_text(statement, 0, id, sizeof id);
             after = sqlite3_column_int64(statement, 1);
         }
         sqlite3_finalize(statement);
@@ -237,8 +237,9 @@ static bool put_in_place(const char *path, const char *name)
 
 static bool write_backup(backup *work, const char *path, char message[QM_MESSAGE_SIZE])
 {
-    bool good = run_text(work->store->database, "VACUUM INTO ?", path);
-    if (!good) snprintf(message, QM_MESSAGE_SIZE, "database: %s", sqlite3_errmsg(work->store->database));
+    bool good = run_text(work->store->sqlite->database, "VACUUM INTO ?", path);
+    if (!good)
+        snprintf(message, QM_MESSAGE_SIZE, "database: %s", sqlite3_errmsg(work->store->sqlite->database));
     if (!good) return false;
     good = sqlite3_open_v2(path, &work->copy, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOMUTEX, QM_STORE_SUMS) ==
                SQLITE_OK &&
@@ -260,7 +261,7 @@ qm_status qm_store_backup(const char *folder, const char *file, FILE *out, qm_st
     unlink(path);
     work.store = qm_store_create(folder, message);
     if (!work.store) return QM_E_NO_MEMORY;
-    qm_status status = qm_store_open_database(work.store, QM_STORE_CHECK, message);
+    qm_status status = qm_sqlite_open_database(work.store, QM_STORE_CHECK, message);
     if (status == QM_OK && !write_backup(&work, path, message)) status = QM_E_ARGUMENT;
     if (status == QM_OK && !put_in_place(path, file)) {
         snprintf(message, QM_MESSAGE_SIZE, "cannot write %.200s: %s", file, strerror(errno));
@@ -315,7 +316,7 @@ static bool make_database(const char *path, const char *file, char message[QM_ME
 {
     sqlite3 *database = NULL;
     char version[1][SCALAR_SIZE], sql[64];
-    bool good = qm_store_make_file(path, &database) && run_text(database, "ATTACH ? AS old", file) &&
+    bool good = qm_sqlite_make_file(path, &database) && run_text(database, "ATTACH ? AS old", file) &&
                 find(database, "PRAGMA old.user_version", NULL, 1, version) &&
                 sqlite3_exec(database, "BEGIN", NULL, NULL, NULL) == SQLITE_OK &&
                 make_all(database, "table", "CREATE TABLE ") &&
@@ -353,7 +354,7 @@ static bool open_file(qm_store *store, const char *name, restored_file *out)
     *out = (restored_file){.array = -1};
     snprintf(out->name, sizeof out->name, "%s", name);
     if (!is_array(name)) return qm_blob_begin(store, 0, &out->blob) == QM_OK;
-    snprintf(path, sizeof path, "%s/results/%s", qm_store_folder(store), name);
+    snprintf(path, sizeof path, "%s/results/%s", store->folder, name);
     out->array = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
     return out->array >= 0;
 }
@@ -423,7 +424,7 @@ static bool open_backup(backup *work, const char *file, char message[QM_MESSAGE_
 {
     char found[1][SCALAR_SIZE];
     bool is_plain = true;
-    qm_store_sums_register();
+    qm_sqlite_sums_register();
     bool good =
         sqlite3_open_v2(file, &work->copy, SQLITE_OPEN_READONLY | SQLITE_OPEN_NOMUTEX, QM_STORE_SUMS) ==
             SQLITE_OK &&

@@ -1,0 +1,340 @@
+/**
+ * store.c: the verbs of a store, each of which its driver does; and the rows that they give.
+ */
+#include <stdlib.h>
+
+#include "store_driver.h"
+
+bool qm_store_is_shared(const qm_store *store)
+{
+    return store->postgres != NULL;
+}
+
+qm_status qm_store_status(qm_stored stored)
+{
+    switch (stored) {
+    case QM_STORED:
+        return QM_OK;
+    case QM_STORED_NONE:
+        return QM_E_EMPTY;
+    case QM_STORED_DAMAGED:
+        return QM_E_FORMAT;
+    case QM_STORED_FULL:
+        return QM_E_TOO_LARGE;
+    case QM_STORED_NO_MEMORY:
+        return QM_E_NO_MEMORY;
+    case QM_STORED_LATE:
+    case QM_STORED_TAKEN:
+    case QM_STORED_LOST:
+    case QM_STORED_AWAY:
+    case QM_STORED_FAULT:
+        break;
+    }
+    return QM_E_ARGUMENT;
+}
+
+/* ---- meshes ---- */
+
+qm_stored qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
+{
+    return store->driver->put_mesh(store, mesh);
+}
+
+qm_stored qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out)
+{
+    return store->driver->find_mesh(store, id, out);
+}
+
+qm_stored qm_store_find_revision(qm_store *store, const char *id, uint64_t *revision)
+{
+    return store->driver->find_revision(store, id, revision);
+}
+
+qm_stored qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
+                                        qm_store_mesh *out)
+{
+    return store->driver->find_mesh_by_content(store, hash, options, out);
+}
+
+qm_stored qm_store_list_meshes(qm_store *store, const qm_store_page *page, const qm_store_mesh_filter *filter,
+                               qm_store_mesh *out, size_t *count)
+{
+    return store->driver->list_meshes(store, page, filter, out, count);
+}
+
+qm_stored qm_store_revise_mesh(qm_store *store, const qm_store_mesh *mesh)
+{
+    QM_ASSERT(mesh->revision > 0);
+    return store->driver->revise_mesh(store, mesh);
+}
+
+qm_stored qm_store_set_expiry(qm_store *store, const char *id, const char *expires)
+{
+    return store->driver->set_expiry(store, id, expires);
+}
+
+qm_stored qm_store_find_expired_mesh(qm_store *store, const char *before, qm_store_mesh *out)
+{
+    return store->driver->find_expired_mesh(store, before, out);
+}
+
+qm_stored qm_store_delete_mesh(qm_store *store, const char *id)
+{
+    return store->driver->delete_mesh(store, id);
+}
+
+void qm_store_mesh_reset(qm_store_mesh *mesh)
+{
+    free(mesh->options);
+    free(mesh->name);
+    free(mesh->document);
+    free(mesh->created);
+    *mesh = (qm_store_mesh){0};
+}
+
+/* ---- jobs ---- */
+
+qm_stored qm_store_submit_job(qm_store *store, const qm_store_submission *submission)
+{
+    QM_ASSERT(submission->job && submission->job->state == QM_JOB_QUEUED);
+    return store->driver->submit_job(store, submission);
+}
+
+qm_stored qm_store_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_store_job *out, size_t *count)
+{
+    return store->driver->claim_jobs(store, wish, out, count);
+}
+
+qm_stored qm_store_begin_job(qm_store *store, const char *id)
+{
+    return store->driver->begin_job(store, id);
+}
+
+qm_stored qm_store_append_events(qm_store *store, qm_store_run *runs, size_t run_count,
+                                 const qm_store_event *events, size_t count)
+{
+    return store->driver->append_events(store, runs, run_count, events, count);
+}
+
+qm_stored qm_store_finish_job(qm_store *store, const qm_store_job *end, const char *revisions,
+                              const qm_store_event *events, size_t count, const qm_store_effect *effect)
+{
+    QM_ASSERT(end->state > QM_JOB_RUNNING && end->document);
+    return store->driver->finish_job(store, end, revisions, events, count, effect);
+}
+
+qm_stored qm_store_leave_jobs(qm_store *store)
+{
+    return store->driver->leave_jobs(store);
+}
+
+qm_stored qm_store_read_events(qm_store *store, const char *id, uint64_t after, qm_store_event_fn *take,
+                               void *user)
+{
+    return store->driver->read_events(store, id, after, take, user);
+}
+
+qm_stored qm_store_find_job(qm_store *store, const char *id, qm_store_job *out)
+{
+    return store->driver->find_job(store, id, out);
+}
+
+qm_stored qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions,
+                                   qm_job_state state, qm_store_job *out)
+{
+    return store->driver->find_job_by_key(store, key, revisions, state, out);
+}
+
+qm_stored qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out)
+{
+    return store->driver->find_job_by_idempotency_key(store, key, out);
+}
+
+qm_stored qm_store_forget_answer(qm_store *store, const char *id)
+{
+    return store->driver->forget_answer(store, id);
+}
+
+qm_stored qm_store_list_jobs(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
+                             qm_store_job *out, size_t *count)
+{
+    return store->driver->list_jobs(store, page, filter, out, count);
+}
+
+qm_stored qm_store_drop_old_jobs(qm_store *store, size_t kept, double kept_s, size_t limit,
+                                 char (*ids)[QM_ID_SIZE], size_t *count)
+{
+    return store->driver->drop_old_jobs(store, kept, kept_s, limit, ids, count);
+}
+
+qm_stored qm_store_delete_job(qm_store *store, const char *id)
+{
+    return store->driver->delete_job(store, id);
+}
+
+qm_stored qm_store_put_array(qm_store *store, const char *job_id, const qm_store_array *array)
+{
+    return store->driver->put_array(store, job_id, array);
+}
+
+qm_stored qm_store_find_array(qm_store *store, const char *job_id, qm_store_array *out)
+{
+    return store->driver->find_array(store, job_id, out);
+}
+
+void qm_store_job_reset(qm_store_job *job)
+{
+    free(job->key);
+    free(job->idempotency_key);
+    free(job->body);
+    free(job->created);
+    free(job->document);
+    free(job->result);
+    free(job->progress);
+    *job = (qm_store_job){0};
+}
+
+/* ---- layouts ---- */
+
+qm_stored qm_store_put_layout(qm_store *store, const qm_store_layout *layout,
+                              const qm_store_idempotency *idempotency)
+{
+    return store->driver->put_layout(store, layout, idempotency);
+}
+
+qm_stored qm_store_find_layout(qm_store *store, const char *id, qm_store_layout *out)
+{
+    return store->driver->find_layout(store, id, out);
+}
+
+qm_stored qm_store_find_layout_by_idempotency_key(qm_store *store, const char *key,
+                                                  qm_store_idempotency_record *out)
+{
+    return store->driver->find_layout_by_idempotency_key(store, key, out);
+}
+
+qm_stored qm_store_list_layouts(qm_store *store, const qm_store_page *page, const char *mesh,
+                                qm_store_layout *out, size_t *count)
+{
+    return store->driver->list_layouts(store, page, mesh, out, count);
+}
+
+qm_stored qm_store_edit_layout(qm_store *store, const qm_store_layout *layout)
+{
+    return store->driver->edit_layout(store, layout);
+}
+
+qm_stored qm_store_move_layout(qm_store *store, const char *id, int64_t from, int64_t to)
+{
+    return store->driver->move_layout(store, id, from, to);
+}
+
+qm_stored qm_store_delete_layout(qm_store *store, const char *id)
+{
+    return store->driver->delete_layout(store, id);
+}
+
+void qm_store_layout_reset(qm_store_layout *layout)
+{
+    free(layout->created);
+    free(layout->layout);
+    free(layout->issues);
+    *layout = (qm_store_layout){0};
+}
+
+/* ---- reconstructions ---- */
+
+qm_stored qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction,
+                                      const qm_store_mesh *mesh, const qm_store_idempotency *idempotency)
+{
+    return store->driver->put_reconstruction(store, reconstruction, mesh, idempotency);
+}
+
+qm_stored qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out)
+{
+    return store->driver->find_reconstruction(store, id, out);
+}
+
+qm_stored qm_store_find_reconstruction_by_idempotency_key(qm_store *store, const char *key,
+                                                          qm_store_idempotency_record *out)
+{
+    return store->driver->find_reconstruction_by_idempotency_key(store, key, out);
+}
+
+qm_stored qm_store_list_reconstructions(qm_store *store, const qm_store_page *page, const char *source,
+                                        qm_store_reconstruction *out, size_t *count)
+{
+    return store->driver->list_reconstructions(store, page, source, out, count);
+}
+
+qm_stored qm_store_update_reconstruction(qm_store *store, const qm_store_effect *effect)
+{
+    return store->driver->update_reconstruction(store, effect);
+}
+
+qm_stored qm_store_delete_reconstruction(qm_store *store, const char *id)
+{
+    return store->driver->delete_reconstruction(store, id);
+}
+
+void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction)
+{
+    free(reconstruction->layout);
+    free(reconstruction->document);
+    free(reconstruction->steps);
+    free(reconstruction->records);
+    free(reconstruction->state);
+    *reconstruction = (qm_store_reconstruction){0};
+}
+
+/* ---- nodes of a shared store ---- */
+
+qm_stored qm_store_beat(qm_store *store, size_t free_workers, qm_store_cluster *out)
+{
+    QM_ASSERT(qm_store_is_shared(store));
+    return store->driver->beat(store, free_workers, out);
+}
+
+qm_stored qm_store_join(qm_store *store)
+{
+    QM_ASSERT(qm_store_is_shared(store));
+    return store->driver->join(store);
+}
+
+qm_stored qm_store_reap(qm_store *store, double silence_s, size_t *count)
+{
+    QM_ASSERT(qm_store_is_shared(store));
+    return store->driver->reap(store, silence_s, count);
+}
+
+qm_stored qm_store_find_home(qm_store *store, const char *id, char out[QM_NODE_NAME_SIZE])
+{
+    QM_ASSERT(qm_store_is_shared(store));
+    return store->driver->find_home(store, id, out);
+}
+
+qm_stored qm_store_cancel_job(qm_store *store, const char *id, const char *document,
+                              const qm_store_event *last)
+{
+    QM_ASSERT(qm_store_is_shared(store));
+    return store->driver->cancel_job(store, id, document, last);
+}
+
+qm_stored qm_store_hold_job(qm_store *store, const char *id, int owners, bool is_kept, bool *is_unwanted)
+{
+    QM_ASSERT(qm_store_is_shared(store));
+    return store->driver->hold_job(store, id, owners, is_kept, is_unwanted);
+}
+
+qm_stored qm_store_look_at_jobs(qm_store *store, qm_store_look *looks, size_t count, qm_store_event_fn *take,
+                                void *user)
+{
+    QM_ASSERT(qm_store_is_shared(store));
+    return store->driver->look_at_jobs(store, looks, count, take, user);
+}
+
+qm_stored qm_store_clean_blobs(qm_store *store, double delay_s)
+{
+    QM_ASSERT(qm_store_is_shared(store));
+    return store->driver->clean_blobs(store, delay_s);
+}

@@ -1,0 +1,115 @@
+/**
+ * store_driver.h: what a store is made of, and the table of functions that each kind of database fills.
+ *
+ * Two drivers: store_sqlite*.c for a folder that one process holds, store_postgres*.c for a database that nodes
+ * share. store.c calls them; each function does what the verb of store.h with its name says. The same contract test
+ * runs on both (tests/unit/test_store_contract.c).
+ */
+#ifndef QM_STORE_DRIVER_H
+#define QM_STORE_DRIVER_H
+
+#include "blob.h"
+#include "space.h"
+#include "store.h"
+
+typedef struct qm_store_driver {
+    void (*close)(qm_store *store);
+
+    qm_stored (*put_mesh)(qm_store *store, const qm_store_mesh *mesh);
+    qm_stored (*find_mesh)(qm_store *store, const char *id, qm_store_mesh *out);
+    qm_stored (*find_revision)(qm_store *store, const char *id, uint64_t *revision);
+    qm_stored (*find_mesh_by_content)(qm_store *store, const char *hash, const char *options,
+                                      qm_store_mesh *out);
+    qm_stored (*list_meshes)(qm_store *store, const qm_store_page *page, const qm_store_mesh_filter *filter,
+                             qm_store_mesh *out, size_t *count);
+    qm_stored (*revise_mesh)(qm_store *store, const qm_store_mesh *mesh);
+    qm_stored (*set_expiry)(qm_store *store, const char *id, const char *expires);
+    qm_stored (*find_expired_mesh)(qm_store *store, const char *before, qm_store_mesh *out);
+    qm_stored (*delete_mesh)(qm_store *store, const char *id);
+
+    qm_stored (*submit_job)(qm_store *store, const qm_store_submission *submission);
+    qm_stored (*claim_jobs)(qm_store *store, const qm_store_wish *wish, qm_store_job *out, size_t *count);
+    qm_stored (*begin_job)(qm_store *store, const char *id);
+    qm_stored (*append_events)(qm_store *store, qm_store_run *runs, size_t run_count,
+                               const qm_store_event *events, size_t count);
+    qm_stored (*finish_job)(qm_store *store, const qm_store_job *end, const char *revisions,
+                            const qm_store_event *events, size_t count, const qm_store_effect *effect);
+    qm_stored (*leave_jobs)(qm_store *store);
+    qm_stored (*read_events)(qm_store *store, const char *id, uint64_t after, qm_store_event_fn *take,
+                             void *user);
+    qm_stored (*find_job)(qm_store *store, const char *id, qm_store_job *out);
+    qm_stored (*find_job_by_key)(qm_store *store, const char *key, const char *revisions, qm_job_state state,
+                                 qm_store_job *out);
+    qm_stored (*find_job_by_idempotency_key)(qm_store *store, const char *key, qm_store_job *out);
+    qm_stored (*forget_answer)(qm_store *store, const char *id);
+    qm_stored (*list_jobs)(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
+                           qm_store_job *out, size_t *count);
+    qm_stored (*drop_old_jobs)(qm_store *store, size_t kept, double kept_s, size_t limit,
+                               char (*ids)[QM_ID_SIZE], size_t *count);
+    qm_stored (*delete_job)(qm_store *store, const char *id);
+    qm_stored (*put_array)(qm_store *store, const char *job_id, const qm_store_array *array);
+    qm_stored (*find_array)(qm_store *store, const char *job_id, qm_store_array *out);
+
+    qm_stored (*put_layout)(qm_store *store, const qm_store_layout *layout,
+                            const qm_store_idempotency *idempotency);
+    qm_stored (*find_layout)(qm_store *store, const char *id, qm_store_layout *out);
+    qm_stored (*find_layout_by_idempotency_key)(qm_store *store, const char *key,
+                                                qm_store_idempotency_record *out);
+    qm_stored (*list_layouts)(qm_store *store, const qm_store_page *page, const char *mesh,
+                              qm_store_layout *out, size_t *count);
+    qm_stored (*edit_layout)(qm_store *store, const qm_store_layout *layout);
+    qm_stored (*move_layout)(qm_store *store, const char *id, int64_t from, int64_t to);
+    qm_stored (*delete_layout)(qm_store *store, const char *id);
+
+    qm_stored (*put_reconstruction)(qm_store *store, const qm_store_reconstruction *reconstruction,
+                                    const qm_store_mesh *mesh, const qm_store_idempotency *idempotency);
+    qm_stored (*find_reconstruction)(qm_store *store, const char *id, qm_store_reconstruction *out);
+    qm_stored (*find_reconstruction_by_idempotency_key)(qm_store *store, const char *key,
+                                                        qm_store_idempotency_record *out);
+    qm_stored (*list_reconstructions)(qm_store *store, const qm_store_page *page, const char *source,
+                                      qm_store_reconstruction *out, size_t *count);
+    qm_stored (*update_reconstruction)(qm_store *store, const qm_store_effect *effect);
+    qm_stored (*delete_reconstruction)(qm_store *store, const char *id);
+
+    /* Of an embedded store, whose folder has all files; NULL in the driver of a shared one. */
+    bool (*needs_blob)(qm_store *store, const char *hash); /* a mesh has it; true after a fault */
+    bool (*has_job)(qm_store *store, const char *id);      /* true after a fault */
+
+    /* Of a shared store; NULL in the driver of an embedded one. */
+    qm_stored (*beat)(qm_store *store, size_t free_workers, qm_store_cluster *out);
+    qm_stored (*join)(qm_store *store);
+    qm_stored (*reap)(qm_store *store, double silence_s, size_t *count);
+    qm_stored (*find_home)(qm_store *store, const char *id, char out[QM_NODE_NAME_SIZE]);
+    qm_stored (*cancel_job)(qm_store *store, const char *id, const char *document,
+                            const qm_store_event *last);
+    qm_stored (*hold_job)(qm_store *store, const char *id, int owners, bool is_kept, bool *is_unwanted);
+    qm_stored (*look_at_jobs)(qm_store *store, qm_store_look *looks, size_t count, qm_store_event_fn *take,
+                              void *user);
+    /** Stores the bytes of an open file under their hash, for all nodes. */
+    qm_stored (*put_blob)(qm_store *store, const char *hash, int file);
+    /** Writes the bytes of a blob to an open file; the caller compares them with the hash. */
+    qm_stored (*get_blob)(qm_store *store, const char *hash, int file);
+    qm_stored (*clean_blobs)(qm_store *store, double delay_s);
+} qm_store_driver;
+
+struct qm_store {
+    const qm_store_driver *driver;
+    char *folder;
+    int lock_file; /* held with flock: one process a folder */
+    qm_space space;
+    struct qm_sqlite *sqlite;     /* of an embedded store, or NULL */
+    struct qm_postgres *postgres; /* of a shared one, or NULL */
+};
+
+extern const qm_store_driver qm_sqlite_driver, qm_postgres_driver;
+
+/** The status of a call on files that depends on rows. */
+qm_status qm_store_status(qm_stored stored);
+
+/** A store of a folder that is neither held nor opened, for qm_store_close; NULL with a message. */
+qm_store *qm_store_create(const char *folder, char message[QM_MESSAGE_SIZE]);
+
+/** Takes the lock of the folder; or a status with a message. */
+qm_status qm_store_lock_folder(qm_store *store, char message[QM_MESSAGE_SIZE]);
+
+#endif
