@@ -4,19 +4,22 @@
 #   install-packages.sh build   what `make` needs
 #   install-packages.sh test    ... and what `make test` needs
 #   install-packages.sh demo    ... and what `make demo` needs
+#   install-packages.sh cluster ... and what `make demo-cluster` needs
 #   install-packages.sh bench   ... and what `make bench` compares with
 #
 # Exit status: 0 all there, 1 a package could not be installed, 2 usage.
 set -eu
 
 build="gcc g++ make pkg-config libmicrohttpd-dev libuv1-dev libcjson-dev libsqlite3-dev libdraco-dev
-    libcurl4-openssl-dev nettle-dev libspng-dev zlib1g-dev libexpat1-dev libzip-dev"
+    libcurl4-openssl-dev nettle-dev libspng-dev zlib1g-dev libexpat1-dev libzip-dev libpq-dev"
 # draco brings the encoder and decoder programs that files are compared with. The daemon loads meshoptimizer's library
-# when a glTF file needs it (server/format/meshopt.h), and libzip when a 3MF file does (server/format/archive.h).
+# when a glTF file needs it (server/format/meshopt.h), libzip when a 3MF file does (server/format/archive.h), and libpq, of
+# which only the header is needed here, when daemons share a store (server/store/store_postgres_library.h).
 # nginx and systemd check the files of this folder; chromium is what the page's tests drive.
-test="libcmocka-dev python3-venv clang-format clang libclang-rt-14-dev draco libmeshoptimizer2d git locales nginx-light openssl systemd chromium"
+test="libcmocka-dev python3-venv clang-format clang libclang-rt-14-dev draco libmeshoptimizer2d git locales nginx-light openssl systemd chromium postgresql-15"
 # glmark2-data holds a scanned bunny (GPL-3+, no dependencies).
 demo="curl ca-certificates python3 glmark2-data"
+cluster="curl ca-certificates python3 postgresql-15"
 bench="python3-venv wrk util-linux libcgal-dev libembree-dev libfcl-dev"
 
 # npm fetches three.js for the page. Node from elsewhere brings its own npm and forbids Debian's.
@@ -26,9 +29,10 @@ case "${1:-build}" in
 build) wanted="$build" ;;
 test) wanted="$build $test" ;;
 demo) wanted="$build $demo" ;;
+cluster) wanted="$build $cluster" ;;
 bench) wanted="$build $bench" ;;
 *)
-    echo "usage: install-packages.sh [build|test|demo|bench]" >&2
+    echo "usage: install-packages.sh [build|test|demo|cluster|bench]" >&2
     exit 2
     ;;
 esac

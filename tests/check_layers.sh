@@ -84,6 +84,7 @@ only() {
 only 'microhttpd\.h' 'server/http/http[a-z_]*\.[ch]'
 only '(cjson/)?cJSON\.h' 'server/[a-z]*/(json(_[a-z_]*)?|gltf|kind_[a-z_]*)\.c'
 only 'sqlite3\.h' 'server/store/store_[a-z_]*\.[ch]'
+only 'postgresql/libpq-fe\.h' 'server/store/store_postgres[a-z_]*\.[ch]'
 only 'spng\.h' 'clients/cli/picture\.c'
 only 'zlib\.h' 'server/format/gzip\.c'
 only 'zip\.h' 'server/format/archive\.c'
