@@ -232,6 +232,10 @@ check-layers: $(OBJ)/libengine.a
 demo:
 	@clients/demo/run.sh
 
+# The same of three daemons that share a PostgreSQL with a standby, one of which is killed.
+demo-cluster:
+	@clients/demo/cluster.sh
+
 # Times this engine and its peers side by side; BENCH="--quick --pairs bunny" and the like go to run.py.
 bench:
 	@python3 tests/bench/run.py $(BENCH)
@@ -275,5 +279,5 @@ check-types: npm
 	clients/js/node_modules/.bin/openapi-typescript proto/openapi.yaml --default-non-nullable false -o $(OUT)/api.d.ts
 	clients/js/node_modules/.bin/tsc --noEmit --strict $(OUT)/api.d.ts
 
-.PHONY: all page npm check-types test test-tsan prove unit-programs unit check-layers demo bench fuzz fuzz-programs clean format
+.PHONY: all page npm check-types test test-tsan prove unit-programs unit check-layers demo demo-cluster bench fuzz fuzz-programs clean format
 .SECONDARY:

@@ -21,6 +21,7 @@
 #include "http/route.h"
 
 #define SHORT_THREADS 4
+#define SHARED_SHORT_THREADS 16 /* a handler waits for a database elsewhere, not for a processor */
 #define EDIT_THREADS 2
 #define DOWNLOAD_THREADS 2
 #define LONG_NICENESS 5 /* of downloads and decoders: as jobs have */
@@ -29,6 +30,8 @@
 #define OWN_FILES 64
 #define SAVING_MS 500
 #define CLEANING_MS 5000
+#define BLOB_CLEANING_MS 60000
+#define UNNEEDED_S (24 * 60 * 60.0) /* that a blob is kept which nothing names: jobs may still read it */
 #define MS_PER_S 1e3
 #define S_PER_H 3600.0
 
@@ -40,7 +43,7 @@ typedef struct daemon_state {
     uv_loop_t loop;
     uv_signal_t signals[SIGNAL_COUNT];
     uv_timer_t tick;
-    double saved_ms, connections_checked_ms, cleaned_ms;
+    double saved_ms, connections_checked_ms, cleaned_ms, blobs_cleaned_ms;
 } daemon_state;
 
 /** Reads the tokens; false with a record in the log, and the old tokens stay. */
@@ -82,13 +85,22 @@ static void clean(void *user)
     qm_meshes_drop_expired(app->meshes);
 }
 
+/** Of a shared store, which removes the blobs that are no longer needed after a day. */
+static void clean_blobs(void *user)
+{
+    qm_app *app = user;
+    qm_store_clean_blobs(app->store, UNNEEDED_S);
+    qm_blob_trim_cache(app->store, (uint64_t)app->config->cache_bytes);
+}
+
 static void on_tick(uv_timer_t *handle)
 {
     daemon_state *state = handle->data;
     double now = qm_clock_now_ms();
     qm_job_events_tick(state->app.jobs, now);
     if (now < state->saved_ms + SAVING_MS) return;
-    qm_pool_submit(state->app.pools[QM_LANE_SHORT], NULL, save, state->app.jobs);
+    bool is_shared = qm_store_is_shared(state->app.store);
+    if (!is_shared) qm_pool_submit(state->app.pools[QM_LANE_SHORT], NULL, save, state->app.jobs);
     state->saved_ms = now;
     if (now < state->connections_checked_ms + CONNECTIONS_MS) return;
     qm_http_tick(state->http, now);
@@ -96,6 +108,9 @@ static void on_tick(uv_timer_t *handle)
     if (now < state->cleaned_ms + CLEANING_MS) return;
     qm_pool_submit(state->app.pools[QM_LANE_SHORT], NULL, clean, &state->app);
     state->cleaned_ms = now;
+    if (!is_shared || now < state->blobs_cleaned_ms + BLOB_CLEANING_MS) return;
+    qm_pool_submit(state->app.pools[QM_LANE_SHORT], NULL, clean_blobs, &state->app);
+    state->blobs_cleaned_ms = now;
 }
 
 static void stop_loop(daemon_state *state)
@@ -139,7 +154,7 @@ static bool create_pools(qm_app *app, const qm_config *config)
     const struct {
         int threads, niceness;
     } sizes[QM_LANE_COUNT] = {
-        [QM_LANE_SHORT] = {SHORT_THREADS, 0},
+        [QM_LANE_SHORT] = {qm_store_is_shared(app->store) ? SHARED_SHORT_THREADS : SHORT_THREADS, 0},
         [QM_LANE_QUERY] = {processors > 2 ? processors : 2, 0},
         [QM_LANE_EDIT] = {EDIT_THREADS, 0},
         [QM_LANE_DOWNLOAD] = {DOWNLOAD_THREADS, LONG_NICENESS},
@@ -162,17 +177,33 @@ static qm_meshes *create_meshes(qm_store *store, const qm_config *config)
     return qm_meshes_create(store, limits, memory, prepare_threads);
 }
 
-static bool start_parts(daemon_state *state, const qm_config *config)
+/** Opens the store of the settings; false with a line in the log. */
+static bool open_store(qm_app *app, const qm_config *config)
 {
-    qm_app *app = &state->app;
     char message[QM_MESSAGE_SIZE];
-    app->config = config;
-    app->tokens = qm_access_tokens_create();
-    if (!app->tokens || !load_tokens(app)) return false;
-    if (qm_store_open(config->data_dir, QM_STORE_SERVE, &app->store, message) != QM_OK) {
+    if (!config->store[0]) {
+        if (qm_store_open(config->data_dir, QM_STORE_SERVE, &app->store, message) == QM_OK) return true;
         qm_log(QM_LOG_ERROR, "data folder: %s", message);
         return false;
     }
+    snprintf(app->node.name, sizeof app->node.name, "%s", config->node_name);
+    if (!app->node.name[0]) gethostname(app->node.name, sizeof app->node.name - 1);
+    app->node.version = QM_VERSION;
+    app->node.workers = (int)config->workers;
+    app->node.memory = config->memory_budget > 0 ? (uint64_t)config->memory_budget : qm_host_default_budget();
+    bool is_unsafe = config->store_unsafe > 0.0;
+    qm_stored stored =
+        qm_store_open_shared(config->store, config->data_dir, &app->node, is_unsafe, &app->store, message);
+    if (stored != QM_STORED) qm_log(QM_LOG_ERROR, "store: %s", message);
+    return stored == QM_STORED;
+}
+
+static bool start_parts(daemon_state *state, const qm_config *config)
+{
+    qm_app *app = &state->app;
+    app->config = config;
+    app->tokens = qm_access_tokens_create();
+    if (!app->tokens || !load_tokens(app) || !open_store(app, config)) return false;
     qm_store_set_quota(app->store, (uint64_t)config->max_data_bytes);
     app->meshes = create_meshes(app->store, config);
     size_t memory = app->meshes ? qm_meshes_measure(app->meshes).limit : 0;
@@ -191,7 +222,8 @@ static bool start_parts(daemon_state *state, const qm_config *config)
                         .grace_ms = config->grace * MS_PER_S,
                         .kept_jobs = (size_t)config->kept_jobs,
                         .kept_s = config->kept_hours * S_PER_H,
-                        .heartbeat_ms = config->heartbeat * MS_PER_S});
+                        .heartbeat_ms = config->heartbeat * MS_PER_S,
+                        .node = app->node.name});
     if (!app->jobs) return false;
     state->http = qm_http_start(app);
     if (!state->http || !config->port_file[0]) return state->http;

@@ -4,7 +4,8 @@
 #   1. clang-format and the borders between the folders
 #   2. unit tests under ASan and UBSan; those that take long optimized, with assertions and UBSan (config=check)
 #   3. random cases against certified references, for a minute; `make prove` takes a quarter of an hour
-#   4. API and command-line tests against a real daemon under ASan and UBSan; the pairs of the data folder in release
+#   4. API and command-line tests against a real daemon under ASan and UBSan, those of the store with a shared one, too;
+#      the pairs of the data folder in release
 #   5. the fuzzers, a minute each (FUZZ_SECONDS), as many at a time as there are processors
 #   6. the types of the JavaScript client and the page; both against a real daemon, the page in Chromium
 #
@@ -16,6 +17,8 @@ set -u
 cd "$(dirname "$0")/.."
 
 sh docker/install-packages.sh test || exit 1
+# What is about a shared store has a PostgreSQL of its own.
+[ -n "${QM_TEST_POSTGRES:-}" ] || exec sh tests/with_postgres.sh sh tests/run.sh
 jobs=$(nproc)
 make -j"$jobs" all >build-release.log 2>&1 || { cat build-release.log; exit 1; }
 make -j"$jobs" config=asan all unit-programs >build-asan.log 2>&1 || { cat build-asan.log; exit 1; }
@@ -92,9 +95,11 @@ failed=$((failed + bad))
 
 [ -x build/venv/bin/pytest ] || python3 -m venv build/venv
 build/venv/bin/pip install --quiet --disable-pip-version-check -r tests/api/requirements.txt || exit 1
-api() { # BUILD FOLDER
-    echo "== $2"
-    QM_BUILD=$1 build/venv/bin/pytest -q -p no:cacheprovider "$2" --junitxml "$output.xml"
+api() { # BUILD FOLDER_OR_FILES
+    echo "== $2${QM_TEST_STORE:+ and others, on a store that is $QM_TEST_STORE}"
+    build=$1
+    shift
+    QM_BUILD=$build build/venv/bin/pytest -q -p no:cacheprovider "$@" --junitxml "$output.xml"
     status=$?
     sums=$(sed -n 's/.*<testsuite [^>]*errors="\([0-9]*\)" failures="\([0-9]*\)" skipped="\([0-9]*\)" tests="\([0-9]*\)".*/\1 \2 \3 \4/p' "$output.xml")
     rm -f "$output.xml"
@@ -105,6 +110,12 @@ api() { # BUILD FOLDER
     failed=$((failed + bad))
 }
 api build/asan tests/api
+# Once more what depends on the store most, on a shared one.
+shared="jobs hausdorff deviation collision project content meshes deform idempotency streams readers layouts
+    reconstructions batches"
+export QM_TEST_STORE=shared
+api build/asan $(for name in $shared; do echo "tests/api/test_$name.py"; done)
+unset QM_TEST_STORE
 api build/asan tests/cli
 api build/asan tests/pressure
 data=${QM_TEST_DATA:-../shared/data}

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Makes the demo's models with nothing but Python itself.
 
-models.py sphere TURN OUT.off        a sphere of quads, turned about its axis by TURN radians
+models.py sphere TURN OUT.off [N]    a sphere of quads, turned about its axis by TURN radians; N times finer both ways
 models.py coarsen IN.obj OUT.obj N   IN with one vertex for each cell of a grid, N cells along the longest side
 models.py ring N OUT.xyz OUT.json    N random points of a wavy ring, and a layout of 12 patches drawn over it
 """
@@ -14,20 +14,21 @@ PARALLELS = 49  # latitudes pi * i / 50; the poles stay open
 MERIDIANS = 100
 
 
-def write_sphere(turn, path):
+def write_sphere(turn, path, finer=1):
     """The unit sphere as quads between its parallels and meridians."""
+    bands, meridians = finer * (PARALLELS + 1), finer * MERIDIANS
     with open(path, "w", encoding="ascii") as out:
-        out.write(f"OFF\n{PARALLELS * MERIDIANS} {(PARALLELS - 1) * MERIDIANS} 0\n")
-        for i in range(1, PARALLELS + 1):
-            polar = math.pi * i / (PARALLELS + 1)
-            for j in range(MERIDIANS):
-                azimuth = 2.0 * math.pi * j / MERIDIANS + turn
+        out.write(f"OFF\n{(bands - 1) * meridians} {(bands - 2) * meridians} 0\n")
+        for i in range(1, bands):
+            polar = math.pi * i / bands
+            for j in range(meridians):
+                azimuth = 2.0 * math.pi * j / meridians + turn
                 x, y = math.sin(polar) * math.cos(azimuth), math.sin(polar) * math.sin(azimuth)
                 out.write(f"{x!r} {y!r} {math.cos(polar)!r}\n")
-        for i in range(PARALLELS - 1):
-            for j in range(MERIDIANS):
-                here, below = i * MERIDIANS, (i + 1) * MERIDIANS
-                k = (j + 1) % MERIDIANS
+        for i in range(bands - 2):
+            for j in range(meridians):
+                here, below = i * meridians, (i + 1) * meridians
+                k = (j + 1) % meridians
                 out.write(f"4 {here + j} {below + j} {below + k} {here + k}\n")
 
 
@@ -108,8 +109,8 @@ def write_ring(count, points, layout, columns=6, rows=2, pieces=24):
 
 
 def main(arguments):
-    if len(arguments) == 3 and arguments[0] == "sphere":
-        write_sphere(float(arguments[1]), arguments[2])
+    if len(arguments) in (3, 4) and arguments[0] == "sphere":
+        write_sphere(float(arguments[1]), arguments[2], *map(int, arguments[3:]))
     elif len(arguments) == 4 and arguments[0] == "coarsen":
         coarsen(arguments[1], arguments[2], int(arguments[3]))
     elif len(arguments) == 4 and arguments[0] == "ring":

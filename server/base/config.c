@@ -38,6 +38,14 @@ static const setting settings[] = {
     NUMBER(port, "port", 7878, 0, 65535, "port to listen on; 0 takes any free one"),
     TEXT(port_file, "port-file", "", "file to write the port to once listening"),
     TEXT(data_dir, "data-dir", "quadmeshd-data", "folder for meshes, jobs and results"),
+    TEXT(store, "store", "",
+         "postgres:// address of a database that several daemons share; empty for one in the data folder"),
+    TEXT(store_file, "store-file", "", "file with that address, which may then have a password"),
+    TEXT(node_name, "node-name", "", "name of this daemon among them; empty for the name of the host"),
+    NUMBER(store_unsafe, "store-unsafe", 0, 0, 1,
+           "1 takes a database, too, that may lose what it acknowledged"),
+    NUMBER(cache_bytes, "cache-bytes", 21474836480.0, 1048576, 1e15,
+           "bytes of files of a shared store that are kept in the data folder"),
     TEXT(dashboard, "dashboard", "", "folder of the page served at /; found beside the program when empty"),
     TEXT(token_file, "token-file", "",
          "file of tokens, a line each: read TOKEN or write TOKEN; SIGHUP reads it again"),
@@ -243,6 +251,44 @@ static bool check_choice(const char *name, const char *value, const char *const 
     return false;
 }
 
+/** True for an address with a password: user:password@host. */
+static bool has_password(const char *address)
+{
+    const char *start = strstr(address, "://");
+    const char *at = start ? strchr(start + 3, '@') : NULL;
+    const char *colon = at ? memchr(start + 3, ':', (size_t)(at - start - 3)) : NULL;
+    return colon || strstr(address, "password=");
+}
+
+/** The first line of the file with the address of the store, in static memory; NULL with a message. */
+static const char *read_address(const char *path)
+{
+    static char line[4096];
+    FILE *file = fopen(path, "re");
+    bool is_read = file && fgets(line, sizeof line, file);
+    if (!is_read)
+        fprintf(stderr, "quadmeshd: cannot read %s: %s\n", path, file ? "it is empty" : strerror(errno));
+    if (file) fclose(file);
+    line[strcspn(line, "\r\n")] = '\0';
+    return is_read ? line : NULL;
+}
+
+/** Takes the address of the store from its file, and checks its kind. */
+static bool find_store(qm_config *config)
+{
+    if (config->store_file[0] && config->store[0]) {
+        fprintf(stderr, "quadmeshd: --store and --store-file exclude each other\n");
+        return false;
+    }
+    if (config->store_file[0]) config->store = read_address(config->store_file);
+    if (!config->store) return false;
+    if (!config->store[0] || strncmp(config->store, "postgres://", 11) == 0 ||
+        strncmp(config->store, "postgresql://", 13) == 0)
+        return true;
+    fprintf(stderr, "quadmeshd: the address of a store begins with postgres://\n");
+    return false;
+}
+
 static bool check(const qm_config *config)
 {
     if (!is_loopback(config->listen) && !config->token_file[0]) {
@@ -280,12 +326,20 @@ static bool set_from_flag(qm_config *config, int argc, char **argv, int *index)
     }
     char name[64];
     snprintf(name, sizeof name, "--%s", s->name);
-    if (flag[strlen(name)] == '=') return set(config, s, flag + strlen(name) + 1, name);
-    if (*index + 1 == argc) {
+    const char *value = flag[strlen(name)] == '=' ? flag + strlen(name) + 1 : NULL;
+    if (!value && *index + 1 == argc) {
         fprintf(stderr, "quadmeshd: %s needs a value\n", flag);
         return false;
     }
-    return set(config, s, argv[++*index], name);
+    if (!value) value = argv[++*index];
+    if (strcmp(s->name, "store") == 0 && has_password(value)) {
+        fprintf(
+            stderr,
+            "quadmeshd: everybody on the machine can read a password in --store: put the address into a file "
+            "for --store-file, or into QUADMESHD_STORE\n");
+        return false;
+    }
+    return set(config, s, value, name);
 }
 
 /** True for a flag that names a task, or lacks its file (*lacks_file); *index advances to the last argument used. */
@@ -339,7 +393,7 @@ qm_config_outcome qm_config_read(qm_config *config, int argc, char **argv)
             return QM_CONFIG_EXIT_USAGE;
         if (lacks_file) return QM_CONFIG_EXIT_USAGE;
     }
-    if (!check(config)) return QM_CONFIG_EXIT_USAGE;
+    if (!find_store(config) || !check(config)) return QM_CONFIG_EXIT_USAGE;
     if (!is_printing) return QM_CONFIG_RUN;
     print_config(config);
     return QM_CONFIG_EXIT_OK;

@@ -30,8 +30,13 @@ typedef struct qm_config {
     const char *health_listen;
     double health_port; /* of a separate listener for health and metrics; 0: none */
     const char *data_dir;
-    const char *port_file; /* file that receives the port once the daemon listens; "" for none */
-    const char *dashboard; /* folder of the page that is served at / */
+    const char *store;      /* address of a database that nodes share; "" for one in data_dir */
+    const char *store_file; /* file that has the address; "" for none */
+    const char *node_name;  /* of this process among the nodes; "" for the name of the host */
+    double store_unsafe;    /* 1: a database that does not wait for its disk is taken, too */
+    double cache_bytes;     /* of blobs of a shared store in data_dir */
+    const char *port_file;  /* file that receives the port once the daemon listens; "" for none */
+    const char *dashboard;  /* folder of the page that is served at / */
     const char *log_format, *log_level;
     double port; /* 0: any free one */
     double max_job_seconds;

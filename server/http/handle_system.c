@@ -39,6 +39,9 @@ void qm_handle_ready(qm_request *request)
     qm_problem problem;
     if (atomic_load(&app->draining)) {
         problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping");
+    } else if (qm_jobs_is_isolated(app->jobs)) {
+        problem = qm_problem_make(QM_PROBLEM_STORE_UNAVAILABLE,
+                                  "this node has not reached the database for some seconds");
     } else if (!(free_bytes >= MIN_FREE_DISK)) {
         problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE,
                                   "the disk of the data folder is full: %.0f bytes are free, %.0f are needed",
@@ -78,6 +81,24 @@ static void write_process(qm_text *out)
     qm_metrics_write_plain(out, "process_open_fds", "gauge", "Open files.", (double)(count - 3));
 }
 
+/** Writes what the node knows of its cluster. */
+static void write_cluster(qm_text *out, qm_app *app)
+{
+    qm_store_cluster cluster;
+    double age_s;
+    if (!qm_jobs_read_cluster(app->jobs, &cluster, &age_s)) return;
+    bool is_up = !qm_jobs_is_isolated(app->jobs);
+    qm_metrics_write_plain(out, "quadmeshd_store_up", "gauge", "1 while the shared store answers.", is_up);
+    qm_metrics_write_plain(out, "quadmeshd_store_beat_age_seconds", "gauge",
+                           "Since the last beat that was stored.", age_s);
+    qm_metrics_write_plain(out, "quadmeshd_cluster_nodes", "gauge", "Nodes that live.",
+                           (double)cluster.nodes);
+    qm_metrics_write_plain(out, "quadmeshd_cluster_jobs_queued", "gauge", "Jobs that wait in the cluster.",
+                           (double)cluster.queued);
+    qm_metrics_write_plain(out, "quadmeshd_cluster_jobs_running", "gauge", "Jobs that run in the cluster.",
+                           (double)cluster.running);
+}
+
 void qm_handle_metrics(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
@@ -111,6 +132,7 @@ void qm_handle_metrics(qm_request *request)
     };
     qm_text out = {0};
     qm_metrics_write(&out, gauges, sizeof gauges / sizeof gauges[0]);
+    write_cluster(&out, app);
     qm_text_printf(&out,
                    "# HELP quadmeshd_build_info The version, as a label.\n# TYPE quadmeshd_build_info gauge\n"
                    "quadmeshd_build_info{version=\"%s\"} 1\n",
@@ -128,6 +150,23 @@ static void add_names(qm_text *out, const char *member, const char *const *names
         qm_json_add_quoted(out, *names);
     }
     qm_text_add_string(out, "]");
+}
+
+/** Adds the node and its cluster; nothing for an embedded store. */
+static void add_cluster(qm_text *out, qm_app *app)
+{
+    static const char *const durabilities[] = {"none", "one machine", "replicated"};
+    qm_store_cluster cluster;
+    double age_s;
+    if (!qm_jobs_read_cluster(app->jobs, &cluster, &age_s)) return;
+    qm_json_add_string(out, "node", cluster.node);
+    qm_json_open(out, "cluster", "{");
+    qm_json_add_string(out, "engine", cluster.engine);
+    qm_json_add_string(out, "durability", durabilities[cluster.durability]);
+    qm_json_add_count(out, "nodes", cluster.nodes);
+    qm_json_add_count(out, "queued", cluster.queued);
+    qm_json_add_count(out, "running", cluster.running);
+    qm_text_add_string(out, "}");
 }
 
 void qm_handle_info(qm_request *request)
@@ -149,10 +188,12 @@ void qm_handle_info(qm_request *request)
                    ",\"limits\":{\"body_bytes\":%.15g,"
                    "\"data_bytes\":%.15g,\"memory_bytes\":%zu,"
                    "\"faces\":%.15g,\"queued_jobs\":%.15g,\"connections\":%.15g,\"streams\":%.15g},"
-                   "\"workers\":%.15g,\"queued\":%zu,\"running\":%zu,\"data_bytes\":%.15g}",
+                   "\"workers\":%.15g,\"queued\":%zu,\"running\":%zu,\"data_bytes\":%.15g",
                    config->max_body, config->max_data_bytes,
                    qm_meshes_measure(qm_request_app(request)->meshes).limit, config->max_faces, config->queue,
                    config->connections, config->streams, config->workers, counts.queued, counts.running,
                    (double)usage.total);
+    add_cluster(&out, qm_request_app(request));
+    qm_text_add_string(&out, "}");
     qm_reply_text(request, 200, "application/json", qm_text_take(&out));
 }

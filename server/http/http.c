@@ -83,7 +83,14 @@ static void hand_back(qm_request *request)
 static void run_on_pool(void *data)
 {
     qm_request *request = data;
-    request->route->handle(request);
+    qm_problem problem;
+    if (qm_jobs_is_isolated(request->app->jobs)) {
+        problem = qm_problem_make(QM_PROBLEM_STORE_UNAVAILABLE,
+                                  "this node has not reached the database for some seconds");
+        qm_reply_problem(request, &problem);
+    } else {
+        request->route->handle(request);
+    }
     hand_back(request);
 }
 

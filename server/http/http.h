@@ -30,6 +30,7 @@ typedef enum qm_lane {
 typedef struct qm_app {
     const qm_config *config;
     qm_store *store;
+    qm_store_node node; /* of a shared store */
     qm_meshes *meshes;
     qm_jobs *jobs;
     qm_reconstructions *reconstructions;

@@ -154,11 +154,10 @@ static qm_read_status read_events(void *user, qm_text *out, void (*put_to_sleep)
     return qm_job_read(e->jobs, e->job, &e->seq, e->framing, out, e->subscriber, put_to_sleep);
 }
 
-/** Never: every job has a last event. */
 static bool events_are_cut(void *user)
 {
-    (void)user;
-    return false;
+    const event_source *e = user;
+    return !qm_job_has_last_event(e->jobs, e->job);
 }
 
 static void end_events(void *user, bool has_ended)

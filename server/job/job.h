@@ -39,6 +39,7 @@ typedef struct qm_job_limits {
     size_t kept_jobs;    /* number of ended jobs in the store */
     double kept_s;       /* age after which an ended job is removed, seconds; 0: never */
     double heartbeat_ms; /* silence after which a stream sends a heartbeat */
+    const char *node;    /* name of this process in a shared store */
 } qm_job_limits;
 
 /** Starts the workers and queues the unfinished jobs of the store. NULL: out of memory or threads. */
@@ -52,8 +53,11 @@ qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *
 void qm_jobs_drain(qm_jobs *jobs);
 void qm_jobs_destroy(qm_jobs *jobs);
 
-/** Stores the events of running jobs that the store lacks. */
-void qm_job_events_save(qm_jobs *jobs);
+/**
+ * Stores the events of running jobs that the store lacks. Of a shared store it also hears which jobs clients of other
+ * nodes have canceled, and which are lost. True when clients of other nodes read the events of one.
+ */
+bool qm_job_events_save(qm_jobs *jobs);
 
 /** Removes the jobs that have ended and are too old or too many, with their results. */
 void qm_jobs_drop_old(qm_jobs *jobs);
@@ -130,6 +134,9 @@ typedef enum qm_read_status { QM_READ_SOME, QM_READ_NONE, QM_READ_END } qm_read_
 qm_read_status qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing framing, qm_text *out,
                            qm_subscriber *subscriber, void (*suspend)(void *user));
 
+/** False when there was no memory for the last event of a job: readers are to ask again. */
+bool qm_job_has_last_event(qm_jobs *jobs, qm_job *job);
+
 /** True when the job is over, or wake_at_ms has passed; else calls suspend, and the subscriber waits. */
 bool qm_job_await_end(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber, void (*suspend)(void *user));
 
@@ -150,5 +157,11 @@ typedef struct qm_job_counts {
     size_t queued, running, paused; /* those that are paused are running, too */
 } qm_job_counts;
 qm_job_counts qm_jobs_count(qm_jobs *jobs);
+
+/** True when the node of a shared store has not reached it for some seconds: what it knows may be out of date. */
+bool qm_jobs_is_isolated(qm_jobs *jobs);
+
+/** Writes the cluster as the last beat has seen it, and how old that is; false for an embedded store. */
+bool qm_jobs_read_cluster(qm_jobs *jobs, qm_store_cluster *out, double *beat_age_s);
 
 #endif

@@ -17,6 +17,7 @@
 #include <string.h>
 
 #include "job_internal.h"
+#include "job_mirrors.h"
 #include "store/store_problem.h"
 
 #define SEQS_OF_A_RUN 1000000000u /* more events than any run has, few enough for exact doubles */
@@ -29,7 +30,7 @@ void qm_job_set_restarts(qm_job *job, int64_t restarts)
     job->seq_base = SEQS_OF_A_RUN * (uint64_t)restarts;
 }
 
-static uint64_t last_seq(const qm_job *job)
+uint64_t qm_job_last_seq(const qm_job *job)
 {
     return job->event_count > 0 ? job->events[job->event_count - 1]->seq : 0;
 }
@@ -37,14 +38,14 @@ static uint64_t last_seq(const qm_job *job)
 uint64_t qm_job_next_seq(const qm_job *job)
 {
     QM_ASSERT(qm_jobs_is_locked(job->jobs));
-    uint64_t last = last_seq(job);
+    uint64_t last = qm_job_last_seq(job);
     return (last > job->seq_base ? last : job->seq_base) + 1;
 }
 
 /** Appends an event to the log; false: out of memory. */
 static bool append_event(qm_job *job, uint64_t seq, const char *name, const char *members)
 {
-    QM_ASSERT(seq > last_seq(job) && strlen(name) < QM_EVENT_NAME_SIZE);
+    QM_ASSERT(seq > qm_job_last_seq(job) && strlen(name) < QM_EVENT_NAME_SIZE);
     if (job->event_count == job->event_capacity) {
         size_t capacity = job->event_capacity ? 2 * job->event_capacity : 16;
         qm_job_event **events = realloc(job->events, capacity * sizeof *events);
@@ -60,6 +61,21 @@ static bool append_event(qm_job *job, uint64_t seq, const char *name, const char
     memcpy(event->members, members, size);
     QM_ASSERT(job->event_count < job->event_capacity);
     job->events[job->event_count++] = event;
+    return true;
+}
+
+bool qm_job_take_event(qm_job *job, const qm_store_event *event)
+{
+    QM_ASSERT(qm_jobs_is_locked(job->jobs));
+    if (!job->is_mirror || event->seq <= qm_job_last_seq(job)) return true;
+    if (!append_event(job, event->seq, event->name, event->members)) return false;
+    int64_t restarts = (int64_t)((event->seq - 1) / SEQS_OF_A_RUN);
+    if (restarts > job->restarts) qm_job_set_restarts(job, restarts);
+    if (strcmp(event->name, "bounds") == 0) {
+        free(job->last_bounds);
+        job->last_bounds = strdup(event->members);
+    }
+    qm_job_notify_all(job);
     return true;
 }
 
@@ -102,7 +118,8 @@ static bool restore_event(void *user, const qm_store_event *event)
 
 qm_stored qm_job_restore_events(qm_job *job)
 {
-    qm_stored stored = qm_store_read_events(job->jobs->store, job->id, last_seq(job), restore_event, job);
+    qm_stored stored =
+        qm_store_read_events(job->jobs->store, job->id, qm_job_last_seq(job), restore_event, job);
     job->saved_count = job->event_count;
     return stored;
 }
@@ -116,65 +133,102 @@ bool qm_job_fetch_events(qm_job *job, qm_problem *problem)
     return stored == QM_STORED;
 }
 
-/** A job with events that are about to be stored. */
-typedef struct unsaved_job {
+/** A job whose events are about to be stored. */
+typedef struct saved_run {
     qm_job *job; /* a reference, which keeps the events alive */
     size_t end;  /* number of its events that the store has afterwards */
-} unsaved_job;
+} saved_run;
 
-/** Lists the running jobs with unsaved events, and adds up these events. */
-static size_t gather(qm_jobs *jobs, unsaved_job *found, size_t *event_count)
+/** The runs of a saving, and their new events. */
+typedef struct saving {
+    saved_run *runs;
+    qm_store_run *rows;
+    qm_store_event *events;
+    size_t count, capacity, event_count;
+} saving;
+
+/** True for a job that the store knows to be this process's, and not to have ended. */
+static bool has_run(const qm_job *job)
 {
-    size_t count = 0;
-    *event_count = 0;
-    for (qm_job *job = jobs->first; job && count < QM_JOBS_BEGUN; job = job->next) {
-        /* server_shutdown is for the subscribers of this run, not for clients of the next start. */
-        size_t end = job->event_count - (job->interrupted ? 1 : 0);
-        if (job->state != QM_JOB_RUNNING || job->saved_count >= end) continue;
-        found[count++] = (unsaved_job){job, end};
-        *event_count += end - job->saved_count;
-        job->references++;
-    }
-    return count;
+    if (job->is_mirror || job->is_lost || job->on_end || job->state > QM_JOB_RUNNING) return false;
+    return job->state == QM_JOB_RUNNING || job->turn || job->leader; /* it is stored before it is queued */
 }
 
-void qm_job_events_save(qm_jobs *jobs)
+/** The newest bounds of a job, as members, or NULL; they live as long as the job. */
+static const char *find_progress(const qm_job *job)
 {
-    unsaved_job *found = calloc(QM_JOBS_BEGUN, sizeof *found);
-    qm_store_run *runs = calloc(QM_JOBS_BEGUN, sizeof *runs);
-    if (!found || !runs) {
-        free(found);
-        free(runs);
-        return;
+    for (size_t i = job->event_count; i > 0; i--)
+        if (strcmp(job->events[i - 1]->name, "bounds") == 0) return job->events[i - 1]->members;
+    return NULL;
+}
+
+/** Lists the jobs with unsaved events, and all that run here of a shared store, which has something to say of them. The
+ * lock is held. */
+static bool gather(qm_jobs *jobs, saving *out)
+{
+    bool is_shared = qm_store_is_shared(jobs->store);
+    for (qm_job *job = jobs->first; job; job = job->next)
+        out->capacity++;
+    out->runs = calloc(out->capacity + 1, sizeof *out->runs);
+    out->rows = calloc(out->capacity + 1, sizeof *out->rows);
+    if (!out->runs || !out->rows) return false;
+    for (qm_job *job = jobs->first; job; job = job->next) {
+        /* server_shutdown is for the subscribers of this run, not for clients of the next start. */
+        size_t end = job->event_count - (job->interrupted ? 1 : 0);
+        if (!has_run(job) || (!is_shared && (job->state == QM_JOB_QUEUED || job->saved_count >= end)))
+            continue;
+        out->runs[out->count] = (saved_run){job, end};
+        out->rows[out->count++] = (qm_store_run){
+            .job = job->id, .restarts = job->restarts, .progress = is_shared ? find_progress(job) : NULL};
+        out->event_count += end - job->saved_count;
+        job->references++;
     }
+    out->events = calloc(out->event_count + 1, sizeof *out->events);
+    if (!out->events) return false;
+    qm_store_event *next = out->events;
+    for (size_t i = 0; i < out->count; i++) {
+        qm_job_list_unsaved(out->runs[i].job, out->runs[i].end, next);
+        next += out->runs[i].end - out->runs[i].job->saved_count;
+    }
+    return true;
+}
+
+/** Takes note of what the store has said of a run. The lock is held. True when the job is to be canceled. */
+static bool settle(const saved_run *run, const qm_store_run *row)
+{
+    run->job->saved_count = run->end;
+    if (row->is_lost) qm_job_lose(run->job);
+    return row->is_canceled && !row->is_lost;
+}
+
+bool qm_job_events_save(qm_jobs *jobs)
+{
+    saving work = {0};
+    bool is_watched = false;
     uv_mutex_lock(&jobs->saving);
 
     uv_mutex_lock(&jobs->lock);
-    size_t event_count, listed = 0;
-    size_t count = gather(jobs, found, &event_count);
-    qm_store_event *events = count > 0 ? calloc(event_count, sizeof *events) : NULL;
-    for (size_t i = 0; events && i < count; i++) {
-        runs[i] = (qm_store_run){.job = found[i].job->id, .restarts = found[i].job->restarts};
-        qm_job_list_unsaved(found[i].job, found[i].end, events + listed);
-        listed += found[i].end - found[i].job->saved_count;
-    }
-    QM_ASSERT(!events || listed == event_count);
+    bool gathered = gather(jobs, &work);
     uv_mutex_unlock(&jobs->lock);
 
     /* After a fault they are saved another time. */
-    bool is_stored =
-        events && qm_store_append_events(jobs->store, runs, count, events, event_count) == QM_STORED;
-    uv_mutex_lock(&jobs->lock);
-    for (size_t i = 0; i < count; i++) {
-        if (is_stored) found[i].job->saved_count = found[i].end;
-        qm_job_drop_reference(found[i].job);
+    bool is_stored = gathered && work.count > 0 &&
+                     qm_store_append_events(jobs->store, work.rows, work.count, work.events,
+                                            work.event_count) == QM_STORED;
+    for (size_t i = 0; i < work.count; i++) {
+        uv_mutex_lock(&jobs->lock);
+        bool is_canceled = is_stored && settle(&work.runs[i], &work.rows[i]);
+        uv_mutex_unlock(&jobs->lock);
+        is_watched = is_watched || (is_stored && work.rows[i].is_watched);
+        if (is_canceled) qm_jobs_cancel(jobs, work.runs[i].job);
+        qm_jobs_release(jobs, work.runs[i].job);
     }
-    uv_mutex_unlock(&jobs->lock);
 
     uv_mutex_unlock(&jobs->saving);
-    free(events);
-    free(runs);
-    free(found);
+    free(work.events);
+    free(work.rows);
+    free(work.runs);
+    return is_watched;
 }
 
 /* ---- reading ---- */
@@ -218,12 +272,13 @@ qm_read_status qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing
     qm_read_status status = QM_READ_SOME;
     double now = qm_clock_now_ms();
     /* A client that names a number past the last event has read events of an earlier run which were not
-     * stored, or of none: it gets all events of this run. */
-    if (*seq > last_seq(job)) *seq = job->seq_base;
-    if (*seq < last_seq(job)) {
+     * stored, or of none: it gets all events of this run. Of a mirror it may have read them where the job runs. */
+    bool is_known = job->is_mirror && *seq > job->seq_base && *seq <= job->seq_base + SEQS_OF_A_RUN;
+    if (*seq > qm_job_last_seq(job) && !is_known) *seq = job->seq_base;
+    if (*seq < qm_job_last_seq(job)) {
         for (size_t i = find_after(job, *seq); i < job->event_count; i++)
             frame(out, framing, job->events[i]);
-        *seq = last_seq(job);
+        *seq = qm_job_last_seq(job);
         subscriber->wake_at_ms = now + jobs->limits.heartbeat_ms;
     } else if (qm_job_is_over(job)) {
         status = QM_READ_END;
@@ -239,6 +294,18 @@ qm_read_status qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing
     }
     uv_mutex_unlock(&jobs->lock);
     return status;
+}
+
+bool qm_job_has_last_event(qm_jobs *jobs, qm_job *job)
+{
+    static const char *const names[] = {"result", "error", "server_shutdown"};
+    bool is_last = false;
+    uv_mutex_lock(&jobs->lock);
+    const char *name = job->event_count > 0 ? job->events[job->event_count - 1]->name : "";
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        is_last = is_last || strcmp(name, names[i]) == 0;
+    uv_mutex_unlock(&jobs->lock);
+    return is_last;
 }
 
 bool qm_job_await_end(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber, void (*suspend)(void *user))
@@ -270,6 +337,7 @@ void qm_job_subscribe(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber)
 {
     uv_mutex_lock(&jobs->lock);
     job->references++;
+    if (job->is_mirror) qm_job_mirrors_list(job);
     qm_job_subscribers_add(&job->subscribers, subscriber);
     uv_mutex_unlock(&jobs->lock);
 }

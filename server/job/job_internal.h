@@ -1,6 +1,6 @@
 /**
  * job_internal.h: what the files of the job table share: jobs.c (table, submission, start and stop), job_events.c (event
- * log, subscribers, notifier), jobs_list.c (resources and lists), job_run.c (what a worker does with a job on meshes,
+ * log, subscribers, notifier), job_mirrors.c and job_pulse.c (jobs of other nodes, and the node among them), jobs_list.c (resources and lists), job_run.c (what a worker does with a job on meshes,
  * and how jobs end), job_steps.c (the same for reconstruction steps), job_batch.c (jobs that are lines of a file).
  *
  * "The lock" is qm_jobs.lock. A job is either stored, with a row, events and a document, or it lives in
@@ -76,8 +76,12 @@ struct qm_job {
     bool is_kept;   /* submitted without a stream: it runs on whichever client leaves */
     int references; /* the table counts as one while it is listed */
     bool listed;
+    bool is_mirror; /* another node has the job (job_mirrors.h) */
+    bool is_lost;   /* another node has taken the job over: nothing of this run may be stored or told */
+    double read_ms; /* when a mirror was last seen to have a reader */
+    int disowners;  /* owners that have left, which the store is to hear of */
     qm_jobs *jobs;
-    qm_job *next;
+    qm_job *next, *next_disowned;
 };
 
 struct qm_jobs {
@@ -97,6 +101,8 @@ struct qm_jobs {
     uv_thread_t notifier;
     bool has_notifier, notifier_ends;
     size_t queued, running;
+    qm_job *disowned;           /* jobs with disowners, a reference each */
+    struct qm_job_pulse *pulse; /* of a shared store, or NULL */
     atomic_bool closed;
 };
 
@@ -123,6 +129,18 @@ char *qm_job_make_key(const qm_job_request *request);
 
 /** A new job of a client, not yet in the table; takes over the points of the request. NULL: out of memory. */
 qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request, const char *client);
+
+/** Lists a job, with a reference. The caller holds the lock. */
+void qm_job_list(qm_job *job);
+
+/** Sets what a row says of a job that was made of its request. */
+void qm_job_set_row(qm_job *job, const qm_store_job *row);
+
+/** Queues the job of a row that this process has claimed. */
+void qm_jobs_resume(qm_jobs *jobs, const qm_store_job *row);
+
+/** Ends the run of a job that is no longer this node's. The caller holds the lock. */
+void qm_job_lose(qm_job *job);
 
 /** Adds a queued job to the table; gives a listed one to the workers (false: it will not run); removes one
  * that will not run from the table. */
@@ -176,6 +194,12 @@ void qm_job_add_bounds(qm_job *job, const char *members);
 
 /** The number of the event to come. The caller holds the lock. */
 uint64_t qm_job_next_seq(const qm_job *job);
+
+/** The number of the last event, or 0. */
+uint64_t qm_job_last_seq(const qm_job *job);
+
+/** Adds an event that the store has to a mirror; false: out of memory. The caller holds the lock. */
+bool qm_job_take_event(qm_job *job, const qm_store_event *event);
 
 /** Writes the events from saved_count up to end. They live as long as the job. The caller holds the lock. */
 void qm_job_list_unsaved(const qm_job *job, size_t end, qm_store_event *out);

@@ -16,6 +16,8 @@
 #include "store/store_problem.h"
 
 #define MS_PER_S 1e3
+#define MIN_WAIT_MS 100 /* between tries to store the end of a job */
+#define MAX_WAIT_MS 2000
 
 /* ---- the end of a job ---- */
 
@@ -30,13 +32,13 @@ static const char *last_event_name(const qm_job_outcome *outcome)
     return has_result(outcome) ? "result" : "error";
 }
 
-/** The row and the last event of a stored job; false when out of memory. object is the outcome's, or NULL. */
-static bool make_end(qm_job *job, const qm_job_outcome *outcome, char *object, qm_job_end *end)
+/** The row and the last event of a stored job; false when out of memory. */
+static bool make_end(qm_job *job, const qm_job_outcome *outcome, qm_job_end *end)
 {
     qm_text text = {0};
     qm_text_printf(&text, "\"state\":\"%s\",\"%s\":", qm_job_state_name(outcome->state), outcome->member);
     qm_text_add_string(&text, outcome->object);
-    *end = (qm_job_end){.outcome = *outcome, .object = object, .event = qm_text_take(&text)};
+    *end = (qm_job_end){.outcome = *outcome, .event = qm_text_take(&text)};
     end->row.state = outcome->state;
     end->row.restarts = job->restarts;
     end->row.result = has_result(outcome) ? strdup(outcome->object) : NULL;
@@ -144,15 +146,59 @@ void qm_job_announce_end(qm_job *job, qm_job_end *end)
     free(end->object);
 }
 
+/** Frees an end that was not announced. */
+static void free_end(qm_job_end *end)
+{
+    free(end->event);
+    free(end->row.document);
+    free(end->row.result);
+    *end = (qm_job_end){.outcome = end->outcome};
+}
+
+/** True when the store may yet take the end of a job: a shared one is asked again until it has said that it has the end, or
+ * that the job is another node's by now. The result waits here meanwhile. */
+static bool is_open(const qm_job *job, qm_stored stored)
+{
+    bool is_decided = stored == QM_STORED || stored == QM_STORED_LOST || stored == QM_STORED_LATE;
+    return !is_decided && qm_store_is_shared(job->jobs->store) && !atomic_load(&job->jobs->closed);
+}
+
+/** Makes the row of the end of a job and stores it. With a result other than QM_STORED there is no end. */
+static qm_stored make_and_store(qm_job *job, const qm_job_outcome *outcome, const qm_store_effect *effect,
+                                qm_job_end *end)
+{
+    qm_jobs *jobs = job->jobs;
+    qm_stored stored;
+    unsigned wait = MIN_WAIT_MS;
+    do {
+        stored = make_end(job, outcome, end) ? store_end(job, end, effect) : QM_STORED_NO_MEMORY;
+        if (stored != QM_STORED) free_end(end);
+        if (!is_open(job, stored)) break;
+        uv_sleep(wait);
+        wait = wait < MAX_WAIT_MS ? 2 * wait : wait;
+    } while (stored != QM_STORED);
+    if (stored == QM_STORED_LOST) {
+        uv_mutex_lock(&jobs->lock);
+        job->is_lost = true;
+        uv_mutex_unlock(&jobs->lock);
+    }
+    end->is_stored = stored == QM_STORED;
+    return stored;
+}
+
 /** Ends a job that is marked as running. Only the thread that runs a job ends it, or, while the job is loading, the
  * one that clears this mark. */
 static void finish(qm_job *job, const qm_job_outcome *outcome)
 {
     qm_job_end end = {.outcome = *outcome};
-    if (!job->on_end) {
-        end.is_stored = make_end(job, outcome, NULL, &end) && store_end(job, &end, NULL) == QM_STORED;
-        if (!end.is_stored)
-            qm_log(QM_LOG_ERROR, "the end of job %s could not be stored: it is kept in memory", job->id);
+    qm_stored stored = job->on_end ? QM_STORED : make_and_store(job, outcome, NULL, &end);
+    if (stored == QM_STORED_LOST) {
+        qm_job_interrupt(job);
+        return;
+    }
+    if (stored != QM_STORED) {
+        qm_log(QM_LOG_ERROR, "the end of job %s could not be stored: it is kept in memory", job->id);
+        make_end(job, outcome, &end);
     }
     qm_job_announce_end(job, &end);
 }
@@ -164,19 +210,17 @@ qm_stored qm_job_store_end(qm_job *job, qm_job_state state, const qm_job_result 
     qm_json_write_result(&text, &job->request, result);
     char *object = qm_text_take(&text);
     const qm_job_outcome outcome = {state, "result", object ? object : "null"};
-    *end = (qm_job_end){.outcome = outcome, .object = object};
-    qm_stored stored =
-        !object || (!job->on_end && !make_end(job, &outcome, object, end)) ? QM_STORED_NO_MEMORY : QM_STORED;
-    if (stored == QM_STORED && !job->on_end)
-        stored = store_end(job, end, effect);
-    else if (stored == QM_STORED && effect)
-        stored = qm_store_update_reconstruction(job->jobs->store, effect);
-    end->is_stored = stored == QM_STORED;
-    if (stored == QM_STORED) return stored;
-    free(end->object);
-    free(end->event);
-    free(end->row.document);
-    free(end->row.result);
+    *end = (qm_job_end){.outcome = outcome};
+    if (!object) return QM_STORED_NO_MEMORY;
+    qm_stored stored;
+    if (!job->on_end)
+        stored = make_and_store(job, &outcome, effect, end);
+    else
+        stored = effect ? qm_store_update_reconstruction(job->jobs->store, effect) : QM_STORED;
+    if (stored == QM_STORED)
+        end->object = object;
+    else
+        free(object);
     return stored;
 }
 
@@ -205,12 +249,24 @@ void qm_job_interrupt(qm_job *job)
         qm_job_finish_with_problem(job, QM_JOB_CANCELED, &problem);
         return;
     }
-    uv_mutex_lock(&job->jobs->lock);
+    qm_jobs *jobs = job->jobs;
+    uv_mutex_lock(&jobs->lock);
     qm_job *followers = take_followers(job, false);
-    job->interrupted = true;
     qm_job_add_event(job, "server_shutdown",
-                     "\"detail\":\"the daemon is stopping; the job runs again after its next start\"");
-    uv_mutex_unlock(&job->jobs->lock);
+                     job->is_lost ? "\"detail\":\"this node was away; another one goes on with the job\""
+                     : qm_store_is_shared(jobs->store)
+                         ? "\"detail\":\"this node is stopping; another one goes on with the job\""
+                         : "\"detail\":\"the daemon is stopping; the job runs again after its next start\"");
+    job->interrupted = true;
+    if (job->is_lost) { /* nothing here may tell of the job any more */
+        qm_metrics_add(QM_METRICS_LEASES_LOST, 1);
+        if (job->state == QM_JOB_QUEUED)
+            jobs->queued--;
+        else
+            jobs->running--;
+        qm_job_unlist(job);
+    }
+    uv_mutex_unlock(&jobs->lock);
     end_followers(job, followers, NULL);
 }
 
@@ -388,7 +444,7 @@ static bool start(qm_job *job)
     qm_jobs *jobs = job->jobs;
     uv_mutex_lock(&jobs->lock);
     bool is_queued = job->state == QM_JOB_QUEUED;
-    bool runs = is_queued && !jobs->closed && !job->is_canceled;
+    bool runs = is_queued && !jobs->closed && !job->is_canceled && !job->is_lost;
     /* A job that is not stored cannot run later: it ends now, and is running until then. */
     if (runs || (is_queued && job->on_end)) {
         qm_job_mark_running(job);

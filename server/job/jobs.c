@@ -9,6 +9,8 @@
 #include "base/log.h"
 #include "base/metrics.h"
 #include "job_internal.h"
+#include "job_mirrors.h"
+#include "job_pulse.h"
 #include "json_in.h"
 #include "ops/json_out.h"
 #include "store/store_problem.h"
@@ -16,7 +18,7 @@
 #define JOB_NICENESS 5
 #define DRAIN_STEP_MS 10
 #define RESUME_STEP 64
-#define MAX_STARTS 3 /* of a job during each of which the daemon was killed */
+#define MAX_DEATHS 3 /* of daemons that were killed while a job ran */
 
 /* ---- references ---- */
 
@@ -98,14 +100,20 @@ qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request, const char *client
     return job;
 }
 
-void qm_job_enlist(qm_jobs *jobs, qm_job *job)
+void qm_job_list(qm_job *job)
 {
-    QM_ASSERT(job->state == QM_JOB_QUEUED && !job->listed);
-    uv_mutex_lock(&jobs->lock);
+    QM_ASSERT(qm_jobs_is_locked(job->jobs) && !job->listed);
     job->references++;
     job->listed = true;
-    job->next = jobs->first;
-    jobs->first = job;
+    job->next = job->jobs->first;
+    job->jobs->first = job;
+}
+
+void qm_job_enlist(qm_jobs *jobs, qm_job *job)
+{
+    QM_ASSERT(job->state == QM_JOB_QUEUED);
+    uv_mutex_lock(&jobs->lock);
+    qm_job_list(job);
     jobs->queued++;
     uv_mutex_unlock(&jobs->lock);
 }
@@ -179,9 +187,13 @@ qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem)
         *problem = qm_store_read_problem(stored, QM_PROBLEM_JOB_NOT_FOUND, "job %s", id);
         return NULL;
     }
-    /* A row without a document was inserted after the first search: its job has been listed since. */
-    job = row.document ? job_from_row(jobs, &row) : find_listed(jobs, id);
-    if (!job) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for job %s", id);
+    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for job %s", id);
+    if (row.document)
+        job = job_from_row(jobs, &row);
+    else if (qm_store_is_shared(jobs->store))
+        job = qm_job_mirrors_make(jobs, &row, problem);
+    else /* it was inserted after the first search: its job has been listed since */
+        job = find_listed(jobs, id);
     qm_store_job_reset(&row);
     return job;
 }
@@ -222,8 +234,8 @@ qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions
 static qm_job *find_leader(qm_jobs *jobs, const char *key, const char *revisions)
 {
     for (qm_job *job = jobs->first; job; job = job->next)
-        if (!qm_job_is_over(job) && !job->is_canceled && !job->on_end && !job->leader && job->turn &&
-            job->expiry == QM_JOB_IN_TIME && strcmp(job->key, key) == 0 &&
+        if (!qm_job_is_over(job) && !job->is_canceled && !job->is_lost && !job->on_end && !job->leader &&
+            job->turn && job->expiry == QM_JOB_IN_TIME && strcmp(job->key, key) == 0 &&
             strcmp(job->submitted_revisions, revisions) == 0)
             return job;
     return NULL;
@@ -255,9 +267,31 @@ void qm_job_unfollow(qm_job *job)
     job->leader = NULL;
 }
 
+/** True when this node is to run a job at once: an equal one runs here, or it is the home of what the job works on and
+ * has a free worker. Writes the home. */
+static bool claims_at_once(qm_jobs *jobs, const qm_job *job, bool may_follow, char home[QM_NODE_NAME_SIZE])
+{
+    if (qm_store_find_home(jobs->store, job->request.a, home) != QM_STORED) home[0] = '\0';
+    uv_mutex_lock(&jobs->lock);
+    bool has_leader = may_follow && find_leader(jobs, job->key, job->submitted_revisions);
+    bool is_free = jobs->running + jobs->queued < (size_t)jobs->limits.workers;
+    uv_mutex_unlock(&jobs->lock);
+    return has_leader || (is_free && strcmp(home, jobs->limits.node) == 0);
+}
+
+/** What a client is told whose job is not stored. */
+static qm_problem problem_from_submission(qm_jobs *jobs, qm_stored stored)
+{
+    if (stored == QM_STORED_FULL && qm_store_is_shared(jobs->store))
+        return qm_problem_make(QM_PROBLEM_TOO_MANY_JOBS, "the queue is full: %d jobs are waiting",
+                               jobs->limits.queue);
+    return qm_store_write_problem(stored == QM_STORED ? QM_STORED_FAULT : stored, "the job");
+}
+
 /**
  * Creates a job: stored before it is queued, so that a job which was accepted with 202 survives the daemon,
- * and listed before it is stored, so that an unfinished job of the store is always in the table.
+ * and listed before it is stored, so that an unfinished job of an embedded store is always in the table. One that waits
+ * in the queue of a shared store is a mirror here.
  */
 static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, const char *revisions,
                           qm_problem *problem)
@@ -268,7 +302,10 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, co
         return NULL;
     }
     snprintf(job->submitted_revisions, sizeof job->submitted_revisions, "%s", revisions);
-    qm_job_enlist(jobs, job);
+    bool may_follow = submission->use_cache && qm_job_type_of(job->request.kind)->is_pure;
+    char home[QM_NODE_NAME_SIZE] = "";
+    job->is_mirror = qm_store_is_shared(jobs->store) && !claims_at_once(jobs, job, may_follow, home);
+    if (!job->is_mirror) qm_job_enlist(jobs, job);
     qm_store_job row = {.key = job->key,
                         .idempotency_key = (char *)submission->idempotency_key,
                         .body = (char *)submission->body,
@@ -277,17 +314,22 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, co
                         .created = job->created,
                         .state = QM_JOB_QUEUED};
     memcpy(row.id, job->id, sizeof row.id);
-    qm_stored stored = qm_store_submit_job(jobs->store, &(qm_store_submission){.job = &row});
+    const qm_store_submission stored_submission = {.job = &row,
+                                                   .home = home,
+                                                   .limit = (size_t)jobs->limits.queue,
+                                                   .is_claimed = !job->is_mirror,
+                                                   .is_kept = !submission->owns_job};
+    qm_stored stored = qm_store_submit_job(jobs->store, &stored_submission);
     bool is_stored = stored == QM_STORED;
-    bool may_follow = submission->use_cache && qm_job_type_of(job->request.kind)->is_pure;
-    if (is_stored && ((may_follow && follow(jobs, job)) || qm_job_enqueue(jobs, job))) return job;
+    if (is_stored && (job->is_mirror || (may_follow && follow(jobs, job)) || qm_job_enqueue(jobs, job)))
+        return job;
     if (is_stored) qm_store_delete_job(jobs->store, job->id);
-    qm_job_withdraw(jobs, job);
+    if (!job->is_mirror) qm_job_withdraw(jobs, job);
     qm_job *same = NULL; /* of a submission with the same idempotency key that was stored first */
     if (stored == QM_STORED_TAKEN)
         same = find_by_idempotency_key(jobs, submission->idempotency_key, job->key, problem);
     else
-        *problem = qm_store_write_problem(is_stored ? QM_STORED_FAULT : stored, "the job");
+        *problem = problem_from_submission(jobs, stored);
     qm_jobs_release(jobs, job);
     return same;
 }
@@ -320,6 +362,7 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
         return NULL;
     }
     qm_job *job = NULL;
+    bool is_new = false, is_shared = qm_store_is_shared(jobs->store), is_unwanted;
     char revisions[QM_REVISIONS_SIZE];
     uv_mutex_lock(&jobs->submitting);
     if (atomic_load(&jobs->closed))
@@ -327,13 +370,17 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
     else
         job = find_answer(jobs, submission, key, revisions, is_cached, problem);
     if (!job && problem->code == QM_PROBLEM_COUNT) {
-        if (qm_jobs_count(jobs).queued < (size_t)jobs->limits.queue)
+        is_new = is_shared || qm_jobs_count(jobs).queued < (size_t)jobs->limits.queue;
+        if (is_new)
             job = submit_new(jobs, submission, revisions, problem);
         else
             *problem = qm_problem_make(QM_PROBLEM_TOO_MANY_JOBS, "the queue is full: %d jobs are waiting",
                                        jobs->limits.queue);
     }
     if (*is_cached) qm_metrics_add(QM_METRICS_CACHED_ANSWERS, 1);
+    if (job && is_shared && !is_new)
+        qm_store_hold_job(jobs->store, job->id, submission->owns_job ? 1 : 0, !submission->owns_job,
+                          &is_unwanted);
     uv_mutex_lock(&jobs->lock);
     if (job && submission->owns_job) job->owners++;
     if (job && !submission->owns_job) job->is_kept = true; /* it runs on when all owners leave */
@@ -350,9 +397,22 @@ void qm_job_stop(qm_job *job)
     if (job->turn) qm_scheduler_hurry(job->turn);
 }
 
+void qm_job_lose(qm_job *job)
+{
+    QM_ASSERT(qm_jobs_is_locked(job->jobs));
+    if (job->is_lost || qm_job_is_over(job)) return;
+    job->is_lost = true;
+    if (job->leader) { /* it gets a turn of its own, in which it ends */
+        qm_job_unfollow(job);
+        qm_job_enqueue_locked(job);
+        qm_job_drop_reference(job);
+    }
+    qm_job_stop(job);
+}
+
 void qm_job_check_time(qm_job *job, double now_ms)
 {
-    if (qm_job_is_over(job) || job->expiry != QM_JOB_IN_TIME) return;
+    if (job->is_mirror || qm_job_is_over(job) || job->expiry != QM_JOB_IN_TIME) return;
     if (job->request.deadline_ms > 0.0 && now_ms - job->submitted_ms >= job->request.deadline_ms)
         job->expiry = QM_JOB_PAST_DEADLINE;
     else if (job->state == QM_JOB_RUNNING && now_ms - job->started_ms >= job->jobs->limits.max_job_ms)
@@ -366,8 +426,36 @@ void qm_job_check_time(qm_job *job, double now_ms)
     qm_job_stop(job);
 }
 
+/** Asks the node that has a job to end it, or ends it where it waits. */
+static bool cancel_mirror(qm_jobs *jobs, qm_job *job)
+{
+    const qm_problem problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job was canceled before it ran");
+    qm_text object = {0}, last = {0};
+    qm_json_write_problem(&object, &problem);
+    char *text = qm_text_take(&object);
+    if (text)
+        qm_text_printf(&last, "\"state\":\"%s\",\"problem\":%s", qm_job_state_name(QM_JOB_CANCELED), text);
+    char *members = qm_text_take(&last);
+    uv_mutex_lock(&jobs->lock);
+    char *document = text ? qm_job_write_members(job, QM_JOB_CANCELED, text) : NULL;
+    const qm_store_event event = {job->id, qm_job_next_seq(job), "error", members};
+    uv_mutex_unlock(&jobs->lock);
+    qm_stored stored = text && members && document
+                           ? qm_store_cancel_job(jobs->store, job->id, document, &event)
+                           : QM_STORED_NO_MEMORY;
+    free(text);
+    free(members);
+    free(document);
+    qm_job_pulse_hurry(jobs);
+    return stored == QM_STORED || stored == QM_STORED_LATE;
+}
+
 bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
 {
+    uv_mutex_lock(&jobs->lock);
+    bool is_mirror = job->is_mirror && !qm_job_is_over(job);
+    uv_mutex_unlock(&jobs->lock);
+    if (is_mirror) return cancel_mirror(jobs, job);
     uv_mutex_lock(&jobs->lock);
     bool over = qm_job_is_over(job), queued = job->state == QM_JOB_QUEUED && !over;
     bool ends_here = queued || (job->is_loading && !over);
@@ -390,9 +478,16 @@ bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
 
 void qm_jobs_disown(qm_jobs *jobs, qm_job *job)
 {
+    bool is_shared = qm_store_is_shared(jobs->store);
     uv_mutex_lock(&jobs->lock);
     QM_ASSERT(job->owners > 0);
-    bool ends = --job->owners == 0 && !job->is_kept;
+    bool ends = --job->owners == 0 && !job->is_kept && !is_shared;
+    if (is_shared &&
+        job->disowners++ == 0) { /* the pulse tells the store, which knows the owners at other nodes */
+        job->references++;
+        job->next_disowned = jobs->disowned;
+        jobs->disowned = job;
+    }
     uv_mutex_unlock(&jobs->lock);
     if (ends) qm_jobs_cancel(jobs, job);
 }
@@ -407,36 +502,56 @@ qm_job_counts qm_jobs_count(qm_jobs *jobs)
 
 /* ---- start and stop ---- */
 
-/** Queues the job of a row that was queued or running when the daemon last ended. */
-static void resume_row(qm_jobs *jobs, const qm_store_job *row)
+void qm_job_set_row(qm_job *job, const qm_store_job *row)
+{
+    memcpy(job->id, row->id, sizeof job->id);
+    snprintf(job->created, sizeof job->created, "%s", row->created);
+    qm_job_set_restarts(job, row->restarts);
+}
+
+/** A job of a row, with its events so far, queued; NULL: out of memory. */
+static qm_job *job_of_claim(qm_jobs *jobs, const qm_store_job *row, bool *is_readable, qm_problem *problem)
 {
     qm_job_request request;
-    qm_problem problem;
-    bool readable = qm_json_read_job(row->body, strlen(row->body), &request, &problem);
-    qm_job *job = qm_job_create(jobs, &request, "");
+    qm_job *job = qm_job_mirrors_take(jobs, row);
+    *is_readable = true;
+    if (job) return job;
+    *is_readable = qm_json_read_job(row->body, strlen(row->body), &request, problem);
+    job = qm_job_create(jobs, &request, "");
     qm_job_request_reset(&request);
+    if (!job) return NULL;
+    qm_job_set_row(job, row);
+    if (qm_job_restore_events(job) != QM_STORED)
+        qm_log(QM_LOG_ERROR, "the events of job %s so far cannot be read", job->id);
+    qm_job_enlist(jobs, job);
+    return job;
+}
+
+void qm_jobs_resume(qm_jobs *jobs, const qm_store_job *row)
+{
+    qm_problem problem;
+    bool is_readable;
+    qm_job *job = job_of_claim(jobs, row, &is_readable, &problem);
     if (!job) {
         qm_log(QM_LOG_ERROR, "out of memory: job %s cannot run again", row->id);
         return;
     }
-    memcpy(job->id, row->id, sizeof job->id);
-    snprintf(job->created, sizeof job->created, "%s", row->created);
-    qm_job_set_restarts(job, row->restarts);
-    job->is_kept = true; /* its streams ended with the daemon: no client owns it */
-    if (qm_job_restore_events(job) != QM_STORED)
-        qm_log(QM_LOG_ERROR, "the events of job %s so far cannot be read", job->id);
-    qm_job_enlist(jobs, job);
     uv_mutex_lock(&jobs->lock);
-    qm_job_add_event(job, "server_restart",
-                     "\"detail\":\"the daemon was restarted; the job runs again from its beginning\"");
+    job->is_kept = true; /* its streams ended with the daemon: no client owns it */
+    if (row->restarts > 0)
+        qm_job_add_event(
+            job, "server_restart",
+            qm_store_is_shared(jobs->store)
+                ? "\"detail\":\"another node goes on with the job, which runs again from its beginning\""
+                : "\"detail\":\"the daemon was restarted; the job runs again from its beginning\"");
     uv_mutex_unlock(&jobs->lock);
-    bool is_given_up = readable && row->deaths + 1 >= MAX_STARTS;
+    bool is_given_up = is_readable && row->deaths >= MAX_DEATHS;
     if (is_given_up)
         problem = qm_problem_make(QM_PROBLEM_INTERNAL,
                                   "the daemon was killed %d times while the job ran: it is not started again",
-                                  MAX_STARTS);
+                                  MAX_DEATHS);
     if (is_given_up) qm_log(QM_LOG_ERROR, "job %s is given up: %s", job->id, problem.detail);
-    if (!readable || is_given_up) {
+    if (!is_readable || is_given_up) {
         uv_mutex_lock(&jobs->lock);
         qm_job_mark_running(job);
         uv_mutex_unlock(&jobs->lock);
@@ -447,6 +562,7 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
     qm_jobs_release(jobs, job);
 }
 
+/** Queues the jobs that were queued or running when the daemon last ended. */
 static void resume_unfinished(qm_jobs *jobs)
 {
     qm_store_job rows[RESUME_STEP];
@@ -455,7 +571,7 @@ static void resume_unfinished(qm_jobs *jobs)
     qm_stored stored;
     while ((stored = qm_store_claim_jobs(jobs->store, &wish, rows, &count)) == QM_STORED && count > 0) {
         for (size_t i = 0; i < count; i++) {
-            resume_row(jobs, &rows[i]);
+            qm_jobs_resume(jobs, &rows[i]);
             qm_store_job_reset(&rows[i]);
         }
         total += count;
@@ -483,7 +599,12 @@ qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *
         qm_jobs_destroy(jobs);
         return NULL;
     }
-    resume_unfinished(jobs);
+    bool is_shared = qm_store_is_shared(store);
+    if (is_shared && !qm_job_pulse_start(jobs)) {
+        qm_jobs_destroy(jobs);
+        return NULL;
+    }
+    if (!is_shared) resume_unfinished(jobs);
     return jobs;
 }
 
@@ -492,6 +613,7 @@ void qm_jobs_drain(qm_jobs *jobs)
     uv_mutex_lock(&jobs->submitting); /* no submission is half done */
     atomic_store(&jobs->closed, true);
     uv_mutex_unlock(&jobs->submitting);
+    qm_job_pulse_close(jobs);
     double end = qm_clock_now_ms() + jobs->limits.grace_ms;
     while (qm_jobs_count(jobs).running > 0 && qm_clock_now_ms() < end) {
         uv_sleep(DRAIN_STEP_MS);
@@ -503,6 +625,7 @@ void qm_jobs_drain(qm_jobs *jobs)
     uv_mutex_unlock(&jobs->lock);
     qm_scheduler_close(jobs->scheduler);
     qm_job_events_save(jobs);
+    qm_job_mirrors_end(jobs);
     if (qm_store_leave_jobs(jobs->store) != QM_STORED)
         qm_log(QM_LOG_ERROR, "the end could not be noted: it counts as a kill for the jobs that run");
 }
@@ -511,6 +634,7 @@ void qm_jobs_destroy(qm_jobs *jobs)
 {
     if (!jobs) return;
     if (jobs->scheduler && !atomic_load(&jobs->closed)) qm_jobs_drain(jobs);
+    qm_job_pulse_stop(jobs);
     qm_scheduler_destroy(jobs->scheduler);
     qm_job_events_stop_notifier(jobs);
     uv_mutex_lock(&jobs->lock);

@@ -127,10 +127,11 @@ static bool has_room_for_more(const job_page *page)
     return page->rest > 0 && page->out->size - page->start < MAX_PAGE_SIZE && !page->out->failed;
 }
 
-/** True when an unfinished job of a row, which the table has, is in a state: the row says no more than queued. */
+/** True when an unfinished job of a row is in a state: that of an embedded store, which the table has, says no more than
+ * queued. */
 static bool is_in_state(qm_jobs *jobs, const qm_store_job *row, const qm_job_state *state)
 {
-    if (!state || *state > QM_JOB_RUNNING) return true;
+    if (!state || *state > QM_JOB_RUNNING || qm_store_is_shared(jobs->store)) return true;
     qm_problem problem;
     qm_job *job = qm_jobs_find(jobs, row->id, &problem);
     if (!job) return false;

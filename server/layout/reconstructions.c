@@ -21,6 +21,7 @@
 
 typedef struct lease_entry {
     qm_reconstruction_lease lease; /* first, so that one is the other */
+    int64_t revision;              /* of the row that it is as */
     bool in_work;
     struct lease_entry *next; /* the one used last comes first */
 } lease_entry;
@@ -149,7 +150,10 @@ static lease_entry *lease_rebuild(qm_reconstructions *rs, const char *id, const 
     options.cover_share = row.cover_share;
     options.pull_curves = row.pull_curves;
     lease_entry *e = lease_begin(rs, row.source, row.layout, &options, host, problem);
-    if (e) memcpy(e->lease.id, row.id, sizeof e->lease.id);
+    if (e) {
+        memcpy(e->lease.id, row.id, sizeof e->lease.id);
+        e->revision = row.revision;
+    }
     if (e && !replay(e, &row, problem)) {
         lease_free(rs, e);
         e = NULL;
@@ -206,6 +210,17 @@ static lease_entry *unlist(qm_reconstructions *rs, const char *id)
     return found;
 }
 
+/** True when another node has changed or deleted the reconstruction since it was made or read here. */
+static bool is_stale(qm_reconstructions *rs, const lease_entry *e)
+{
+    qm_store_reconstruction row;
+    if (!qm_store_is_shared(rs->store)) return false;
+    qm_stored stored = qm_store_find_reconstruction(rs->store, e->lease.id, &row);
+    bool stale = stored != QM_STORED || row.revision != e->revision;
+    if (stored == QM_STORED) qm_store_reconstruction_reset(&row);
+    return stale;
+}
+
 qm_reconstruction_lease *qm_reconstructions_take(qm_reconstructions *rs, const char *id,
                                                  const qm_context *host, qm_problem *problem)
 {
@@ -214,7 +229,8 @@ qm_reconstruction_lease *qm_reconstructions_take(qm_reconstructions *rs, const c
     bool is_mine = e && !e->in_work, is_taken = e && e->in_work;
     if (is_mine) e->in_work = true;
     uv_mutex_unlock(&rs->lock);
-    if (is_mine) return &e->lease;
+    if (is_mine && !is_stale(rs, e)) return &e->lease;
+    if (is_mine) qm_reconstructions_release(rs, &e->lease, false);
     if (is_taken) {
         *problem = qm_problem_make(QM_PROBLEM_CONFLICT, "another job works on the reconstruction");
         return NULL;
@@ -472,22 +488,28 @@ bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const ch
     return true;
 }
 
-/** The row of a leased reconstruction, which another client may have deleted. */
-static bool find_row(qm_reconstructions *rs, const char *id, qm_store_reconstruction *row,
-                     qm_problem *problem)
-{
-    qm_stored stored = qm_store_find_reconstruction(rs->store, id, row);
-    if (stored == QM_STORED) return true;
-    *problem = qm_store_read_problem(stored, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
-    return false;
-}
-
 /** The row of a reconstruction that was changed or deleted meanwhile. */
 static qm_problem problem_from_update(qm_stored stored)
 {
     if (stored == QM_STORED_LATE)
         return qm_problem_make(QM_PROBLEM_CONFLICT, "the reconstruction was changed or deleted meanwhile");
     return qm_store_write_problem(stored, "the reconstruction");
+}
+
+/** The row of a leased reconstruction, which another client may have deleted, or another node changed. */
+static bool find_row(qm_reconstructions *rs, const qm_reconstruction_lease *lease,
+                     qm_store_reconstruction *row, qm_problem *problem)
+{
+    const char *id = lease->id;
+    qm_stored stored = qm_store_find_reconstruction(rs->store, id, row);
+    if (stored == QM_STORED && row->revision == ((const lease_entry *)lease)->revision) return true;
+    if (stored == QM_STORED) {
+        qm_store_reconstruction_reset(row);
+        *problem = problem_from_update(QM_STORED_LATE);
+        return false;
+    }
+    *problem = qm_store_read_problem(stored, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
+    return false;
 }
 
 static qm_stored put_steps(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem)
@@ -522,7 +544,7 @@ bool qm_reconstructions_commit(qm_reconstructions *rs, qm_reconstruction_lease *
                                void *user, qm_problem *problem)
 {
     qm_store_reconstruction row;
-    if (!find_row(rs, lease->id, &row, problem)) return false;
+    if (!find_row(rs, lease, &row, problem)) return false;
     row_task task = {.rs = rs, .lease = lease, .row = &row, .end = end, .end_user = user};
     bool good;
     if (step_count == 0) {
@@ -533,6 +555,7 @@ bool qm_reconstructions_commit(qm_reconstructions *rs, qm_reconstruction_lease *
         good = add_steps(&row, max_quads, step_count, records, problem) &&
                add_mesh(rs, lease, put_steps, &task, problem);
     }
+    if (good) ((lease_entry *)lease)->revision = row.revision;
     qm_store_reconstruction_reset(&row);
     return good;
 }
@@ -571,8 +594,9 @@ bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char 
     if (!r) return false;
     row_task task = {.rs = rs, .lease = r, .row = out};
     bool edited = lease_edit(r, layout_text, redone, problem);
-    bool good = edited && find_row(rs, id, out, problem) && add_edit(out, layout_text, problem) &&
+    bool good = edited && find_row(rs, r, out, problem) && add_edit(out, layout_text, problem) &&
                 add_mesh(rs, r, put_edit, &task, problem);
+    if (good) ((lease_entry *)r)->revision = out->revision;
     qm_reconstructions_release(rs, r, good || !edited);
     if (!good) qm_store_reconstruction_reset(out);
     return good;

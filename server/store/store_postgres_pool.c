@@ -435,7 +435,8 @@ static qm_postgres_connection *take(qm_postgres_pool *pool, qm_postgres_use use,
         uint64_t doubts = pool->doubts;
         pthread_mutex_unlock(&pool->lock);
         if (connection->confirmed == doubts) return connection;
-        if (command(connection, confirmation, next_deadline()) == QM_STORED) {
+        double until_ms = fmin(next_deadline(), fmax(deadline_ms, qm_clock_now_ms() + LEAST_MS));
+        if (command(connection, confirmation, until_ms) == QM_STORED) {
             connection->confirmed = doubts;
             return connection;
         }
@@ -445,6 +446,12 @@ static qm_postgres_connection *take(qm_postgres_pool *pool, qm_postgres_use use,
 }
 
 /* ---- verbs ---- */
+
+static void note_repetition(qm_postgres_query *query)
+{
+    query->is_repeated = true;
+    if (query->repeated_parameter > 0) query->values[query->repeated_parameter] = "true";
+}
 
 qm_stored qm_postgres_run(qm_store *store, qm_postgres_query *query, qm_postgres_rows *rows)
 {
@@ -459,11 +466,10 @@ qm_stored qm_postgres_run(qm_store *store, qm_postgres_query *query, qm_postgres
         if (!connection) return QM_STORED_AWAY;
         begin_statement(connection, fmax(deadline_ms, qm_clock_now_ms() + LEAST_MS));
         status = run_on(connection, query, rows);
-        bool repeats = connection->is_worth_repeating;
+        bool repeats = connection->is_worth_repeating, is_broken = connection->is_broken;
         give_back(pool, connection, status == QM_STORED_AWAY && !query->is_relaxed);
         if (!repeats) break;
-        query->is_repeated = true;
-        if (query->repeated_parameter > 0) query->values[query->repeated_parameter] = "true";
+        if (is_broken) note_repetition(query); /* else the database has said that it did nothing */
     }
     return status;
 }

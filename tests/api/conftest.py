@@ -6,6 +6,7 @@ import pathlib
 import signal
 import subprocess
 import time
+import uuid
 
 import httpx
 import pytest
@@ -23,6 +24,17 @@ WAIT = f"wait={PATIENCE:.0f}"
 FINDINGS = ("ERROR: AddressSanitizer", "ERROR: LeakSanitizer", "WARNING: ThreadSanitizer", "runtime error:")
 
 
+# With QM_TEST_STORE=shared each daemon has a database of its own, on the server of QM_TEST_POSTGRES, for its store.
+IS_SHARED = os.environ.get("QM_TEST_STORE", "") == "shared"
+
+
+def make_database():
+    """The address of a new database."""
+    server, name = os.environ["QM_TEST_POSTGRES"], "api_" + uuid.uuid4().hex
+    subprocess.run(["psql", "-q", "-X", server, "-c", f"CREATE DATABASE {name}"], check=True)
+    return server.rpartition("/")[0] + "/" + name
+
+
 class Daemon:
     """One process of quadmeshd over a data folder that may outlive it."""
     build = BUILD
@@ -32,6 +44,7 @@ class Daemon:
         self.folder = pathlib.Path(folder)
         self.settings = settings
         self.user = user
+        self.store = ["--store", make_database()] if IS_SHARED else []
         self.log_path = self.folder / "log"
         self.start()
 
@@ -41,7 +54,7 @@ class Daemon:
         with open(self.log_path, "ab") as log:
             self.process = subprocess.Popen(
                 [self.build / "quadmeshd", "--port", "0", "--port-file", port_file, "--data-dir", self.folder / "data",
-                 *map(str, self.settings)], stdout=log, stderr=log, **self.user)
+                 *self.store, *map(str, self.settings)], stdout=log, stderr=log, **self.user)
         end = time.monotonic() + PATIENCE
         while not self._is_ready(port_file):
             assert self.process.poll() is None, f"the daemon ended at once:\n{self.log()}"

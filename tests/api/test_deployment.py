@@ -166,3 +166,58 @@ def test_compose_and_prometheus_agree_with_the_image():
     secret = command[3].removeprefix("/run/secrets/")
     assert compose["services"]["quadmeshd"]["secrets"] == [secret] and secret in compose["secrets"]
     assert set(compose["services"]["nginx"]["secrets"]) <= set(compose["secrets"])
+
+
+def test_the_unit_of_one_of_several_is_tight(tmp_path):
+    text = (ROOT / "docker/quadmeshd@.service").read_text()
+    unit = tmp_path / "quadmeshd@n1.service"
+    unit.write_text(text.replace("/usr/local/bin/quadmeshd", str(BUILD / "quadmeshd")))
+    verified = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True)
+    assert verified.returncode == 0 and "quadmeshd@" not in verified.stderr, verified.stderr
+    rated = subprocess.run(["systemd-analyze", "security", "--offline=true", "--threshold=20", unit],
+                           capture_output=True, text=True)
+    assert rated.returncode == 0, rated.stdout[-300:]
+    # Both units say the same but for who they are.
+    alone = (ROOT / "docker/quadmeshd.service").read_text().splitlines()
+    several = text.splitlines()
+    assert len(set(several) ^ set(alone)) < 30
+
+
+def test_the_compose_of_several_daemons_agrees_with_itself(tmp_path):
+    compose = yaml.safe_load((ROOT / "docker/compose.cluster.yaml").read_text())
+    scrape = yaml.safe_load((ROOT / "docker/prometheus.cluster.yml").read_text())
+    site = (ROOT / "docker/nginx.cluster.conf").read_text()
+    services = compose["services"]
+    daemons = [name for name, service in services.items() if "command" in service and "--store-file" in service["command"]]
+    assert daemons == ["n1", "n2", "n3"]
+    assert scrape["scrape_configs"][0]["static_configs"][0]["targets"] == [f"{name}:7880" for name in daemons]
+    assert set(re.findall(r"server (\w+):7878;", site)) == set(daemons)
+    for service in services.values():
+        assert set(service.get("secrets", [])) <= set(compose["secrets"])
+        for volume in service.get("volumes", []):
+            source = volume.split(":")[0]
+            assert source in compose["volumes"] or (ROOT / "docker" / source).exists(), source
+    for name in daemons:
+        assert services[name]["hostname"] == name  # a restart keeps its name, and with that its meshes
+    known = subprocess.run([BUILD / "quadmeshd", "--print-config"], capture_output=True, text=True).stdout
+    for flag in services["n1"]["command"]:
+        if flag.startswith("--"):
+            assert re.search(f"^{flag[2:]} = ", known, re.M), flag
+
+
+def test_the_nginx_of_several_daemons_is_valid(tmp_path):
+    key, certificate = tmp_path / "key.pem", tmp_path / "cert.pem"
+    subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost",
+                    "-keyout", key, "-out", certificate], check=True, capture_output=True)
+    site = (ROOT / "docker/nginx.cluster.conf").read_text()
+    for old, new in (("server n", "server 127.0.0."), ("listen 443 ssl;", f"listen 127.0.0.1:{free_port()} ssl;"),
+                     ("/run/secrets/cert.pem", str(certificate)), ("/run/secrets/key.pem", str(key))):
+        assert old in site
+        site = site.replace(old, new)
+    (tmp_path / "site.conf").write_text(site)
+    (tmp_path / "nginx.conf").write_text(f"pid {tmp_path}/pid; error_log {tmp_path}/error.log; events {{}}\n"
+                                         f"http {{ access_log off; include {tmp_path}/site.conf; }}\n")
+    program = next(path for path in ("/usr/sbin/nginx", "/usr/bin/nginx") if os.path.exists(path))
+    tested = subprocess.run([program, "-p", tmp_path, "-e", tmp_path / "error.log", "-c", tmp_path / "nginx.conf", "-t"],
+                            capture_output=True, text=True)
+    assert tested.returncode == 0, tested.stderr

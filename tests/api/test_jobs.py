@@ -4,7 +4,7 @@ import time
 import pytest
 
 import shapes
-from conftest import MET_CODES, SLOW, SLOW_DISTANCE, WAIT, check_bounds, check_problem
+from conftest import IS_SHARED, MET_CODES, SLOW, SLOW_DISTANCE, WAIT, check_bounds, check_problem
 
 
 def test_a_job_is_accepted_then_done(client, spheres):
@@ -112,7 +112,7 @@ def test_an_ended_job_is_removed(client, daemon, slow_pair):
     headers = {"Idempotency-Key": "removed", "Prefer": WAIT}
     job = client.post("/v1/jobs", json=request, headers=headers).json()["id"]
     array = daemon.folder / f"data/results/{job}.f64"
-    assert array.exists()
+    assert array.exists() != IS_SHARED  # a shared one has arrays among its blobs
     check_problem(client.delete(f"/v1/jobs/{job}", params={"job": "any"}), 400, "invalid_parameter")
     reply = client.delete(f"/v1/jobs/{job}", params={"job": "ended"})
     assert reply.status_code == 204 and not reply.content
@@ -207,7 +207,8 @@ def test_a_full_queue_is_told(make_daemon, slow_files):
             jobs.append(reply.json())
         check_problem(reply, 429, "too_many_jobs")
         assert int(reply.headers["retry-after"]) >= 1
-        assert client.get("/v1/info").json()["queued"] == 2
+        if not IS_SHARED:  # there they wait in the database, which the last beat has counted
+            assert client.get("/v1/info").json()["queued"] == 2
         for job in reversed(jobs):
             client.delete(f"/v1/jobs/{job['id']}")
         for job in jobs:
