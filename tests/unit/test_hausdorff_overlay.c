@@ -5,14 +5,16 @@
 #include "hausdorff/hausdorff_overlay.h"
 #include "measured.h"
 #include "random.h"
+#include "regridded.h"
 #include "shapes.h"
+#include "slow_twin.h"
 #include "target.h"
 
 #include <math.h>
 #include <string.h>
 
 enum { TARGETS = 240, TRIES = 12, SAMPLES = 60, COLUMNS = 12, PAIRS = 4000, SOURCES = 4, SHEETS = 12 };
-enum { MAX_PARTS = 200 };
+enum { MAX_PARTS = 200, GRIDS = 700, GRID_SAMPLES = 6, MIN_SETTLED = 3 };
 
 /** How a target departs from a whole sheet. */
 enum { WHOLE, HOLES, TORN, DOUBLED, FOLDED, SHAKEN, SOLID, FLAWS };
@@ -205,6 +207,79 @@ static void settled_faces_are_near(void **state)
         QM_CHECK(settled_count[flaw] > TARGETS / FLAWS && alone_count[flaw] > TARGETS / FLAWS,
                  "seed %llu: flaw %d: hardly anything was settled: %ld, %ld alone", (unsigned long long)seed,
                  flaw, settled_count[flaw], alone_count[flaw]);
+}
+
+/** A triangle of the source's, mostly in its grid, else with corners on any of its patches. */
+static void draw_over_grid(qm_random *random, const qm_mesh *mesh, const qm_bvh *target, qm_vec corner[3])
+{
+    size_t face = qm_random_below(random, mesh->face_count);
+    bool is_in_grid = qm_random_below(random, 4) > 0, is_second = qm_random_below(random, 2);
+    const double cell[4][2] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
+    for (int i = 0; i < 3; i++) {
+        double at[3], uv[2] = {qm_random_range(random, 0, 1), qm_random_range(random, 0, 1)};
+        if (is_in_grid) memcpy(uv, cell[i + (i > 0 && is_second)], sizeof uv);
+        if (!is_in_grid && qm_random_below(random, 4) == 0) face = qm_random_below(random, mesh->face_count);
+        qm_slow_position(mesh, face, QM_QUADS_BILINEAR, uv, at);
+        corner[i] = qm_frame_local(&target->frame, at);
+    }
+}
+
+/** No sample of a triangle is farther from the target's patches than the cutoff; local. */
+static void check_over_patches(const qm_mesh *mesh, const qm_bvh *target, const qm_vec corner[3],
+                               double cutoff, qm_random *random, unsigned long long seed, int grid)
+{
+    for (int i = 0; i < GRID_SAMPLES; i++) {
+        qm_vec on_side = qm_vec_mix(corner[0], corner[1], qm_random_range(random, 0.0, 1.0));
+        qm_vec p = qm_vec_mix(corner[2], on_side, sqrt(qm_random_range(random, 0.0, 1.0)));
+        double world[3];
+        qm_vec_store(world, qm_frame_world(&target->frame, p));
+        double distance =
+            qm_slow_distance(mesh, QM_QUADS_BILINEAR, world, 1e-3 * cutoff).lower * target->frame.scale;
+        QM_CHECK(distance <= cutoff + 1e-14, "seed %llu, grid %d: settled at %.17g, but %.17g away", seed,
+                 grid, cutoff, distance);
+    }
+}
+
+/** Triangles over folded patches that nearly coincide with them, one by one and together. */
+static void faces_over_folded_patches_are_near(void **state)
+{
+    (void)state;
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 6);
+    qm_context ctx = qm_context_make();
+    long settled_count[QM_FOLD_COUNT] = {0};
+    for (int i = 0; i < GRIDS; i++) {
+        int fold = i % QM_FOLD_COUNT;
+        qm_regridded_pair pair = qm_regridded_draw(&random, (qm_fold)fold, QM_REGRIDDED_NOISY);
+        qm_bvh *target;
+        assert_int_equal(qm_bvh_build(&ctx, &pair.b, QM_BVH_ALL, 1, &target), QM_OK);
+        double cutoff = pow(pair.noise, qm_random_range(&random, 0.2, 1.05)) * target->frame.scale;
+        qm_search search;
+        qm_side side;
+        qm_target_search(&search, &side, target, cutoff);
+        side.target_patches = true;
+        qm_worker worker = {.search = &search};
+        qm_overlay_source source = {.count = QM_OVERLAY_FACES};
+        for (int k = 0; k < source.count; k++)
+            draw_over_grid(&random, &pair.a, target, source.corner[k]);
+        qm_overlay overlay;
+        bool is_set = set_overlay(&worker, &side, &source, 1, cutoff, &overlay);
+        unsigned settled = is_set ? qm_overlay_test(&worker, &side, &overlay, &source) : 0;
+        for (int k = 0; k < source.count; k++) {
+            if (!(settled >> k & 1) && !settles_alone(&worker, &side, source.corner[k], cutoff)) continue;
+            settled_count[fold]++;
+            check_over_patches(&pair.b, target, source.corner[k], cutoff, &random, (unsigned long long)seed,
+                               i);
+        }
+        qm_bvh_destroy(&ctx, target);
+        qm_shape_free(&pair.a);
+        qm_shape_free(&pair.b);
+    }
+    /* The halves of a patch that is folded over its diagonal are over each other: an even number. */
+    for (int fold = 0; fold < QM_FOLD_COUNT; fold++)
+        QM_CHECK(fold == QM_FOLD_DIAGONAL || settled_count[fold] > MIN_SETTLED,
+                 "seed %llu: fold %d: hardly anything was settled: %ld", (unsigned long long)seed, fold,
+                 settled_count[fold]);
 }
 
 /** Overlays count as work, which a search's limit looks at. */
@@ -485,13 +560,10 @@ static void gaps_are_those_of_clipped_facets(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(settled_faces_are_near),
-        cmocka_unit_test(faces_of_solids_are_settled),
-        cmocka_unit_test(solids_are_compared_with_few_parts),
-        cmocka_unit_test(gaps_over_a_plane_are_exact),
-        cmocka_unit_test(overlays_count_as_work),
-        cmocka_unit_test(near_sheets_are_bracketed),
-        cmocka_unit_test(gaps_are_those_of_clipped_facets),
+        cmocka_unit_test(settled_faces_are_near),      cmocka_unit_test(faces_over_folded_patches_are_near),
+        cmocka_unit_test(faces_of_solids_are_settled), cmocka_unit_test(solids_are_compared_with_few_parts),
+        cmocka_unit_test(gaps_over_a_plane_are_exact), cmocka_unit_test(overlays_count_as_work),
+        cmocka_unit_test(near_sheets_are_bracketed),   cmocka_unit_test(gaps_are_those_of_clipped_facets),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -35,16 +35,20 @@ typedef struct qm_overlay_vertices {
 
 /**
  * Facets of the target in the coordinates of a frame, corner by corner, eight to a group: their planes, off
- * by plane_error at most (INFINITY where a facet is too steep or too thin), and their flatness bounds. low
- * and high are the boxes of the groups along the plane. Lanes past count, in the last group, repeat others.
- * The rim is the boundary edges of the facets, each end by to_group coordinates in the plane, padded by
- * copies too.
+ * by plane_error at most (INFINITY where a facet is too steep or too thin), and their flatness bounds. Where
+ * the target has patches, opposite is the corner of the facet's patch that the facet lacks, at a height of
+ * INFINITY where the facet is no part of a patch, or the patch's other facet is missing though it may lie over
+ * the box of interest. low and high are the boxes of the groups along the plane. Lanes past count, in the last
+ * group, repeat others. The rim is the boundary edges of the facets, each end by to_group coordinates in the
+ * plane, padded by copies too.
  */
 typedef struct qm_overlay_facets {
     int count, rim_count;
+    bool has_patches;
     double size; /* max coordinate of these facets and of the faces by magnitude */
     struct {
         _Alignas(64) double at[3][3][QM_PACK_LANES], twist[QM_PACK_LANES];
+        double opposite[3][QM_PACK_LANES];
         double plane[3][QM_PACK_LANES], plane_error[QM_PACK_LANES];
     } group[QM_OVERLAY_GROUPS];
     _Alignas(64) double low[2][QM_OVERLAY_GROUPS], high[2][QM_OVERLAY_GROUPS];
@@ -60,7 +64,7 @@ typedef struct qm_overlay_face {
     double probe[2]; /* a point inside */
 } qm_overlay_face;
 
-/** Copies the corners and the twist of a facet from one index to another. */
+/** Copies the corners, the opposite one and the twist of a facet from one index to another. */
 static inline void qm_overlay_copy_facet(qm_overlay_facets *facets, int from, int to)
 {
     QM_ASSERT(from >= 0 && from < QM_OVERLAY_GROUPS * QM_PACK_LANES && to >= 0 &&
@@ -69,6 +73,8 @@ static inline void qm_overlay_copy_facet(qm_overlay_facets *facets, int from, in
     int group = from / QM_PACK_LANES, to_group = to / QM_PACK_LANES;
     for (int i = 0; i < 9; i++)
         facets->group[to_group].at[i / 3][i % 3][other] = facets->group[group].at[i / 3][i % 3][lane];
+    for (int k = 0; facets->has_patches && k < 3; k++)
+        facets->group[to_group].opposite[k][other] = facets->group[group].opposite[k][lane];
     facets->group[to_group].twist[other] = facets->group[group].twist[lane];
 }
 

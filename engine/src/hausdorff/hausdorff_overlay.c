@@ -15,6 +15,18 @@
  * Differential Topology, 1974, chapter 2). So an odd number over one point shows it for all, the points on
  * edges being limits of others. Meshes may be open, non-manifold, or fold back over themselves.
  *
+ * A bilinear patch lies within its flatness bound of its two facets, which adds that to their vertical
+ * distances. For a folded patch that is much, as far as it reaches along the plane; but seen from above, the
+ * patch has the boundary of its two facets, so that the degree of its projection about a point is the number
+ * of these over the point, modulo 2. Let q be a point of a face beside all edges, with an odd number of facets
+ * over it. Then a facet that is no part of a patch, or an odd number of the two of a patch, and that is one, is
+ * over q; and so is a point of the patch. It is in the hull of the corners, so that its vertical distance from
+ * the plane of the face is at most the largest of a corner. Either argument will do, facet by facet: that the
+ * one facet over q is near, or that all of its patch is near the plane. The other facet of a patch may be left
+ * out where it is beside the region, for it is then not over q. Where it is left out as higher or lower, the
+ * second argument is not used. Nor is it where it is left out as too far from a face: the distances of the
+ * patch's corners are then too large, and they are the same numbers for both facets.
+ *
  * Facets higher or lower than all faces by more than the cutoff are left out, and so are facets beside all
  * faces and, where one face is tested alone, facets too far from it, as on the other side of a sharp ridge:
  * the argument holds for any set. The choice of the plane and of the set decides how often the test succeeds,
@@ -205,6 +217,7 @@ static bool set_facets(const qm_kernel *kernel, const qm_side *side, const qm_ne
     table.count = 0;
     memset(table.slot, 0, sizeof table.slot);
     facets->count = 0;
+    facets->has_patches = side->target_patches;
     for (int i = 0, listed = 0; i < near->count; i++) {
         uint32_t pack = near->pack[i];
         const qm_pack_lanes *lanes = &target->lanes[pack];

@@ -122,9 +122,12 @@ static inline qm_vd corner_gap(const wide_facet *f, const double corner[3], doub
     return qm_vd_select(under, bound, qm_vd_set(NOT_OVER));
 }
 
-/** The min of two bounds: of the gaps between the whole face and the planes of the facets, and between the
- * whole facets and the plane of the face. */
-static inline qm_vd plane_gap(const wide_facet *f, const qm_overlay_facets *facets, int group, int first,
+/**
+ * The min of three bounds: of the gaps between the whole face and the planes of the facets, and between the
+ * whole facets and the plane of the face, both with the facets' twists; and between the whole patches and the
+ * plane of the face. The latter is linear along the patch's hull, hence largest at one of the four corners.
+ */
+static inline qm_vd whole_gap(const wide_facet *f, const qm_overlay_facets *facets, int group, int first,
                               const qm_overlay_face *face)
 {
     qm_vd by_face = qm_vd_max(magnitude(f->gap[0]), qm_vd_max(magnitude(f->gap[1]), magnitude(f->gap[2])));
@@ -136,7 +139,13 @@ static inline qm_vd plane_gap(const wide_facet *f, const qm_overlay_facets *face
         by_facet = qm_vd_max(magnitude(plane[0] * c[0] + plane[1] * c[1] + plane[2] - c[2]), by_facet);
     }
     by_facet += qm_vd_load(&facets->group[group].plane_error[first]);
-    return qm_vd_min(by_facet, by_face);
+    qm_vd gap = qm_vd_min(by_facet, by_face) + qm_vd_load(&facets->group[group].twist[first]);
+    if (!facets->has_patches) return gap;
+    qm_vd opposite[3];
+    for (int k = 0; k < 3; k++)
+        opposite[k] = qm_vd_load(&facets->group[group].opposite[k][first]);
+    qm_vd opposite_gap = opposite[2] - affine(face->plane, opposite[0], opposite[1]);
+    return qm_vd_min(qm_vd_max(magnitude(opposite_gap), by_face), gap);
 }
 
 /** The max gap over the intersection of each facet and the face; NOT_OVER where it is empty. */
@@ -192,6 +201,22 @@ static inline double map_pack(qm_overlay_vertices *m, const qm_overlay_frame *fr
     return max;
 }
 
+/** Sets the corner of a lane's patch that the lane lacks. */
+static void set_opposite(qm_overlay_facets *facets, int group, int here, const qm_overlay_vertices *vertices,
+                         const qm_pack_lanes *lanes, uint32_t lane)
+{
+    double(*opposite)[QM_PACK_LANES] = facets->group[group].opposite;
+    bool is_second = qm_lane_is_second(lanes, lane),
+         is_alone = !is_second && !qm_lane_has_second(lanes, lane);
+    const uint8_t *other = lanes->corner[is_alone ? lane : is_second ? lane - 1 : lane + 1];
+    int from = other[is_second ? 1 : 2];
+    for (int k = 0; k < 3; k++)
+        opposite[k][here] = vertices->at[k][from];
+    int64_t beyond = vertices->beyond[other[0]] & vertices->beyond[other[1]] & vertices->beyond[other[2]];
+    bool is_missing = beyond && !(beyond & QM_OVERLAY_BESIDE);
+    if (is_alone || is_missing) opposite[2][here] = INFINITY;
+}
+
 unsigned QM_KERNEL(overlay_add)(qm_overlay_facets *facets, const qm_overlay_frame *frame, const qm_bvh *bvh,
                                 uint32_t pack, const float *twist, qm_overlay_vertices *vertices)
 {
@@ -208,6 +233,7 @@ unsigned QM_KERNEL(overlay_add)(qm_overlay_facets *facets, const qm_overlay_fram
             for (int k = 0; k < 3; k++)
                 facets->group[group].at[i][k][here] = vertices->at[k][corner[i]];
         facets->group[group].twist[here] = twist ? (double)twist[lane] : 0.0;
+        if (twist) set_opposite(facets, group, here, vertices, lanes, (uint32_t)lane);
         facets->count++;
         added |= 1u << lane;
     }
@@ -357,7 +383,7 @@ double QM_KERNEL(overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_
             wide_facet f;
             if (!load_facet(&f, facets->group[group].at, first, face, side_margin)) continue;
             const qm_vd twist = qm_vd_load(&facets->group[group].twist[first]);
-            qm_vd gap = plane_gap(&f, facets, group, first, face) + twist;
+            qm_vd gap = whole_gap(&f, facets, group, first, face);
             qm_vl is_open = ~(gap <= qm_vd_set(threshold)) & ~f.beyond;
             if (qm_vl_bits(is_open)) {
                 qm_vd common = common_gap(&f, face, area_margin);
