@@ -252,7 +252,8 @@ static bool cut_to_target(const match_work *work, pairing *pair, qm_uv_box strip
     return *strips > 0;
 }
 
-/** Covers as much as possible of a rectangle that may extend beyond the target. */
+/** Covers a rectangle that matches as a whole, or as much as possible of the part that lies over the target of
+ * one that matches the target as continued. */
 static bool cover_within(const match_work *work, const pairing *start)
 {
     pairing inner = *start;
@@ -261,8 +262,7 @@ static bool cover_within(const match_work *work, const pairing *start)
     improve(work, &inner, 0.0);
     if (inner.longest <= work->cutoff) return true;
     inner = *start;
-    if (!cut_to_target(work, &inner, strip, &strips)) return cover(work, start);
-    if (!cover(work, &inner)) return false;
+    if (!cut_to_target(work, &inner, strip, &strips) || !cover(work, &inner)) return false;
     for (int i = 0; i < strips; i++)
         work->remainder(work->user, &strip[i]);
     return true;
@@ -296,9 +296,10 @@ static qm_bilinear orient(const qm_bilinear *patch, orientation to)
     return oriented;
 }
 
-/** Matches from the centers: rectangles of the same size. */
-static bool match_centers(match_work *work, const qm_uv_box *box, const qm_bilinear *target,
-                          const double center[2])
+/** Starts from the centers: with rectangles of the same size, and the target oriented by the derivatives
+ * there. */
+static pairing start_at_centers(match_work *work, const qm_uv_box *box, const qm_bilinear *target,
+                                const double center[2])
 {
     const double source_center[2] = {0.5 * (box->low[0] + box->high[0]), 0.5 * (box->low[1] + box->high[1])};
     /* The orientation by the derivatives at one point of each patch. */
@@ -332,7 +333,7 @@ static bool match_centers(match_work *work, const qm_uv_box *box, const qm_bilin
         start.target.low[axis] = at[axis] - half;
         start.target.high[axis] = at[axis] + half;
     }
-    return cover_within(work, &start);
+    return start;
 }
 
 /** The orientation in which the corners of both patches are nearest to one another, and the sum of their
@@ -368,7 +369,11 @@ bool qm_bilinear_match(const qm_bilinear *source, const qm_uv_box *box, const qm
     double difference2;
     work.target = orient(target, orientation_of_corners(source, target, &difference2));
     pairing start = {.source = *box, .target = *box};
-    return cover_within(&work, &start) || match_centers(&work, box, target, center);
+    if (cover_within(&work, &start)) return true;
+    /* Equal parameters are a start for patches that nearly coincide. For others single quarters may match from
+     * there, but what an edge of the target crosses is never cut along it, only in ever more quarters. */
+    pairing centered = start_at_centers(&work, box, target, center);
+    return cover_within(&work, &centered) || cover(&work, &centered);
 }
 
 /** The sum of the corners, which does not depend on the orientation. */
@@ -387,5 +392,6 @@ bool qm_bilinear_match_coincident(const qm_bilinear *source, const qm_uv_box *bo
     if (!(qm_vec_norm2(apart) <= 16.0 * limit * limit)) return false;
     work.target = orient(target, orientation_of_corners(source, target, &difference2));
     pairing start = {.source = *box, .target = *box};
-    return difference2 <= 4.0 * limit * limit && cover_within(&work, &start);
+    if (!(difference2 <= 4.0 * limit * limit)) return false;
+    return cover_within(&work, &start) || cover(&work, &start);
 }
