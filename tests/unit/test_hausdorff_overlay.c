@@ -155,12 +155,10 @@ static bool set_overlay(qm_worker *worker, const qm_side *side, const qm_overlay
 /** Whether a face is settled by an overlay of its own. */
 static bool settles_alone(qm_worker *worker, const qm_side *side, const qm_vec corner[3], double reach)
 {
-    qm_piece face = {.corner_count = 3};
-    memcpy(face.corner, corner, 3 * sizeof *corner);
     qm_near_packs near;
     qm_box box = qm_vec_box(corner, 3);
     worker->search->kernel->gather(side->target, &box, reach, &near);
-    return qm_overlay_test_face(worker, side, &face, &near);
+    return qm_overlay_test_face(worker, side, corner, 0.0, &near);
 }
 
 static void settled_faces_are_near(void **state)

@@ -342,18 +342,18 @@ unsigned qm_overlay_test(qm_worker *worker, const qm_side *side, const qm_overla
     return discarded;
 }
 
-bool qm_overlay_test_face(qm_worker *worker, const qm_side *side, const qm_piece *piece,
+bool qm_overlay_test_face(qm_worker *worker, const qm_side *side, const qm_vec corner[3], double slack,
                           const qm_near_packs *near)
 {
     const qm_kernel *kernel = worker->search->kernel;
     qm_overlay overlay;
     qm_overlay_source source = {.count = 1};
-    memcpy(source.corner[0], piece->corner, sizeof source.corner[0]);
+    memcpy(source.corner[0], corner, sizeof source.corner[0]);
     if (!qm_overlay_set(worker, side, qm_overlay_normal(&source), source.corner[0], 3, near, &overlay))
         return false;
     double cutoff = qm_search_cutoff(worker->search) * side->scale;
     qm_overlay_face face;
-    double enough = set_face(&overlay, source.corner[0], cutoff, &face);
+    double enough = set_face(&overlay, source.corner[0], cutoff - slack, &face);
     if (!(enough > 0.0)) return false;
     count_work(worker, 12 + (uint64_t)overlay.facets.count / 8);
     if (is_covered(kernel, &overlay.facets, &face, enough)) return true;

@@ -37,8 +37,8 @@ unsigned qm_overlay_test(qm_worker *worker, const qm_side *side, const qm_overla
                          const qm_overlay_source *source);
 
 /** True when an overlay of its own, without facets too far from it, shows a triangle to be within the
- * cutoff. */
-bool qm_overlay_test_face(qm_worker *worker, const qm_side *side, const qm_piece *piece,
+ * cutoff, with all points that are no farther from it than slack. Local. */
+bool qm_overlay_test_face(qm_worker *worker, const qm_side *side, const qm_vec corner[3], double slack,
                           const qm_near_packs *near);
 
 /** Sets all else of a face from its corners. Returns the margin of its vertical distances for each unit of

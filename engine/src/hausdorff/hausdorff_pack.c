@@ -203,7 +203,7 @@ static void discard_by_overlay(qm_worker *worker, pack_work *work)
         if (!is_discarded) {
             qm_near_packs near;
             gather_about(worker, work, face->corner, 3, &near);
-            is_discarded = qm_overlay_test_face(worker, work->side, face, &near);
+            is_discarded = qm_overlay_test_face(worker, work->side, face->corner, 0.0, &near);
         }
         if (is_discarded) gone |= 1u << index[i];
     }

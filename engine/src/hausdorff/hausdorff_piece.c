@@ -29,9 +29,11 @@
 #define VISIT_BUDGET 64 /* parts processed before the others go back to the queue */
 
 /* Triangles */
-#define PART_ATTEMPTS 4 /* covers of one part, each with candidates that the last one's corners brought */
-#define MIN_SHRINK 0.6  /* of the diameter: a remainder that keeps more is cut at its midpoints */
-#define SHORT_SIDE 0.1  /* of the longest: each part then has at most 0.55 of the diameter */
+#define PART_ATTEMPTS 4     /* covers of one part, each with candidates that the last one's corners brought */
+#define MIN_SHRINK 0.6      /* of the diameter: a remainder that keeps more is cut at its midpoints */
+#define SHORT_SIDE 0.1      /* of the longest: each part then has at most 0.55 of the diameter */
+#define OVERLAY_INTERVAL 8  /* parts from overlay to overlay where they seldom cover one, */
+#define MIN_OVERLAY_SHARE 8 /* less than one in so many */
 
 /* New faces */
 #define FACE_ATTEMPTS 3       /* covers of one face, each with the candidates that the last one brought */
@@ -420,6 +422,23 @@ static void split_remainder(qm_piece_work *work, const qm_part *from, qm_polygon
     }
 }
 
+/**
+ * True when an overlay shows a part to be within the cutoff. It is tried where that is worth it: a part over
+ * many facets may be cut dozens of times, and one over a ridge is never covered by an overlay.
+ */
+static bool overlay_reached(const qm_piece_work *work, const qm_part *part)
+{
+    qm_worker *worker = work->worker;
+    bool is_due = worker->overlay_part_tries++ % OVERLAY_INTERVAL == 0;
+    if (!is_due && worker->overlay_part_hits * MIN_OVERLAY_SHARE < worker->overlay_part_probes) return false;
+    uint64_t before = worker->overlay_cost;
+    bool is_covered = qm_overlay_test_face(worker, work->side, part->corner, work->slack, work->near);
+    worker->overlay_cost = before; /* it is about the overlays of whole faces */
+    worker->overlay_part_probes++;
+    worker->overlay_part_hits += is_covered;
+    return is_covered;
+}
+
 /** Covers a part, with samples where that fails; puts what remains on the stack. */
 static void process_part(qm_piece_work *work, const qm_part *from)
 {
@@ -447,6 +466,7 @@ static void process_part(qm_piece_work *work, const qm_part *from)
         else if (!sample_corners(work, &polygon, from->depth))
             break;
     }
+    if (overlay_reached(work, from)) return;
     split_remainder(work, from, &polygon, moved);
 }
 
@@ -903,7 +923,7 @@ static void process_face(qm_piece_work *work)
     /* An overlay, unless overlays seldom succeed. It is tried because covers failed, so its cost is theirs. */
     if (worker->overlay_hits * MIN_HIT_SHARE >= worker->overlay_tries) {
         uint64_t before = worker->overlay_cost;
-        bool is_covered = qm_overlay_test_face(worker, work->side, &work->piece, work->near);
+        bool is_covered = qm_overlay_test_face(worker, work->side, corner, work->slack, work->near);
         worker->cover_cost += worker->overlay_cost - before;
         worker->overlay_cost = before;
         if (is_covered) return;

@@ -55,6 +55,7 @@ typedef struct qm_worker {
     double ascend_above;  /* a witness farther than this is worth an ascent */
     uint64_t one_label_tries, one_label_probes, one_label_hits; /* how often a single label covered a piece */
     uint64_t overlay_tries, overlay_hits;                       /* faces tried by an overlay, and covered */
+    uint64_t overlay_part_tries, overlay_part_probes, overlay_part_hits; /* of parts of pieces */
     uint64_t cover_tries;
     uint64_t overlay_cost, cover_cost; /* by counts of operations, in about a hundred instructions */
     uint64_t overlay_work;             /* of all overlays, as iterations count it */
