@@ -10,7 +10,7 @@
 
 #include <math.h>
 
-enum { PAIRS = 16, SAMPLES = 2, HEAP = 100, HEAPS = 6, PARTS_PER_FACE = 100 };
+enum { PAIRS = 16, SAMPLES = 2, HEAP = 100, HEAPS = 6, PARTS_PER_FACE = 100, FEW_PARTS = 500 };
 
 static const char *const names[QM_FOLD_COUNT] = {"bow-tie",         "swapped", "at an edge", "reflex",
                                                  "over a diagonal", "in line", "any"};
@@ -125,12 +125,41 @@ static void shuffled_heaps_converge(void **state)
         check_heap(seed, (uint64_t)(100000 + k));
 }
 
+/** Flat bow-ties over triangles, whose flatness bound is as large as they are, and a rectangle along an edge of
+ * the target, which was cut in ever more quarters: 1,000 to 3,000 parts each. */
+static void flat_folds_take_few_parts(void **state)
+{
+    (void)state;
+    const struct {
+        qm_fold fold;
+        qm_regridding how;
+        uint64_t stream;
+    } pairs[] = {{QM_FOLD_BOW_TIE, QM_REGRIDDED_TRIANGLES, 200072},
+                 {QM_FOLD_BOW_TIE, QM_REGRIDDED_TRIANGLES, 200213},
+                 {QM_FOLD_AT_EDGE, QM_REGRIDDED_NOISY, 102104}};
+    for (size_t i = 0; i < sizeof pairs / sizeof *pairs; i++) {
+        qm_random random = qm_random_make(1, pairs[i].stream);
+        qm_regridded_pair pair = qm_regridded_draw(&random, pairs[i].fold, pairs[i].how);
+        qm_hausdorff_options options = qm_hausdorff_options_default();
+        options.quads = QM_QUADS_BILINEAR;
+        options.tolerance = 1e-6 * diagonal_of(&pair.a);
+        qm_hausdorff_result r = qm_measured(&pair.a, &pair.b, &options);
+        QM_CHECK(r.stop == QM_STOP_CONVERGED && r.iterations < FEW_PARTS, "%s %llu: stop %d after %llu parts",
+                 names[pairs[i].fold], (unsigned long long)pairs[i].stream, (int)r.stop,
+                 (unsigned long long)r.iterations);
+        check_samples(&pair, &r, &random, names[pairs[i].fold], (int)i);
+        qm_shape_free(&pair.a);
+        qm_shape_free(&pair.b);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(grids_that_nearly_coincide_converge),
         cmocka_unit_test(noisy_grids_converge),
         cmocka_unit_test(a_grid_and_its_triangles_converge),
+        cmocka_unit_test(flat_folds_take_few_parts),
         cmocka_unit_test(heaps_that_a_patch_just_reaches_converge),
         cmocka_unit_test(shuffled_heaps_converge),
     };

@@ -5,7 +5,8 @@
  *   the bound of a piece    piece_bound: one facet that is near all corners, or the ball round the centroid
  *   covers                  a polygon in the union of convex sets about facets of the target
  *   samples                 points that no candidate reaches are measured, which raises the lower bound
- *   triangles               cover, sample, split the remainder, until the budget of one visit is used up
+ *   triangles               cover, sample, try an overlay, split the remainder, until the budget of one visit
+ *                           is used up
  *   rectangles              the hull of the corners, one patch of the target, or two triangles with a slack
  *   entry points            a new face; a piece that comes back from the queue
  *
