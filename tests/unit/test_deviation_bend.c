@@ -1,6 +1,6 @@
 /*
- * Heights that bend, against sums over many small triangles: what of the distance is integrated, and how its
- * shares grow cell by cell.
+ * Heights that bend, quadratic with a small cubic part, against sums over many small triangles: what of the
+ * distance is integrated, and how its shares grow cell by cell.
  */
 #include "check.h"
 
@@ -19,6 +19,17 @@ static double value_at(const double value[6], const double l[3])
 {
     return l[0] * l[0] * value[0] + l[1] * l[1] * value[1] + l[2] * l[2] * value[2] +
            2.0 * (l[0] * l[1] * value[3] + l[1] * l[2] * value[4] + l[2] * l[0] * value[5]);
+}
+
+/** The cubic part at weights, by its coefficients: those of l_i^2 l_j and l_i l_j^2 are opposite numbers. */
+static double cubic_at(const double cubic[4], const double l[3])
+{
+    double sum = 6.0 * l[0] * l[1] * l[2] * cubic[3];
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3;
+        sum += 3.0 * l[i] * l[i] * l[j] * cubic[i] - 3.0 * l[i] * l[j] * l[j] * cubic[i];
+    }
+    return sum;
 }
 
 /** The middles of the triangles of the grid: GRID * GRID of them. */
@@ -44,13 +55,18 @@ static double greatest_of(const double *x, int count)
 typedef struct bent_piece {
     qm_deviation_shape shape;
     qm_deviation_bounds bounds;
-    double value[6], below, above;
+    double value[6], cubic[4], cubic_most, below, above;
 } bent_piece;
 
 static bent_piece draw_piece(qm_random *random)
 {
-    bent_piece piece = {.below = SPARE + qm_random_range(random, 0.0, 0.1),
-                        .above = SPARE + qm_random_range(random, 0.0, 0.1)};
+    bent_piece piece = {.cubic_most = 0.0};
+    double scale = 0.1 * (double)qm_random_below(random, 3);
+    for (int k = 0; k < 4; k++)
+        piece.cubic[k] = scale * qm_random_range(random, -1.0, 1.0);
+    piece.cubic_most = qm_quadratic_cubic_most(piece.cubic);
+    piece.below = piece.cubic_most + SPARE + qm_random_range(random, 0.0, 0.1);
+    piece.above = piece.cubic_most + SPARE + qm_random_range(random, 0.0, 0.1);
     double middle = qm_random_range(random, -1.0, 1.0) * (double)qm_random_below(random, 3), open[2];
     for (int k = 0; k < 6; k++)
         piece.value[k] = middle + qm_random_range(random, -1.0, 1.0);
@@ -62,6 +78,9 @@ static bent_piece draw_piece(qm_random *random)
     qm_quadratic_linear_error(piece.value, open);
     piece.bounds.bend.below = piece.below;
     piece.bounds.bend.above = piece.above;
+    piece.bounds.bend.cubic_most = piece.cubic_most;
+    for (int k = 0; k < 4; k++)
+        piece.bounds.bend.cubic[k] = piece.cubic[k];
     piece.bounds.bend.cells = 2 + (int)qm_random_below(random, QM_QUADRATIC_CELLS - 1);
     for (int k = 0; k < 6; k++)
         piece.bounds.bend.value[k] = piece.value[k];
@@ -74,21 +93,26 @@ static bent_piece draw_piece(qm_random *random)
     return piece;
 }
 
-/** The distance is the size of any number between the two functions. */
+/** The distance is the size of any number between the two functions. The cubic part is no greater than its
+ * bound, and leaves nothing open but where the height changes its sign. */
 static void check_integrals(const bent_piece *piece, qm_random *random, uint64_t number)
 {
-    double shift = qm_random_range(random, -piece->below, piece->above), mean = 0.0, square = 0.0, area = 0.0;
+    double shift =
+        qm_random_range(random, piece->cubic_most - piece->below, piece->above - piece->cubic_most);
+    double mean = 0.0, square = 0.0, area = 0.0, least = INFINITY;
     for (int place = 0; place < GRID * GRID; place++) {
         double l[3];
         middle_of(place, l);
-        double d = fabs(value_at(piece->value, l) + shift);
+        double cubic = cubic_at(piece->cubic, l), d = fabs(value_at(piece->value, l) + cubic + shift);
+        QM_CHECK(fabs(cubic) <= piece->cubic_most * (1.0 + 1e-12), "seed %llu, piece %llu: %.17g of %.17g",
+                 (unsigned long long)qm_check_seed(), (unsigned long long)number, cubic, piece->cubic_most);
         double part = (l[0] * piece->shape.low[0] + l[1] * piece->shape.low[1] + l[2] * piece->shape.low[2]) /
                       (GRID * GRID);
         area += part;
         mean += part * d;
         square += part * d * d;
     }
-    double most = greatest_of(piece->value, 6) + 0.2, spare = SPARE * area;
+    double most = greatest_of(piece->value, 6) + 0.2 + 2.0 * piece->cubic_most, spare = SPARE * area;
     const qm_deviation_bounds *bounds = &piece->bounds;
     QM_CHECK(bounds->mean_low <= mean + spare && bounds->mean_high >= mean - spare,
              "seed %llu, piece %llu: mean [%.17g, %.17g] against %.17g", (unsigned long long)qm_check_seed(),
@@ -102,6 +126,17 @@ static void check_integrals(const bent_piece *piece, qm_random *random, uint64_t
     QM_CHECK(bounds->mean_high - bounds->mean_low <= open,
              "seed %llu, piece %llu: %.17g is left open of %.17g", (unsigned long long)qm_check_seed(),
              (unsigned long long)number, bounds->mean_high - bounds->mean_low, open);
+    for (int k = 0; k < 6; k++)
+        least = fmin(least, fabs(piece->value[k]));
+    bool has_one_sign = true;
+    for (int k = 1; k < 6; k++)
+        has_one_sign &= (piece->value[k] > 0.0) == (piece->value[0] > 0.0);
+    if (!has_one_sign || least < fmax(piece->below, piece->above)) return;
+    double width = (piece->below + piece->above - 2.0 * piece->cubic_most) * bounds->area_high;
+    QM_CHECK(bounds->mean_high - bounds->mean_low <= width * (1.0 + 1e-9),
+             "seed %llu, piece %llu: %.17g is left open of %.17g on one side",
+             (unsigned long long)qm_check_seed(), (unsigned long long)number,
+             bounds->mean_high - bounds->mean_low, width);
 }
 
 /** The share of the grid's triangles in which the height is at most x when it is moved so far towards 0. */

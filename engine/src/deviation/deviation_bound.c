@@ -780,6 +780,7 @@ static bool bound_over_base(bound_work *work, const base *over,
     if (over->is_bent) {
         for (int k = 0; k < 6; k++)
             out->bend.value[k] = over->height[k];
+        out->bend.cubic_most = 0.0;
         out->bend.below = over->slack + over->below + eta;
         out->bend.above = over->slack + over->above + eta;
         out->bend.cells = qm_quadratic_count_cells(over->height, work->setup->bend_error);

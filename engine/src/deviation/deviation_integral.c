@@ -1,6 +1,6 @@
 /**
  * deviation_integral.c: means, squares and areas over a triangle, in closed form: of linear functions where
- * they are positive, and of quadratic ones, in parts of one sign, by a rule that is exact for them.
+ * they are positive, and of quadratic and cubic ones, in parts of one sign, by a rule that is exact for them.
  */
 #include "deviation_integral.h"
 
@@ -223,22 +223,36 @@ void qm_deviation_integrate_signed(const qm_deviation_shape *w, qm_positive_part
     out->blur += out->density_high * (sum3(out->high) - sum3(out->low)) / 3.0;
 }
 
-/** Means over a triangle of f w and f^2 w for a quadratic f and a linear w, by a rule of seven points that is
- * exact up to degree five (Radon 1948); all terms are positive. */
-static void mean_quadratic(const double f[6], const double w[3], double mean[2])
+/**
+ * Adds the means over a triangle of f w and f^2 w for a cubic f and a linear w, by a rule of 12 points that is
+ * exact up to degree seven; all terms are positive. f is side times the quadratic function and its cubic part, less
+ * open; the triangle is the part of the piece with corners of these weights.
+ *
+ * Source: K. Gatermann, The construction of symmetric cubature formulas for the square and the triangle, 1988.
+ */
+static void mean_cubic(const qm_quadratic *bend, const double corner[3][3], double side, double open,
+                       const double w[3], double *mean, double *square)
 {
-    static const double weight[3] = {0.225, 0.12593918054482715, 0.13239415278850618};
-    static const double near[3] = {1.0 / 3.0, 0.10128650732345633, 0.47014206410511505};
-    mean[0] = mean[1] = 0.0;
-    for (int ring = 0; ring < 3; ring++)
-        for (int i = 0; i < (ring ? 3 : 1); i++) {
-            double l[3] = {near[ring], near[ring], near[ring]};
-            l[i] = 1.0 - 2.0 * near[ring];
-            double value = l[0] * l[0] * f[0] + l[1] * l[1] * f[1] + l[2] * l[2] * f[2] +
-                           2.0 * (l[0] * l[1] * f[3] + l[1] * l[2] * f[4] + l[2] * l[0] * f[5]);
-            double part = weight[ring] * value * (l[0] * w[0] + l[1] * w[1] + l[2] * w[2]);
-            mean[0] += part;
-            mean[1] += part * value;
+    static const double rule[4][4] = {
+        {0.062382265094402117, 0.067517867073916091, 0.87009986783168181, 0.053034056314872506},
+        {0.055225456656926609, 0.32150249385198182, 0.62327204949109161, 0.087762817428892109},
+        {0.034324302945097147, 0.66094919618673564, 0.30472650086816722, 0.057550085569963175},
+        {0.51584233435359172, 0.27771616697639179, 0.20644149867001643, 0.13498637401960556}};
+    const double *f = bend->value;
+    for (int ring = 0; ring < 4; ring++)
+        for (int i = 0; i < 3; i++) {
+            const double l[3] = {rule[ring][i], rule[ring][(i + 1) % 3], rule[ring][(i + 2) % 3]};
+            double at[3], value = l[0] * l[0] * f[0] + l[1] * l[1] * f[1] + l[2] * l[2] * f[2] +
+                                  2.0 * (l[0] * l[1] * f[3] + l[1] * l[2] * f[4] + l[2] * l[0] * f[5]);
+            if (bend->cubic_most > 0.0) {
+                for (int k = 0; k < 3; k++)
+                    at[k] = l[0] * corner[0][k] + l[1] * corner[1][k] + l[2] * corner[2][k];
+                value += qm_quadratic_cubic_at(bend->cubic, at);
+            }
+            value = qm_max(0.0, side * value - open);
+            double part = rule[ring][3] * value * (l[0] * w[0] + l[1] * w[1] + l[2] * w[2]);
+            *mean += part;
+            *square += part * value;
         }
 }
 
@@ -253,53 +267,49 @@ static double min6(const double x[6])
 }
 
 /** Adds the integrals of a height that is nowhere negative on a side, 1 or -1; false when it may be. */
-static bool add_sided(const qm_quadratic *bend, double side, const qm_deviation_shape *w,
-                      qm_deviation_bounds *sum)
+static bool add_sided(const qm_quadratic *bend, const double corner[3][3], double side,
+                      const qm_deviation_shape *w, qm_deviation_bounds *sum)
 {
-    double low[6], high[6], below[2], above[2];
-    for (int k = 0; k < 6; k++) {
-        low[k] = side * bend->value[k] - (side > 0.0 ? bend->below : bend->above);
-        high[k] = side * bend->value[k] + (side > 0.0 ? bend->above : bend->below);
-    }
-    if (min6(low) < 0.0) return false;
-    mean_quadratic(low, w->low, below);
-    mean_quadratic(high, w->high, above);
-    sum->mean_low += below[0];
-    sum->mean_high += above[0];
-    sum->square_low += below[1];
-    sum->square_high += above[1];
+    double low = side > 0.0 ? min6(bend->value) : -max6(bend->value);
+    double below = side > 0.0 ? bend->below : bend->above, above = side > 0.0 ? bend->above : bend->below;
+    if (low - below < 0.0) return false;
+    mean_cubic(bend, corner, side, below - bend->cubic_most, w->low, &sum->mean_low, &sum->square_low);
+    mean_cubic(bend, corner, side, bend->cubic_most - above, w->high, &sum->mean_high, &sum->square_high);
     return true;
 }
 
-/** A quarter of a piece. */
-static void cut_quarter(const qm_quadratic *bend, const qm_deviation_shape *w, const double corner[3][3],
-                        qm_quadratic *part, qm_deviation_shape *of)
+/** A quarter of a part of a piece, and its corners. */
+static void cut_quarter(const qm_quadratic *bend, const double corner[3][3], const qm_deviation_shape *w,
+                        const double quarter[3][3], qm_quadratic *part, double at[3][3],
+                        qm_deviation_shape *of)
 {
     *part = *bend;
-    qm_quadratic_restrict(bend->value, corner, part->value);
+    qm_quadratic_restrict(bend->value, quarter, part->value);
     of->is_uniform = w->is_uniform;
     for (int i = 0; i < 3; i++) {
         of->low[i] = of->high[i] = 0.0;
         for (int k = 0; k < 3; k++) {
-            of->low[i] += 0.25 * corner[i][k] * w->low[k];
-            of->high[i] += 0.25 * corner[i][k] * w->high[k];
+            of->low[i] += 0.25 * quarter[i][k] * w->low[k];
+            of->high[i] += 0.25 * quarter[i][k] * w->high[k];
+            at[i][k] =
+                quarter[i][0] * corner[0][k] + quarter[i][1] * corner[1][k] + quarter[i][2] * corner[2][k];
         }
     }
 }
 
 /** Adds the integrals of a part. Its height is off linear by open, which is wrong only where it changes its
  * sign, and in a share of the whole of about 1 / 2^depth then. */
-static void add_bent(const qm_quadratic *bend, const qm_deviation_shape *w, int depth, double little,
-                     qm_deviation_bounds *sum)
+static void add_bent(const qm_quadratic *bend, const double corner[3][3], const qm_deviation_shape *w,
+                     int depth, double little, qm_deviation_bounds *sum)
 {
     static const double quarter[4][3][3] = {{{1, 0, 0}, {0.5, 0.5, 0}, {0.5, 0, 0.5}},
                                             {{0.5, 0.5, 0}, {0, 1, 0}, {0, 0.5, 0.5}},
                                             {{0.5, 0, 0.5}, {0, 0.5, 0.5}, {0, 0, 1}},
                                             {{0, 0.5, 0.5}, {0.5, 0, 0.5}, {0.5, 0.5, 0}}};
-    if (add_sided(bend, 1.0, w, sum) || add_sided(bend, -1.0, w, sum)) return;
+    if (add_sided(bend, corner, 1.0, w, sum) || add_sided(bend, corner, -1.0, w, sum)) return;
     double open[2];
     qm_quadratic_linear_error(bend->value, open);
-    if (depth == BEND_DEPTH || ldexp(open[0] + open[1], -depth) <= little) {
+    if (depth == BEND_DEPTH || ldexp(open[0] + open[1] + 2.0 * bend->cubic_most, -depth) <= little) {
         double low[3], high[3];
         for (int i = 0; i < 3; i++) {
             low[i] = bend->value[i] - open[0] - bend->below;
@@ -310,9 +320,10 @@ static void add_bent(const qm_quadratic *bend, const qm_deviation_shape *w, int 
     }
     for (int k = 0; k < 4; k++) {
         qm_quadratic part;
+        double at[3][3];
         qm_deviation_shape of;
-        cut_quarter(bend, w, quarter[k], &part, &of);
-        add_bent(&part, &of, depth + 1, little, sum);
+        cut_quarter(bend, corner, w, quarter[k], &part, at, &of);
+        add_bent(&part, (const double(*)[3])at, &of, depth + 1, little, sum);
     }
 }
 
@@ -321,9 +332,10 @@ void qm_deviation_integrate_quadratic(const qm_deviation_shape *w, qm_positive_p
 {
     qm_quadratic bend = out->bend;
     double open[2], up = max6(bend.value), down = -min6(bend.value);
+    static const double whole[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     start_signed(w, out);
-    add_bent(&bend, w, 0, little, out);
-    add_invalid(lost, outside, qm_max(up - bend.below, down - bend.above),
+    add_bent(&bend, whole, w, 0, little, out);
+    add_invalid(lost, outside, qm_max(up - bend.below, down - bend.above) + 2.0 * bend.cubic_most,
                 qm_max(up + bend.above, down + bend.below), out);
     open_signed(room, out);
     bend.below += room;

@@ -8,6 +8,20 @@
 
 #define MAX_SUM (2.0 / 3.0) /* of the sum of 2 l_i l_j over i < j, */
 #define MAX_TERM 0.5        /* and of one of them */
+#define MAX_EDGE 0.28868    /* of 3 x (1 - x) (1 - 2 x), which is sqrt(3) / 6, rounded up, */
+#define MAX_INNER 0.22223   /* and of 6 l_0 l_1 l_2 */
+
+double qm_quadratic_cubic_most(const double cubic[4])
+{
+    return MAX_EDGE * (fabs(cubic[0]) + fabs(cubic[1]) + fabs(cubic[2])) + MAX_INNER * fabs(cubic[3]);
+}
+
+double qm_quadratic_cubic_at(const double cubic[4], const double l[3])
+{
+    double edges = l[0] * l[1] * (l[0] - l[1]) * cubic[0] + l[1] * l[2] * (l[1] - l[2]) * cubic[1] +
+                   l[2] * l[0] * (l[2] - l[0]) * cubic[2];
+    return 3.0 * edges + 6.0 * l[0] * l[1] * l[2] * cubic[3];
+}
 
 void qm_quadratic_linear_error(const double value[6], double open[2])
 {

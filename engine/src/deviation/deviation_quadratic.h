@@ -15,13 +15,24 @@
 #define QM_QUADRATIC_CELLS 16 /* along an edge at most */
 #define QM_QUADRATIC_CORNERS ((QM_QUADRATIC_CELLS + 1) * (QM_QUADRATIC_CELLS + 2) / 2)
 
-/** A function between q - below and q + above; q has these coefficients in the Bernstein basis: 00 11 22,
- * then 01 12 20. */
+/**
+ * A function between q - below and q + above; q has these coefficients in the Bernstein basis: 00 11 22, then
+ * 01 12 20. It is nearer to the cubic function q + e, between q + e - below + cubic_most and
+ * q + e + above - cubic_most:
+ *     e = sum 3 l_i l_j (l_i - l_j) cubic_ij over ij = 01, 12, 20, + 6 l_0 l_1 l_2 cubic_3, |e| <= cubic_most.
+ */
 typedef struct qm_quadratic {
     double value[6];
     double below, above;
+    double cubic[4], cubic_most;
     int cells; /* n; 0: there is no such function */
 } qm_quadratic;
+
+/** A bound of |e|. */
+double qm_quadratic_cubic_most(const double cubic[4]);
+
+/** e at a point. */
+double qm_quadratic_cubic_at(const double cubic[4], const double weight[3]);
 
 /** The most by which a quadratic function is below the linear one with its values at the corners, and above
  * it. */
