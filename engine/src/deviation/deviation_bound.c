@@ -405,7 +405,7 @@ typedef struct side_work {
     double up;     /* 1 or -1: the side that the normal of the base points to, or the other one */
     qm_vec normal; /* towards the side */
     double height[3], most; /* a lower bound of the height at the corners, and its greatest value */
-    double bent[6];         /* coefficients of that bound, of a bent base */
+    double bent[6];         /* coefficients of that bound, with its cubic part at most */
     qm_positive_region region;
     qm_positive_part lost;
 } side_work;
@@ -475,16 +475,16 @@ static qm_positive_part find_facet_loss(const bound_work *work, const side_work 
 
 /** Tilts a height over a rectangle's surface towards it: by as little as lifts all corners that are beyond
  * its edge to their heights over the base. */
-static void tilt(const side_work *side, const double beyond[3], double height[3])
+static void tilt(const side_work *side, const double beyond[6], double height[6])
 {
     double slope = 0.0;
-    for (int i = 0; i < 3; i++)
-        if (beyond[i] > 0.0 && side->height[i] > height[i])
-            slope = qm_max(slope, TILT * (side->height[i] - height[i]) / beyond[i]);
+    for (int k = 0; k < 6; k++)
+        if (beyond[k] > 0.0 && side->bent[k] > height[k])
+            slope = qm_max(slope, TILT * (side->bent[k] - height[k]) / beyond[k]);
     slope = qm_min(slope, 1.0 / TILT);
     double shorter = 1.0 / sqrt(1.0 + slope * slope);
-    for (int i = 0; i < 3; i++)
-        height[i] = (height[i] + slope * beyond[i]) * shorter;
+    for (int k = 0; k < 6; k++)
+        height[k] = (height[k] + slope * beyond[k]) * shorter;
 }
 
 /** The loss to a rectangle, by how far the piece is beyond one of its edges. */
@@ -513,18 +513,18 @@ static qm_positive_part find_match_loss(bound_work *work, const side_work *side,
     double negligible = NEGLIGIBLE * work->setup->base_margin;
     for (int within = 0; within < 2 && least.mean > negligible; within++) {
         const qm_deviation_match *match = match_of(work, rectangle, within == 1);
-        double height[3], beyond[3];
+        double height[6], beyond[6];
         if (!match) continue;
         qm_match_margin margin = qm_deviation_match_margin(work->setup, match, &of->box);
         if (!(margin.loss < INFINITY)) continue;
-        if (margin.tilted < INFINITY) qm_deviation_match_beyond(match, &of->box, &margin, beyond);
+        double slack = margin.loss + match->slack + match->off;
+        qm_deviation_match_beyond(match, &of->box, &margin, beyond);
         for (int flipped = 0; flipped < 2 && least.mean > 0.0; flipped++) {
-            for (int i = 0; i < 3; i++)
-                height[i] = flipped ? -match->high[i] : match->low[i];
-            keep_min(&least, find_loss(side, height, margin.loss));
-            if (!(margin.tilted < INFINITY)) continue;
+            for (int k = 0; k < 6; k++)
+                height[k] = flipped ? -match->height[k] : match->height[k];
+            keep_min(&least, find_bent_loss(side, height, slack));
             tilt(side, beyond, height);
-            keep_min(&least, find_loss(side, height, margin.tilted));
+            keep_min(&least, find_bent_loss(side, height, slack));
         }
     }
     return least;
@@ -700,23 +700,13 @@ static double find_patch_loss(const bound_work *work, const base *over)
     return most;
 }
 
-/** Bounds how far the distance to a patch exceeds the height: by the patch as a graph, with the edges of its
- * view, where that is less. */
+/** Bounds how far the distance to a patch exceeds the height. */
 static void set_patch_outside(const bound_work *work, base *over, const qm_uv_box *box)
 {
     double edge[4][3];
-    over->more = over->match->over;
-    qm_match_graph graph = qm_deviation_match_graph(work->setup, over->match, box);
-    if (graph.holds && graph.over < over->more) {
-        double sharpness =
-            qm_deviation_match_view_edges(work->setup, work->face, work->piece, over->match, &graph, edge);
-        if (sharpness < INFINITY) {
-            over->more = graph.over;
-            over->outside = find_outside((const double(*)[3])edge, 4, sharpness);
-            return;
-        }
-    }
-    qm_deviation_match_edges(work->setup, over->match, edge);
+    qm_match_margin margin = qm_deviation_match_margin(work->setup, over->match, box);
+    qm_deviation_match_edges(work->setup, over->match, margin.foot, edge);
+    over->more = margin.over;
     over->outside = find_outside((const double(*)[3])edge, 4, 1.0);
 }
 
@@ -731,10 +721,11 @@ static bool set_patch_base(bound_work *work, base *over)
     const qm_deviation_match *match = over->match;
     over->normal = match->normal;
     over->is_bent = true;
-    over->slack = match->slack;
+    over->slack = match->slack + match->off;
     for (int k = 0; k < 6; k++)
         over->height[k] = match->height[k];
     set_patch_outside(work, over, &work->near->rectangle[rectangle].box);
+    if (!(over->more < INFINITY)) return false;
     bool has_sign = match->least > 0.0, is_above = match->low[0] > 0.0;
     double both = qm_max(over->loss, over->more);
     over->below = !has_sign ? both : is_above ? over->loss : over->more;
@@ -755,6 +746,7 @@ static bool bound_over_base(bound_work *work, const base *over,
     double eta = work->setup->eta;
     if (!(over->outside.part.share < MAX_OUTSIDE) || !(over->outside.most < INFINITY)) return false;
     qm_positive_part lost = {0.0, 0.0, 0.0};
+    double cubic = over->match ? over->match->cubic_most : 0.0;
     for (int k = 0; k < 2; k++) {
         side_work side = {.over = over,
                           .room = work->setup->base_margin,
@@ -764,8 +756,10 @@ static bool bound_over_base(bound_work *work, const base *over,
             side.height[i] = over->cap[k][i];
             side.most = qm_max(side.most, side.height[i]);
         }
-        for (int i = 0; i < 6 && over->is_bent; i++)
-            side.bent[i] = k ? -over->height[i] - over->above : over->height[i] - over->below;
+        for (int i = 0; i < 6; i++)
+            side.bent[i] = !over->is_bent ? 0.5 * (side.height[i % 3] + side.height[(i + i / 3) % 3])
+                           : k            ? -over->height[i] - over->above + cubic
+                                          : over->height[i] - over->below + cubic;
         if (!(side.most > 0.0)) continue;
         side.region = qm_integral_positive_region(side.height);
         take_facets_off(work, &side, distance);
@@ -780,7 +774,9 @@ static bool bound_over_base(bound_work *work, const base *over,
     if (over->is_bent) {
         for (int k = 0; k < 6; k++)
             out->bend.value[k] = over->height[k];
-        out->bend.cubic_most = 0.0;
+        out->bend.cubic_most = cubic;
+        for (int k = 0; k < 4; k++)
+            out->bend.cubic[k] = cubic > 0.0 ? over->match->cubic[k] : 0.0;
         out->bend.below = over->slack + over->below + eta;
         out->bend.above = over->slack + over->above + eta;
         out->bend.cells = qm_quadratic_count_cells(over->height, work->setup->bend_error);

@@ -12,7 +12,9 @@
 #define CLEAR 0.125              /* least m that is worth a bound */
 #define LEAST_SINE 0x1p-10       /* of a frame: between a and the length of its columns */
 #define RELATIVE (1.0 + 0x1p-40) /* for the roundings of a few dozen operations on positive terms */
-#define MOST_SLOPE 0.25          /* of a graph: steeper ones give poor bounds */
+#define LEAST_NORMAL 0.5         /* of the longest normal: heights are along normals that are no shorter */
+#define FOOT_ROUNDING 0x1p-50    /* of the parameters b + z */
+#define MOST_PAIRS 0.66667       /* of the sum of 2 l_i l_j over i < j */
 #define FARTHEST 4.0             /* of the greatest coordinate: differences beyond are not bounded */
 
 /** The corners of the piece that coefficient k belongs to. */
@@ -80,27 +82,193 @@ static qm_vec find_direction(const qm_deviation_match *match)
     return length > QM_MIN_LENGTH ? qm_vec_scale(1.0 / length, direction) : (qm_vec){0, 0, 1};
 }
 
+/** The coefficients of a cubic function over a piece belong to these corners. */
+static const int corners_of[10][3] = {{0, 0, 0}, {1, 1, 1}, {2, 2, 2}, {0, 0, 1}, {0, 1, 1},
+                                      {1, 1, 2}, {1, 2, 2}, {2, 2, 0}, {2, 0, 0}, {0, 1, 2}};
+/** The index of the coefficient of a quadratic function that belongs to two corners. */
+static const int pair_index[3][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}};
+
+/** The heights along one vector. */
+static void set_fixed_heights(const qm_deviation_setup *setup, qm_deviation_match *match)
+{
+    double *height = match->height, beside = 0.0;
+    match->along_normals = false;
+    match->off = match->cubic_most = 0.0;
+    for (int k = 0; k < 6; k++) {
+        height[k] = qm_vec_dot(match->normal, match->difference[k]);
+        beside = qm_max(beside, qm_vec_norm(qm_vec_axpy(match->difference[k], -height[k], match->normal)));
+    }
+    match->beside = (beside + setup->eta) * RELATIVE;
+}
+
+/** N, L, and the bounds of |N| over the piece. */
+typedef struct normals {
+    qm_vec at[3];       /* N at the corners, */
+    double length[3];   /* and L */
+    double least, most; /* of |N| */
+    double turned;      /* by how much L may differ from |N| */
+    double error;       /* of N */
+} normals;
+
+static bool make_normals(const qm_deviation_setup *setup, const qm_deviation_match *match, normals *out)
+{
+    double turned = 0.0;
+    out->least = INFINITY;
+    out->most = out->error = 0.0;
+    for (int i = 0; i < 3; i++) {
+        qm_vec along_s = match->along[0][i], along_t = match->along[1][i];
+        out->at[i] = qm_vec_cross(along_s, along_t);
+        out->length[i] = qm_vec_norm(out->at[i]);
+        double up = qm_vec_dot(out->at[i], match->normal);
+        turned = qm_max(turned, out->length[i] - up);
+        out->least = qm_min(out->least, up);
+        out->most = qm_max(out->most, out->length[i]);
+        out->error = qm_max(out->error, setup->eta * (qm_vec_norm(along_s) + qm_vec_norm(along_t)));
+    }
+    out->least = (out->least - out->error) / RELATIVE;
+    for (int i = 0; i < 3; i++)
+        out->length[i] -= 0.5 * turned;
+    out->turned = 0.5 * turned + out->error;
+    return out->least > LEAST_NORMAL * out->most;
+}
+
+/** The heights along the normals: H, and G = N.D - H L. */
+static void fit_heights(const normals *n, qm_deviation_match *match)
+{
+    double product[10], *height = match->height; /* product: coefficients of N.D */
+    for (int c = 0; c < 10; c++) {
+        product[c] = 0.0;
+        for (int i = 0; i < 3; i++) {
+            const int *at = corners_of[c];
+            qm_vec difference = match->difference[pair_index[at[(i + 1) % 3]][at[(i + 2) % 3]]];
+            product[c] += qm_vec_dot(n->at[at[i]], difference) / 3.0;
+        }
+    }
+    for (int i = 0; i < 3; i++)
+        height[i] = product[i] / n->length[i];
+    for (int k = 0; k < 3; k++) {
+        int j = (k + 1) % 3;
+        double here = height[k] * n->length[j], there = height[j] * n->length[k];
+        double sum = n->length[k] + n->length[j];
+        /* This makes the coefficients of l_k^2 l_j and l_k l_j^2 opposite numbers. */
+        height[3 + k] = 0.5 * (3.0 * (product[3 + 2 * k] + product[4 + 2 * k]) - here - there) / sum;
+        match->cubic[k] = product[3 + 2 * k] - (here + 2.0 * height[3 + k] * n->length[k]) / 3.0;
+    }
+    double middle = height[3] * n->length[2] + height[4] * n->length[0] + height[5] * n->length[1];
+    match->cubic[3] = product[9] - middle / 3.0;
+}
+
+/** The step z from the parameters to about the foot of a point between two corners: coefficient 3 + k. */
+static void find_step_between(const qm_deviation_match *match, int k, double step[2])
+{
+    int j = (k + 1) % 3;
+    const qm_vec *d = match->difference;
+    qm_vec along_s = qm_vec_scale(0.5, qm_vec_add(match->along[0][k], match->along[0][j]));
+    qm_vec along_t = qm_vec_scale(0.5, qm_vec_add(match->along[1][k], match->along[1][j]));
+    qm_vec to = qm_vec_axpy(d[3 + k], 0.5, qm_vec_add(d[k], d[j]));
+    double ss = qm_vec_norm2(along_s), tt = qm_vec_norm2(along_t), st = qm_vec_dot(along_s, along_t);
+    double fs = qm_vec_dot(to, along_s), ft = qm_vec_dot(to, along_t), determinant = ss * tt - st * st;
+    step[0] = (tt * fs - st * ft) / determinant;
+    step[1] = (ss * ft - st * fs) / determinant;
+    if (!(fabs(step[0]) <= 1.0 && fabs(step[1]) <= 1.0)) step[0] = step[1] = 0.0;
+}
+
+/** J z for the J of a corner and a coefficient of z. */
+static qm_vec along_step(const qm_deviation_match *match, int corner, int k)
+{
+    return qm_vec_add(qm_vec_scale(match->step[k][0], match->along[0][corner]),
+                      qm_vec_scale(match->step[k][1], match->along[1][corner]));
+}
+
+/** The greatest length of D - J z - q N, and the greatest |q|. */
+static double find_rest(const qm_deviation_match *match, const normals *n, double *most_q)
+{
+    const double *k = match->height;
+    const qm_vec *d = match->difference;
+    double q[6], most = 0.0;
+    for (int i = 0; i < 3; i++)
+        q[i] = k[i] / n->length[i];
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3;
+        double known = q[i] * n->length[j] + q[j] * n->length[i];
+        q[3 + i] = 0.5 * (k[i] + k[j] + 4.0 * k[3 + i] - known) / (n->length[i] + n->length[j]);
+    }
+    qm_vec middle = {0, 0, 0};
+    *most_q = 0.0;
+    for (int i = 0; i < 3; i++) {
+        const int ends[2] = {i, (i + 1) % 3};
+        int other = (i + 2) % 3;
+        *most_q = qm_max(*most_q, qm_max(fabs(q[i]), fabs(q[3 + i])));
+        most = qm_max(most, qm_vec_norm(qm_vec_axpy(d[i], -q[i], n->at[i])));
+        for (int end = 0; end < 2; end++) {
+            int here = ends[end], there = ends[1 - end];
+            qm_vec thrice = qm_vec_sub(d[3 + i], along_step(match, here, i));
+            thrice = qm_vec_axpy(d[here], 2.0, thrice);
+            thrice = qm_vec_axpy(thrice, -q[here], n->at[there]);
+            thrice = qm_vec_axpy(thrice, -2.0 * q[3 + i], n->at[here]);
+            most = qm_max(most, qm_vec_norm(thrice) / 3.0);
+        }
+        middle = qm_vec_add(middle, qm_vec_sub(d[3 + i], along_step(match, other, i)));
+        middle = qm_vec_axpy(middle, -q[3 + i], n->at[other]);
+    }
+    return qm_max(most, qm_vec_norm(middle) / 3.0);
+}
+
+/** The greatest component of w along a normal. */
+static double find_normal_w(const qm_deviation_setup *setup, const qm_bilinear *q, const normals *n)
+{
+    double e1 = qm_vec_norm(q->e1), e2 = qm_vec_norm(q->e2), w = qm_vec_norm(q->w);
+    double volume = fabs(qm_vec_dot(qm_vec_cross(q->e1, q->e2), q->w));
+    return (volume + setup->eta * (e1 * e2 + w * (e1 + e2))) / n->least * RELATIVE;
+}
+
+/** The heights along the patch's own normals; false where these turn too much. */
+static bool set_normal_heights(const qm_deviation_setup *setup, qm_deviation_match *match)
+{
+    normals n;
+    if (match->is_clamped || !make_normals(setup, match, &n)) return false;
+    match->along_normals = true;
+    fit_heights(&n, match);
+    double most = 0.0, most_q, longest = 0.0, length = 0.5 * (n.least + n.most);
+    for (int k = 0; k < 4; k++)
+        match->cubic[k] /= length;
+    for (int k = 0; k < 3; k++) {
+        find_step_between(match, k, match->step[k]);
+        longest = qm_max(longest, fabs(match->step[k][0]) + fabs(match->step[k][1]));
+        for (int axis = 0; axis < 2; axis++)
+            match->foot[3 + k][axis] += match->step[k][axis];
+    }
+    for (int k = 0; k < 6; k++)
+        most = qm_max(most, fabs(match->height[k]));
+    double rest = find_rest(match, &n, &most_q);
+    double rounding = n.error * match->greatest + setup->eta * n.most;
+    match->cubic_most = qm_quadratic_cubic_most(match->cubic) * RELATIVE;
+    double uneven = 0.5 * match->cubic_most * (n.most - n.least);
+    match->off = match->cubic_most + (uneven + most * n.turned + rounding) / n.least * RELATIVE;
+    match->beside = (rest + n.error * most_q + 2.0 * setup->eta * (1.0 + longest)) * RELATIVE;
+    match->normal_w = find_normal_w(setup, match->patch, &n);
+    return true;
+}
+
 static void set_heights(const qm_deviation_setup *setup, qm_deviation_match *match)
 {
-    qm_vec n = find_direction(match);
-    double *height = match->height, beside = 0.0;
-    match->normal = n;
+    match->normal = find_direction(match);
     match->greatest = 0.0;
-    for (int k = 0; k < 6; k++) {
-        height[k] = qm_vec_dot(n, match->difference[k]);
-        beside = qm_max(beside, qm_vec_norm(qm_vec_axpy(match->difference[k], -height[k], n)));
+    for (int k = 0; k < 6; k++)
         match->greatest = qm_max(match->greatest, qm_vec_norm(match->difference[k]));
-    }
-    qm_quadratic_open(height, match->low, match->high);
+    for (int k = 0; k < 6; k++)
+        for (int axis = 0; axis < 2; axis++)
+            match->foot[k][axis] = 0.5 * (match->at[pair_of[k][0]][axis] + match->at[pair_of[k][1]][axis]);
+    if (!set_normal_heights(setup, match)) set_fixed_heights(setup, match);
+    qm_quadratic_open(match->height, match->low, match->high);
     for (int i = 0; i < 3; i++) {
-        match->low[i] -= match->slack;
-        match->high[i] += match->slack;
+        match->low[i] -= match->slack + match->off;
+        match->high[i] += match->slack + match->off;
     }
     double low = qm_min(match->low[0], qm_min(match->low[1], match->low[2]));
     double high = qm_max(match->high[0], qm_max(match->high[1], match->high[2]));
     match->least = qm_max(0.0, qm_max(low, -high) - setup->eta);
-    beside = (beside + setup->eta) * RELATIVE;
-    match->beside = beside;
+    double beside = match->beside;
     match->over = beside < 2.0 * match->least ? 0.5 * beside * beside / match->least : beside;
     match->over *= RELATIVE;
 }
@@ -108,20 +276,19 @@ static void set_heights(const qm_deviation_setup *setup, qm_deviation_match *mat
 /** The coefficient of F for a parameter at three corners, which may be the same. */
 static double slope_at(const qm_deviation_match *match, int axis, int i, int j, int k)
 {
-    static const int index[3][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}};
     const qm_vec *along = match->along[axis], *difference = match->difference;
-    return (qm_vec_dot(difference[index[i][j]], along[k]) + qm_vec_dot(difference[index[j][k]], along[i]) +
-            qm_vec_dot(difference[index[i][k]], along[j])) /
+    return (qm_vec_dot(difference[pair_index[i][j]], along[k]) +
+            qm_vec_dot(difference[pair_index[j][k]], along[i]) +
+            qm_vec_dot(difference[pair_index[i][k]], along[j])) /
            3.0;
 }
 
 static void set_slopes(qm_deviation_match *match)
 {
-    static const int corners[10][3] = {{0, 0, 0}, {1, 1, 1}, {2, 2, 2}, {0, 0, 1}, {0, 1, 1},
-                                       {1, 1, 2}, {1, 2, 2}, {0, 2, 2}, {0, 0, 2}, {0, 1, 2}};
     for (int c = 0; c < 10; c++)
         for (int axis = 0; axis < 2; axis++)
-            match->slope[c][axis] = slope_at(match, axis, corners[c][0], corners[c][1], corners[c][2]);
+            match->slope[c][axis] =
+                slope_at(match, axis, corners_of[c][0], corners_of[c][1], corners_of[c][2]);
 }
 
 /** Sets the members of a match that follow from its parameters. */
@@ -141,7 +308,7 @@ static void finish(const qm_deviation_setup *setup, const qm_vec corner[6], qm_d
     match->holds = farthest <= FARTHEST * FARTHEST * setup->extent * setup->extent;
     if (!match->holds) return;
     set_heights(setup, match);
-    set_slopes(match);
+    if (!match->along_normals) set_slopes(match);
 }
 
 void qm_deviation_match_make(const qm_deviation_setup *setup, const qm_deviation_face *face,
@@ -225,9 +392,9 @@ static bool make_frame(const qm_deviation_setup *setup, const qm_deviation_match
     double centre[2], half[2];
     for (int k = 0; k < 2; k++) {
         double low = box->low[k], high = box->high[k];
-        for (int i = 0; i < 3; i++) {
-            low = qm_min(low, match->at[i][k]);
-            high = qm_max(high, match->at[i][k]);
+        for (int i = 0; i < 6; i++) {
+            low = qm_min(low, match->foot[i][k]);
+            high = qm_max(high, match->foot[i][k]);
         }
         centre[k] = 0.5 * (low + high);
         half[k] = 0.5 * (high - low);
@@ -288,102 +455,96 @@ static double find_slope(const qm_deviation_setup *setup, const qm_deviation_mat
     return (most + rounding / at->least) * RELATIVE;
 }
 
-/** The box U' of deviation_match.h, as far as it can lie within the rectangle or at the match. */
-static qm_uv_box find_view(const qm_deviation_match *match, const qm_uv_box *box, const frame *at)
+/** y: the greatest length of J0 z. */
+static double find_longest_step(const qm_deviation_match *match, const frame *at)
 {
-    qm_uv_box view;
-    for (int k = 0; k < 2; k++) {
-        double low = INFINITY, high = -INFINITY;
-        for (int i = 0; i < 3; i++) {
-            low = qm_min(low, match->at[i][k]);
-            high = qm_max(high, match->at[i][k]);
-        }
-        double way = 2.0 * match->greatest / (1.0 - at->turn) * at->reach[k] * RELATIVE;
-        view.low[k] = qm_max(low - way, qm_min(low, box->low[k]));
-        view.high[k] = qm_min(high + way, qm_max(high, box->high[k]));
+    double most2 = 0.0;
+    for (int k = 0; k < 3; k++) {
+        double first = at->upper[0] * match->step[k][0] + at->upper[1] * match->step[k][1];
+        double second = at->upper[2] * match->step[k][1];
+        most2 = qm_max(most2, first * first + second * second);
     }
-    return view;
+    return MOST_PAIRS * sqrt(most2) * RELATIVE;
 }
 
-/** The slope of a patch over the plane normal to n; INFINITY where it is no graph over that plane. */
-static double find_graph_slope(const qm_deviation_setup *setup, const qm_deviation_match *match,
-                               const qm_uv_box *view)
+/** The margin of heights along the normals. */
+static void set_normal_margin(const qm_deviation_setup *setup, const qm_deviation_match *match,
+                              const frame *at, qm_match_margin *margin)
 {
-    double least = INFINITY, most = 0.0;
-    for (int i = 0; i < 4; i++) {
-        qm_vec along_s = qm_vec_axpy(match->patch->e1, i & 1 ? view->high[1] : view->low[1], match->patch->w);
-        qm_vec along_t = qm_vec_axpy(match->patch->e2, i & 2 ? view->high[0] : view->low[0], match->patch->w);
-        qm_vec normal = qm_vec_cross(along_s, along_t);
-        double up = qm_vec_dot(normal, match->normal);
-        double error = setup->eta * (qm_vec_norm(along_s) + qm_vec_norm(along_t));
-        least = qm_min(least, up - error);
-        most = qm_max(most, qm_vec_norm(qm_vec_axpy(normal, -up, match->normal)) + error);
+    double step = find_longest_step(match, at), straight = 1.0 - at->turn, k = at->product;
+    double w = 0.5 * k * qm_vec_norm(match->patch->w), bent = match->normal_w * k, height = 0.0;
+    double lift = 0.5 * bent * step * step, e = match->beside + w * step * step;
+    for (int i = 0; i < 6; i++)
+        height = qm_max(height, fabs(match->height[i]));
+    height += match->off + lift + setup->eta;
+    double upright = straight - bent * step;
+    if (upright > CLEAR) {
+        double last = e / upright;
+        margin->over = (lift + bent * step * last + w * last * last) * RELATIVE;
+        for (int i = 0; i < 2; i++)
+            margin->foot[i] = last * at->reach[i] * RELATIVE;
     }
-    return least > 0.0 ? most / least * RELATIVE : INFINITY;
+    double left = straight * straight - height * bent * RELATIVE;
+    if (!(left > CLEAR)) return;
+    double root = sqrt(left), a = bent * step / straight;
+    double lost = 2.0 * e * a + height * a * a + e * e * bent / (straight * straight);
+    margin->loss = (lift + lost * straight * straight / left) * RELATIVE;
+    for (int i = 0; i < 2; i++)
+        margin->stretch[i] = root / RELATIVE / at->reach[i];
+    margin->offset = (e + height * a) * straight / root * RELATIVE;
 }
 
-static qm_match_graph find_graph(const qm_deviation_setup *setup, const qm_deviation_match *match,
-                                 const qm_uv_box *box, const frame *at)
+/** The margin of heights along one vector. */
+static void set_fixed_margin(const qm_deviation_setup *setup, const qm_deviation_match *match,
+                             const frame *at, qm_match_margin *margin)
 {
-    qm_match_graph graph = {.view = find_view(match, box, at)};
-    graph.slope = find_graph_slope(setup, match, &graph.view);
-    graph.holds = graph.slope <= MOST_SLOPE;
-    if (!graph.holds) return graph;
-    graph.over = graph.slope * match->beside * RELATIVE;
-    graph.loss = (graph.over + 0.5 * graph.slope * graph.slope * match->greatest) * RELATIVE;
-    for (int k = 0; k < 2; k++) {
-        graph.view.low[k] = qm_max(0.0, graph.view.low[k]);
-        graph.view.high[k] = qm_min(1.0, graph.view.high[k]);
-    }
-    return graph;
-}
-
-qm_match_graph qm_deviation_match_graph(const qm_deviation_setup *setup, const qm_deviation_match *match,
-                                        const qm_uv_box *box)
-{
-    frame at;
-    if (!match->holds || !make_frame(setup, match, box, &at)) return (qm_match_graph){.holds = false};
-    return find_graph(setup, match, box, &at);
+    double bent = 0.0;
+    margin->over = match->over;
+    for (int k = 0; k < 6; k++)
+        bent = qm_max(bent, fabs(qm_vec_dot(match->difference[k], match->patch->w)));
+    bent += setup->eta * (qm_vec_norm(match->patch->w) + match->greatest);
+    double left = (1.0 - at->turn) * (1.0 - at->turn) - bent * at->product * RELATIVE;
+    if (!(left > CLEAR)) return;
+    double root = sqrt(left), f = find_slope(setup, match, at);
+    margin->loss = f / root;
+    if (match->least > 0.0) margin->loss = qm_min(margin->loss, f * f / (left * match->least));
+    margin->loss *= RELATIVE;
+    for (int k = 0; k < 2; k++)
+        margin->stretch[k] = root / RELATIVE / at->reach[k];
+    margin->offset = f / root * RELATIVE;
 }
 
 qm_match_margin qm_deviation_match_margin(const qm_deviation_setup *setup, const qm_deviation_match *match,
                                           const qm_uv_box *box)
 {
     frame at;
-    double bent = 0.0;
-    qm_match_margin margin = {INFINITY, INFINITY, {0.0, 0.0}, 0.0};
+    qm_match_margin margin = {INFINITY, {0.0, 0.0}, 0.0, INFINITY, {0.0, 0.0}};
     if (!match->holds || !make_frame(setup, match, box, &at)) return margin;
-    qm_match_graph graph = find_graph(setup, match, box, &at);
-    if (graph.holds) margin.loss = graph.loss;
-    for (int k = 0; k < 6; k++)
-        bent = qm_max(bent, fabs(qm_vec_dot(match->difference[k], match->patch->w)));
-    bent += setup->eta * (qm_vec_norm(match->patch->w) + match->greatest);
-    double left = (1.0 - at.turn) * (1.0 - at.turn) - bent * at.product * RELATIVE;
-    if (!(left > CLEAR)) return margin;
-    double root = sqrt(left), f = find_slope(setup, match, &at), loss = f / root;
-    if (match->least > 0.0) loss = qm_min(loss, f * f / (left * match->least));
-    margin.tilted = loss * RELATIVE;
-    margin.loss = qm_min(margin.loss, margin.tilted);
-    for (int k = 0; k < 2; k++)
-        margin.stretch[k] = root / RELATIVE / at.reach[k];
-    margin.offset = f / root * RELATIVE;
+    if (match->along_normals)
+        set_normal_margin(setup, match, &at, &margin);
+    else
+        set_fixed_margin(setup, match, &at, &margin);
+    for (int k = 0; k < 2; k++) {
+        margin.foot[k] += FOOT_ROUNDING;
+        margin.offset += FOOT_ROUNDING * margin.stretch[k];
+    }
     return margin;
 }
 
 void qm_deviation_match_beyond(const qm_deviation_match *match, const qm_uv_box *box,
-                               const qm_match_margin *margin, double beyond[3])
+                               const qm_match_margin *margin, double beyond[6])
 {
     double most = -INFINITY;
     for (int k = 0; k < 4; k++) {
-        double by[3];
-        for (int i = 0; i < 3; i++) {
-            double at = match->at[i][k / 2];
+        double by[6];
+        for (int i = 0; i < 6; i++) {
+            double at = match->foot[i][k / 2];
             by[i] = margin->stretch[k / 2] * (k % 2 ? at - box->high[k / 2] : box->low[k / 2] - at) -
                     margin->offset;
         }
         if (!(by[0] + by[1] + by[2] > most)) continue;
         most = by[0] + by[1] + by[2];
-        for (int i = 0; i < 3; i++)
+        for (int i = 0; i < 6; i++)
             beyond[i] = by[i];
     }
 }
@@ -424,64 +585,23 @@ void qm_deviation_match_upper(const qm_deviation_match *match, double high[3])
 }
 
 void qm_deviation_match_edges(const qm_deviation_setup *setup, const qm_deviation_match *match,
-                              double beyond[4][3])
+                              const double foot[2], double beyond[4][3])
 {
     for (int axis = 0; axis < 2; axis++) {
         qm_vec edge = axis ? match->patch->e2 : match->patch->e1;
-        double speed = 0.0;
-        for (int i = 0; i < 3; i++) {
-            qm_vec inside = qm_vec_axpy(edge, qm_clamp(match->at[i][1 - axis], 0.0, 1.0), match->patch->w);
-            speed = qm_max(speed, qm_vec_norm(match->along[axis][i]));
-            speed = qm_max(speed, qm_vec_norm(inside));
-        }
-        speed += setup->eta;
-        for (int i = 0; i < 3; i++) {
-            beyond[2 * axis][i] = -match->at[i][axis] * speed * RELATIVE;
-            beyond[2 * axis + 1][i] = (match->at[i][axis] - 1.0) * speed * RELATIVE;
-        }
-    }
-}
-
-/** The least sine of the acute angles of the quad seen along n, 1 where there is none; 0 where rounding
- * leaves open whether a corner is convex. */
-static double find_least_sine(const qm_vec edge[4], double error)
-{
-    double least = 1.0;
-    for (int k = 0; k < 4; k++) {
-        qm_vec on = edge[(k + 1) % 4], back = qm_vec_scale(-1.0, edge[k]);
-        double lengths = qm_vec_norm(on) * qm_vec_norm(back);
-        double sine = qm_vec_norm(qm_vec_cross(on, back)) - error * (qm_vec_norm(on) + qm_vec_norm(back));
-        if (!(sine > LEAST_SINE * lengths)) return 0.0;
-        if (qm_vec_dot(on, back) > 0.0) least = qm_min(least, sine / lengths);
-    }
-    return least;
-}
-
-double qm_deviation_match_view_edges(const qm_deviation_setup *setup, const qm_deviation_face *face,
-                                     const qm_deviation_piece *piece, const qm_deviation_match *match,
-                                     const qm_match_graph *graph, double beyond[4][3])
-{
-    qm_vec corner[4], edge[4], at[6], n = match->normal;
-    qm_uv_box_corners(match->patch, &graph->view, corner);
-    qm_deviation_piece_coefficients(face, piece, at);
-    for (int k = 0; k < 4; k++) {
-        qm_vec on = qm_vec_sub(corner[(k + 1) % 4], corner[k]);
-        edge[k] = qm_vec_axpy(on, -qm_vec_dot(on, n), n);
-    }
-    double sine = find_least_sine(edge, setup->eta);
-    if (!(sine > 0.0)) return INFINITY;
-    for (int k = 0; k < 4; k++) {
-        double length = qm_vec_norm(edge[k]), value[6], farthest = 0.0;
-        qm_vec outwards = qm_vec_scale(1.0 / length, qm_vec_cross(edge[k], n));
+        double speed = 0.0, value[2][6];
         for (int i = 0; i < 6; i++) {
-            qm_vec from = qm_vec_sub(at[i], corner[k]);
-            value[i] = qm_vec_dot(outwards, from);
-            farthest = qm_max(farthest, qm_vec_norm(from));
+            double other = match->foot[i][1 - axis], at = match->foot[i][axis];
+            speed = qm_max(speed, qm_vec_norm(qm_vec_axpy(edge, other, match->patch->w)));
+            speed = qm_max(speed, qm_vec_norm(qm_vec_axpy(edge, qm_clamp(other, 0.0, 1.0), match->patch->w)));
+            value[0][i] = foot[axis] - at;
+            value[1][i] = foot[axis] + at - 1.0;
         }
-        qm_quadratic_raise(value, beyond[k]);
-        double error = setup->eta * (1.0 + farthest / length);
-        for (int i = 0; i < 3; i++)
-            beyond[k][i] += error;
+        speed = (speed + foot[1 - axis] * qm_vec_norm(match->patch->w) + setup->eta) * RELATIVE;
+        for (int side = 0; side < 2; side++) {
+            qm_quadratic_raise(value[side], beyond[2 * axis + side]);
+            for (int i = 0; i < 3; i++)
+                beyond[2 * axis + side][i] *= speed;
+        }
     }
-    return (1.0 + graph->slope) / sine * RELATIVE;
 }

@@ -35,19 +35,42 @@
  * across the edge if D points away from it: then only the negative part of that component of F counts, f
  * being |F| / a.
  *
- * As a graph. D may be long compared with its height n.D: then f is as long, and so is c. But if Q is almost
- * a plane, the part of D along it matters little. Let U' be the b and the part of U that is no farther from
- * them than 2 |D| / ((1 - r) y) times the |z_i| above: any other x has |x| > 2 |D|, so that its point of R is
- * no nearer than |D|. Let Q_s x Q_t have a positive component along n at the corners of U': then Q over U' is
- * the graph of a function over a convex part of the plane normal to n, and of slope g, the greatest ratio of
- * the other components to that one at the corners. With e the greatest length of D along the plane, and v the
- * vector along it from Q(b) to a point of R,
- *     |P - Q(b + z)|^2 >= max(0, |n.D| - g |v|)^2 + (|v| - e)^2, and so
- *     d(P, R) >= (|n.D| - g e) / sqrt(1 + g^2) >= |n.D| - g e - g^2 / 2 |n.D|.
- * And where P is over the part V of Q that U' and the unit square have in common, d <= |n.D| + g e;
- * elsewhere, with o the distance along the plane from there, |n.D| + g e + (1 + g) o. In the view along n, V
- * is a convex quad, and o no more than the sum over its edges of how far P is beyond them, divided by the
- * sine of its least acute angle (deviation_piece.h).
+ * Along the normals. Where surfaces nearly coincide, heights change their sign, and D has a component along the
+ * patch that is as long as it is high: c above is then no small part of the distance. So let N = Q_s x Q_t at
+ * b, n = N / |N|, h = n.D the height over the tangent plane, and omega the greatest |n.w|. N is linear in the
+ * parameters, so in l too, and N.w = (e1 x e2).w is constant. Let b + z be parameters nearer to the foot of P,
+ * e the greatest length of D - J z less its component along n, plus |w| k y^2 / 2, y the greatest |M z|, and U
+ * be round all b + z too. For parameters b + z + v of R, with V = |M v|,
+ *     P - Q(b + z) = h' n + p with h' = h - omega z_1 z_2 and a tangent p, |p| <= e;
+ *     |h| - omega k y^2 / 2 <= |h'| <= |h| + omega k y^2 / 2, as 2 |z_1 z_2| <= k y^2;
+ *     X = |Q(b + z + v) - Q(b + z)| >= (1 - r) V;
+ *     its component along n is n.w (z_1 v_2 + z_2 v_1 + v_1 v_2), at most omega k (y V + V^2 / 2): a symmetric
+ *         bilinear form is bounded as its quadratic form is.
+ * So |P - Q(b + z + v)|^2 >= h'^2 + (X - e)^2 - 2 |h'| a X - B X^2, a = omega k y / (1 - r) and
+ * B = |h'| omega k / (1 - r)^2. If B < 1 this is
+ *     h'^2 - |h'| c' + (1 - B) (X - E / (1 - B))^2, E = e + |h'| a,
+ *     c' = (2 e a + |h'| a^2 + e^2 omega k / (1 - r)^2) / (1 - B),
+ * and d(P, R) >= |h'| - c' >= |h| - c, c = c' + omega k y^2 / 2. Where b + z is beyond an edge of R, X exceeds
+ * E / (1 - B) by Y / sqrt(1 - B), Y = sqrt(1 - B) (1 - r) det / |B| times how far it is beyond, or |A| for the
+ * other parameter, less E / sqrt(1 - B): the bound with slope t above holds with h for n.D. c is about the
+ * curvature of the patch times the squares of e and y, which are small parts of the distance.
+ *
+ * Upper. J at b + z turns v into a vector whose part at a right angle to n is at least (1 - r - omega k y) V
+ * long. So a v with V <= e / (1 - r - omega k y) turns into p, and where b + z + v is in the square
+ *     d(P, Q) <= |h| + omega k (y^2 / 2 + y V) + |w| k V^2 / 2;
+ * elsewhere o is added, b + z being as far inside of the edges as v may lead.
+ *
+ * z is quadratic in l: 0 at the corners, and so that between two of them it leads to the foot, to first order.
+ * The component of D - J z at a right angle to n is no longer than D - J z - q N for any number q. Where q is
+ * quadratic in l, near h / |N|, the greatest of the coefficients of this cubic vector function bounds it.
+ *
+ * h is no polynomial. Let m be a unit vector with m.N_i > 0 at the corners, and L linear with values |N_i| there,
+ * less half of the greatest |N_i| - m.N_i: |N| is between sum l_i m.N_i and sum l_i |N_i|, so that it differs
+ * from L by that half at most. For any quadratic H, with G = N.D - H L, which is cubic,
+ *     h = H + G / |N| + H (L - |N|) / |N|.
+ * H is such that G is 0 at the corners and its coefficients of l_i^2 l_j and l_i l_j^2 are opposite numbers. Its
+ * quotient by a constant, the middle of the bounds of |N|, is the cubic part of the height: integrals include
+ * it, as its mean is small. The functions low and high of a piece do not, and are opened by its bound.
  *
  * Flat. If P is a triangle that stands for a patch within slack, all bounds are widened by slack.
  *
@@ -63,7 +86,9 @@
  * surfaces in local space, n.D by 32 more as |D| is at most 4 S, and by 40 at the corners of cells
  * (deviation_quadratic.h), whose weights and sums are off by 10 u: less than the 384 of eta. J is off by 38
  * in each column, J0 too, which eta / a in r and eta (|J| + |D|) / a in f cover,
- * a = det / (|A|^2 + |B|^2)^(1/2) no more than the least singular value of M.
+ * a = det / (|A|^2 + |B|^2)^(1/2) no more than the least singular value of M. N is off by
+ * eta (|Q_s| + |Q_t|), and h by |D| / |N| times that and eta |N_i| / |N|; D - J z - q N by
+ * 2 eta (1 + |z_1| + |z_2|) and |q| times the error of N. b + z, from -3/2 to 5/2, is off by 2^-51.
  */
 #ifndef QM_DEVIATION_MATCH_H
 #define QM_DEVIATION_MATCH_H
@@ -77,16 +102,23 @@ typedef struct qm_deviation_match {
     double at[3][2];        /* parameters of the patch for the corners of the piece */
     qm_vec difference[6];   /* D_ij: 00 11 22, then 01 12 20 */
     qm_vec along[2][3];     /* Q_s and Q_t at the corners' parameters */
-    qm_vec normal;          /* n */
+    qm_vec normal;          /* n, or m */
     double slope[10][2];    /* coefficients of F */
-    double height[6];       /* coefficients of n.D */
-    double low[3], high[3]; /* linear functions below and above it */
+    double height[6];       /* coefficients of n.D, or of H */
+    double low[3], high[3]; /* linear functions below and above the height */
     double slack;           /* how far the source may be from P */
+    double off;             /* how far the height may be from the quadratic function, */
+    double cubic[4];        /* and how far, less cubic_most, from a cubic one (deviation_quadratic.h); */
+    double cubic_most;      /* 0 where there is none */
+    double normal_w;        /* omega, of heights along the normals, */
+    double step[3][2];      /* and the coefficients 01 12 20 of z: the others are 0 */
+    double foot[6][2];      /* coefficients of b + z, or of b */
     double beside;          /* e */
     double least;           /* of |n.D| over the piece; 0 when it may change its sign */
     double greatest;        /* of |D| */
     double over;            /* by how much |D| may be above |n.D| */
     bool is_clamped;        /* some parameters are on an edge of the square that footpoints would be beyond */
+    bool along_normals;     /* heights are along the normals of the patch, else along n */
     bool holds;             /* the match was found, and all of the above is set */
 } qm_deviation_match;
 
@@ -117,34 +149,17 @@ static inline bool qm_deviation_match_is_inside(const qm_deviation_match *match)
     return is_inside;
 }
 
-/** The terms of the lower bound for a rectangle of a patch. */
+/** The terms of the bounds for a rectangle of a patch. */
 typedef struct qm_match_margin {
-    double loss;       /* the lesser of c and the loss of the graph, or INFINITY */
-    double tilted;     /* c */
+    double loss;       /* c, or INFINITY */
     double stretch[2]; /* Y by how far parameters are beyond an edge, */
     double offset;     /* less this */
+    double over;       /* by how much the distance may be above the height, where the parameters */
+    double foot[2];    /* are so far inside of all edges of the square */
 } qm_match_margin;
-
-/** A patch as a graph. */
-typedef struct qm_match_graph {
-    bool holds;
-    double loss, over; /* by how much the distance may be less than |n.D|, and more */
-    double slope;      /* g */
-    qm_uv_box view;    /* V */
-} qm_match_graph;
 
 qm_match_margin qm_deviation_match_margin(const qm_deviation_setup *setup, const qm_deviation_match *match,
                                           const qm_uv_box *box);
-
-/** The rectangle of a patch as a graph. */
-qm_match_graph qm_deviation_match_graph(const qm_deviation_setup *setup, const qm_deviation_match *match,
-                                        const qm_uv_box *box);
-
-/** Bounds from above how far the corners are beyond each edge of V, in the view. Returns the factor for the
- * sum over all four edges; INFINITY when rounding leaves open whether V is a convex quad. */
-double qm_deviation_match_view_edges(const qm_deviation_setup *setup, const qm_deviation_face *face,
-                                     const qm_deviation_piece *piece, const qm_deviation_match *match,
-                                     const qm_match_graph *graph, double beyond[4][3]);
 
 /** By how much less than |D| the distance to a rectangle of the patch may be: c, or INFINITY. */
 static inline double qm_deviation_match_loss(const qm_deviation_setup *setup, const qm_deviation_match *match,
@@ -155,7 +170,7 @@ static inline double qm_deviation_match_loss(const qm_deviation_setup *setup, co
 
 /** Values of Y at the corners, for the edge of the rectangle that the piece is farthest beyond. */
 void qm_deviation_match_beyond(const qm_deviation_match *match, const qm_uv_box *box,
-                               const qm_match_margin *margin, double beyond[3]);
+                               const qm_match_margin *margin, double beyond[6]);
 
 /** Values at the corners of four linear functions that the distance to a rectangle of the patch is at least:
  * how far the piece is beyond each edge, along the plane normal to a unit vector. All of a rectangle is in
@@ -170,9 +185,9 @@ void qm_deviation_match_beside(const qm_deviation_face *face, const qm_deviation
  * all within the unit square. */
 void qm_deviation_match_upper(const qm_deviation_match *match, double high[3]);
 
-/** How far the corners' parameters are beyond the four edges of the unit square, as lengths; negative
- * within. */
+/** How far the corners' parameters are beyond lines that are foot inside of the four edges of the unit
+ * square, as lengths; negative within. */
 void qm_deviation_match_edges(const qm_deviation_setup *setup, const qm_deviation_match *match,
-                              double beyond[4][3]);
+                              const double foot[2], double beyond[4][3]);
 
 #endif
