@@ -72,9 +72,10 @@ def children(pid):
 class Instance:
     """One server over a folder that outlives its process."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, port=None):
         self.folder = pathlib.Path(folder)
-        self.port = free_port()
+        self.port = port or free_port()
+        self.environment = None    # of the server, when it is not that of this process
         self.process = None
 
     def initialize(self):
@@ -97,7 +98,7 @@ class Instance:
         with open(self.log_path, "ab") as log:
             self.process = subprocess.Popen(
                 [find_program("postgres"), "-D", self.folder, *(f"--{name}={value}" for name, value in options.items())],
-                stdout=log, stderr=log, cwd=self.folder.parent, **server_user())
+                stdout=log, stderr=log, cwd=self.folder.parent, env=self.environment, **server_user())
         end = time.monotonic() + PATIENCE
         while not self.answers():
             assert self.process.poll() is None, f"the server ended at once:\n{self.log()}"
@@ -193,23 +194,31 @@ class Postgres:
         user = server_user()
         if user:
             os.chown(self.folder, user["user"], user["group"])
-        self.primary = Instance(self.folder / "primary")
-        self.standby = None
+        self.count = 0
+        self.primary, self.standby = self._instance(), None
         try:
             self.primary.initialize()
             self.primary.start()
             self.primary.query(f"CREATE DATABASE {NAME}", database="postgres")
             if standby:
-                self.standby = Instance(self.folder / "standby")
-                self.standby.copy(link(self.primary.port), "s1")
-                self.standby.start()
-                self.require_standby()
+                self.add_standby(link=link)
         except BaseException:
             self.close()
             raise
 
-    def require_standby(self):
+    def _instance(self, port=None):
+        self.count += 1
+        return Instance(self.folder / f"server{self.count}", port)
+
+    def add_standby(self, port=None, link=lambda port: port):
         """From its return on, no commit returns before the standby has it."""
+        self.standby = self._instance(port)
+        self.standby.copy(link(self.primary.port), "s1")
+        self.standby.start()
+        self.require_standby()
+
+    def require_standby(self):
+        """Waits for the standby, and for the primary to know it as synchronous."""
         self.primary.set("synchronous_standby_names", "ANY 1 (s1)")
         end = time.monotonic() + PATIENCE
         while self.primary.query("SELECT sync_state FROM pg_stat_replication") not in ([["quorum"]], [["sync"]]):
@@ -217,12 +226,14 @@ class Postgres:
             time.sleep(0.02)
 
     def fail_over(self):
-        """kill -9 of the primary, then the standby is promoted. No standby is asked for from then on."""
-        if self.primary.process.poll() is None:
-            self.primary.kill()
+        """kill -9 of the primary, then the standby is promoted and asks for no standby of its own. Gives the dead one."""
+        dead = self.primary
+        if dead.process.poll() is None:
+            dead.kill()
         self.standby.promote()
         self.standby.set("synchronous_standby_names", "")
         self.primary, self.standby = self.standby, None
+        return dead
 
     def close(self):
         for instance in (self.standby, self.primary):

@@ -50,9 +50,14 @@ def test_rows_survive_a_kill_and_a_failover(pair):
     writer = Writer(pair.primary)
     assert all(writer.write(n) for n in range(101, 200))
     writer.close()
-    pair.fail_over()
+    dead = pair.fail_over()
     assert {*range(100), *range(101, 200)} <= numbers(pair.primary)
-    assert Writer(pair.primary).write(1000)
+    pair.add_standby(dead.port)
+    writer = Writer(pair.primary)
+    assert writer.write(1000)
+    writer.close()
+    pair.fail_over()
+    assert 1000 in numbers(pair.primary)
 
 
 def test_values_come_as_they_are(pair):

@@ -1,0 +1,41 @@
+"""The daemon of tests/api, several of them on one database.
+
+QM_TEST_LONG=1 runs the long forms. QM_TEST_SEED moves what is left to chance; a failure shows the seed.
+"""
+import importlib.util
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+API = pathlib.Path(__file__).parent.parent / "api"
+sys.path.append(str(API))
+spec = importlib.util.spec_from_file_location("api_conftest", API / "conftest.py")
+api_conftest = importlib.util.module_from_spec(spec)
+sys.modules["api_conftest"] = api_conftest
+spec.loader.exec_module(api_conftest)
+# Modules of tests/api import these from `conftest`, which is this one here.
+globals().update({name: value for name, value in vars(api_conftest).items() if not name.startswith(("__", "pytest_"))})
+
+from cluster import Cluster  # noqa: E402 (needs api_conftest)
+
+# What needs several daemons is there when the daemon has a store for them.
+SHARED = [f"test_{name}.py" for name in ("cut_off", "deaths", "events", "failover", "limits", "moves", "races", "upgrades")]
+HAS_SHARED_STORE = "--store " in subprocess.run([api_conftest.BUILD / "quadmeshd", "--help"], capture_output=True, text=True,
+                                                check=True).stdout
+collect_ignore = [] if HAS_SHARED_STORE else SHARED
+
+
+@pytest.fixture
+def make_cluster(tmp_path):
+    """Clusters of a test's own, closed at its end: make_cluster(count, ...)."""
+    made = []
+
+    def make(*arguments, **options):
+        made.append(Cluster(tmp_path / f"cluster{len(made)}", *arguments, **options))
+        return made[-1]
+
+    yield make
+    for cluster in made:
+        cluster.close()
