@@ -107,6 +107,9 @@ class Cluster:
             raise
 
     def _wire(self, port):
+        """The port through which a standby is to reach the port of its primary."""
+        if self.wire:
+            self.wire.close()
         self.wire = proxy.Proxy(port)
         return self.wire.port
 
@@ -129,7 +132,7 @@ class Cluster:
     def fail_over(self):
         """The primary dies, its standby takes over, and a new standby comes up in the dead one's place."""
         dead = self.database.fail_over()
-        self.database.add_standby(dead.port)
+        self.database.add_standby(dead.port, self._wire)
 
     def wait_for(self, what, true, patience=PATIENCE):
         """Waits until true() and gives what it gave."""
@@ -142,6 +145,23 @@ class Cluster:
     def wait_until_ready(self):
         for node in self.nodes:
             self.wait_for(f"node {node.name}", lambda node=node: is_ready(node))
+
+    def mend(self):
+        """All nodes and servers are up again and reach each other."""
+        if self.database:
+            if self.wire:
+                self.wire.release()
+            if self.database.primary.process.poll() is not None:
+                self.database.primary.start()
+            if self.database.standby:
+                self.database.standby.resume_receiver()
+        for node in self.nodes:
+            node.heal()
+            if node.daemon.process.poll() is None:
+                node.resume()
+            else:
+                node.start()
+        self.wait_until_ready()
 
     def close(self):
         """Stops all. What a daemon has to say against it is raised when all is stopped."""

@@ -296,6 +296,7 @@ class Load:
         self.history, self.jobs, self.faults = History(), {}, []
         self.ended = self.is_over = False
         setup = Client(self, "setup", seed)
+        self.before = {item for kind in ("mesh", "layout") for item in setup.list(kind)}
         self.registers = []
         for _ in range(2):
             # As many vertices as slots and more, apart from each other, all in z = 0.
@@ -401,14 +402,15 @@ class Load:
                 last.fetch(mesh, node)
             for reconstruction in self.reconstructions:
                 last.count(reconstruction, node)
-            for job in self.jobs:
+            for job in list(self.jobs)[-100:]:
                 last.look(job, node)
         for job in self.jobs:
             last.log(job)
         distances = {job: DISTANCE for job, body in self.jobs.items() if body["type"] == "hausdorff"}
-        found = checkers.check_all(self.history, {mesh: (0, (0,) * SLOTS) for mesh in self.registers}, distances)
+        found = checkers.check_all(self.history, {mesh: (0, (0,) * SLOTS) for mesh in self.registers}, distances,
+                                   self.before)
         if check_tables and self.cluster.database:
-            found += checkers.check_rest(at_rest.read_tables(self.cluster.query))
+            found += checkers.check_rest(at_rest.read_tables(self.cluster.query), is_cleaned=False)
         return found
 
     def _wait(self, client, job):

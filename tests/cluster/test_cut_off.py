@@ -1,0 +1,84 @@
+"""Nodes that do not reach the database, both ways or one, for a while or for longer than they are waited for (T4)."""
+import time
+
+import pytest
+
+import at_rest
+from api_conftest import check_problem
+from faults import SEED, SILENCE, another, choose, runner, start_slow, upload_slow
+from load import Load
+from proxy import DOWN, UP
+
+
+def ask_unready(cluster, node):
+    """A node without its store says so, and when to come again; it is alive."""
+    with node.client() as client:
+        cluster.wait_for("503 of /readyz", lambda: client.get("/readyz").status_code == 503)
+        assert client.get("/healthz").status_code == 200
+        for method, path in (("GET", "/v1/meshes"), ("GET", "/v1/jobs/j_none"), ("DELETE", "/v1/meshes/m_none")):
+            reply = client.request(method, path)
+            check_problem(reply, 503, "store_unavailable")
+            assert int(reply.headers["retry-after"]) > 0
+
+
+@pytest.mark.parametrize("ways", [(), (UP,), (DOWN,)], ids=["both", "up", "down"])
+def test_a_node_is_cut_off_for_a_while(cluster, ways):
+    """Not for so long that it counts as dead: its jobs go on and end once."""
+    cut = cluster.nodes[0]
+    with Load(cluster, SEED) as load:
+        time.sleep(1)
+        cut.cut_off(*ways)
+        time.sleep(3)
+        cut.heal()
+        time.sleep(1)
+    load.check()
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("ways", [(), (UP,), (DOWN,)] if choose(False, True) else [()])
+def test_a_node_is_cut_off_until_it_counts_as_dead(cluster, slow_files, ways):
+    """Its jobs run elsewhere, what it ends later is void, and it comes back by itself."""
+    job = start_slow(cluster.nodes[0], upload_slow(cluster, slow_files), 6)
+    cut = runner(cluster, job)
+    with Load(cluster, SEED) as load:
+        load.jobs[job] = {"type": "slow"}
+        cut.cut_off(*ways)
+        ask_unready(cluster, cut)
+        cut.is_serving = False  # as a balancer sees it
+        cluster.wait_for("another run", lambda: at_rest.runner(cluster.query, job) not in (None, cut.name))
+        time.sleep(choose(0, 60))
+        cut.heal()
+        cluster.wait_until_ready()
+        cut.is_serving = True
+        time.sleep(1)
+    load.check()
+    with another(cluster, cut).client() as client:
+        assert sum(event["event"] == "result" for event in client.events(job)) == 1
+
+
+def test_connections_are_reset_again_and_again(cluster):
+    with Load(cluster, SEED) as load:
+        for turn in range(choose(6, 100)):
+            time.sleep(0.3)
+            node = cluster.nodes[turn % len(cluster.nodes)]
+            for link in node.links:
+                link.cut()
+                link.cut_after(2000 * turn)
+    load.check()
+
+
+def test_nobody_is_declared_dead_for_an_outage(cluster, slow_files):
+    """T22: after an outage all beats look old. Jobs that ran go on and end."""
+    job = start_slow(cluster.nodes[0], upload_slow(cluster, slow_files), 3)
+    node = runner(cluster, job)
+    dead = at_rest.dead_nodes(cluster.query)
+    cluster.database.primary.kill()
+    ask_unready(cluster, another(cluster, node))
+    time.sleep(choose(SILENCE + 3, 60))
+    cluster.database.primary.start()
+    cluster.wait_until_ready()
+    with node.client() as client:
+        assert client.wait(job)["state"] == "succeeded"
+        assert not any(event["event"] == "server_restart" for event in client.events(job))
+    time.sleep(3)  # a turn of each reaper
+    assert at_rest.dead_nodes(cluster.query) == dead

@@ -1,0 +1,120 @@
+"""Daemons that die, hang, are slow, or are killed by a job (T1, T5, T14, T15)."""
+import contextlib
+import random
+import threading
+import time
+
+import pytest
+
+import at_rest
+from faults import SEED, SILENCE, another, choose, runner, start_slow, upload_slow
+from load import Load
+
+KILLS = choose(4, 200)
+
+
+@pytest.mark.timeout(60 + 15 * KILLS)
+def test_daemons_are_killed_under_load(cluster):
+    """T1, with nodes that are started again at once."""
+    chance = random.Random(SEED)
+    for _ in range(-(-KILLS // 10)):
+        with Load(cluster, SEED) as load:
+            for _ in range(min(KILLS, 10)):
+                time.sleep(chance.uniform(0.2, 1.0))
+                node = chance.choice(cluster.nodes)
+                node.kill()
+                time.sleep(chance.uniform(0.0, 0.5))
+                node.start()
+        load.check()
+
+
+def test_the_jobs_of_a_dead_node_run_elsewhere(cluster, slow_files):
+    """T1, with a node that stays dead until its jobs have ended."""
+    job = start_slow(cluster.nodes[0], upload_slow(cluster, slow_files), 5)
+    dead = runner(cluster, job)
+    with Load(cluster, SEED, others=False) as load:
+        load.jobs[job] = {"type": "slow"}
+        dead.kill()
+        killed = time.monotonic()
+        cluster.wait_for("another run", lambda: at_rest.runner(cluster.query, job) not in (None, dead.name))
+        print(f"a job of a killed node ran again after {time.monotonic() - killed:.1f} s")
+    load.check()
+    dead.start()
+    with dead.client() as client:
+        assert client.wait(job)["state"] == "succeeded"
+        events = client.events(job)
+    assert any(event["event"] == "server_restart" for event in events)
+
+
+def test_a_node_that_hangs_and_wakes_changes_nothing(cluster, slow_files):
+    """T5: it was declared dead meanwhile; what it still has in hand is void, and it joins anew."""
+    job = start_slow(cluster.nodes[0], upload_slow(cluster, slow_files), 6)
+    asleep = runner(cluster, job)
+    with Load(cluster, SEED) as load:
+        load.jobs[job] = {"type": "slow"}
+        time.sleep(1)
+        asleep.pause()
+        cluster.wait_for("another run", lambda: at_rest.runner(cluster.query, job) not in (None, asleep.name))
+        time.sleep(max(0.0, choose(0, 15) - SILENCE))
+        asleep.resume()
+        time.sleep(2)
+    load.check()
+    cluster.wait_until_ready()
+    assert asleep.info()["cluster"]["nodes"] == len(cluster.nodes)
+    with asleep.client() as client:
+        done = client.wait(job)
+        assert done["state"] == "succeeded"
+        assert sum(event["event"] == "result" for event in client.events(job)) == 1
+
+
+@contextlib.contextmanager
+def slowed(node, share=0.05, period=0.1):
+    """The node has this share of the processors' time, by SIGSTOP and SIGCONT."""
+    is_over = threading.Event()
+
+    def work():
+        while not is_over.is_set():
+            node.pause()
+            time.sleep(period * (1 - share))
+            node.resume()
+            time.sleep(period * share)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    yield
+    is_over.set()
+    thread.join()
+
+
+def test_a_slow_node_and_a_slow_database(cluster):
+    """T14."""
+    with Load(cluster, SEED) as load:
+        with slowed(cluster.nodes[0]):
+            time.sleep(choose(4, 60))
+        for node in cluster.nodes:
+            for link in node.links:
+                link.delay(up=0.025, down=0.025)
+        time.sleep(choose(4, 60))
+        for node in cluster.nodes:
+            for link in node.links:
+                link.delay()
+    load.check()
+    waits = sorted(call.end - call.start for call in load.history.calls if call.is_known)
+    print(f"p99 of a request {1000 * waits[int(0.99 * len(waits))]:.0f} ms, of {len(waits)}")
+
+
+def test_a_job_that_kills_its_nodes_is_given_up(cluster, slow_files):
+    """T15: three deaths, and the others live."""
+    job = start_slow(cluster.nodes[0], upload_slow(cluster, slow_files), 1000)
+    with Load(cluster, SEED, others=False) as load:
+        load.jobs[job] = {"type": "slow"}
+        for _ in range(3):
+            node = runner(cluster, job)
+            node.kill()
+            node.start()  # the second start of a name declares the first one dead
+            cluster.wait_for("the reaper", lambda name=node.name: at_rest.runner(cluster.query, job) != name)
+    load.check()
+    with another(cluster).client() as client:
+        document = client.wait(job)
+        assert document["state"] == "failed" and document["problem"]["detail"], document
+        assert client.events(job)[-1]["event"] == "error"

@@ -1,0 +1,102 @@
+"""A full disk of the database, a full queue, and databases that promise less than they should (T19)."""
+import resource
+import time
+
+import pytest
+
+import shapes
+from api_conftest import check_problem, together
+from faults import SEED, start_slow, upload_slow
+from load import Load
+
+
+def test_what_it_tells_of_itself(cluster):
+    cluster.wait_for("all nodes", lambda: {node.info()["cluster"]["nodes"] for node in cluster.nodes} == {3})
+    for node in cluster.nodes:
+        info = node.info()
+        assert info["node"] == node.name and info["cluster"]["durability"] == "replicated"
+        assert info["cluster"]["queued"] >= 0 and info["cluster"]["running"] >= 0
+
+
+def test_a_database_alone_is_one_machine(make_cluster):
+    cluster = make_cluster(1)
+    assert cluster.nodes[0].info()["cluster"]["durability"] == "one machine"
+
+
+def test_a_database_that_promises_nothing_is_refused(make_cluster):
+    """Without fsync an acknowledged write is lost with the power; who wants that says so."""
+    cluster = make_cluster(1)
+    (node,) = cluster.nodes
+    node.kill()
+    cluster.database.primary.stop()
+    cluster.database.primary.start(fsync="off")
+    with pytest.raises(AssertionError, match="fsync"):
+        node.start()
+    settings = node.settings
+    node.settings, node.daemon = [*settings, "--store-unsafe"], None
+    node.start()
+    assert node.info()["cluster"]["durability"] == "none"
+
+
+def test_the_address_may_come_from_a_file(make_cluster):
+    cluster = make_cluster(1)
+    (node,) = cluster.nodes
+    node.stop()
+    file = node.folder / "store"
+    file.write_text(node.store + "\n")
+    file.chmod(0o600)
+    place = node.settings.index("--store")
+    node.settings[place:place + 2] = ["--store-file", file]
+    node.daemon = None
+    node.start()
+    assert node.info()["node"] == node.name
+
+
+def test_a_full_disk_of_the_database(make_cluster):
+    """Files of the server may have 40 MiB: log segments fit, the table of blobs does not grow further."""
+    cluster = make_cluster(1)
+    (node,) = cluster.nodes
+    primary = cluster.database.primary
+    limit = 40 * 2**20 + 100
+    resource.prlimit(primary.process.pid, resource.RLIMIT_FSIZE, (limit, limit))
+    for link in node.links:
+        link.cut()  # new connections have the limit
+    # Comments make bytes of any number, and digits that no compression makes small.
+    filler = b"".join(b"# %064x\n" % (pow(3, n, 2**256)) for n in range(150_000))
+    with node.client() as client:
+        cluster.wait_until_ready()
+        replies = [client.post("/v1/meshes", content=shapes.obj(shapes.cube(side=side)) + filler) for side in range(1, 8)]
+        codes = [reply.status_code for reply in replies]
+        assert codes[0] == 201 and codes[-1] in (503, 507), codes
+        assert set(codes) <= {201, 503, 507}, codes
+        for reply in replies:
+            if reply.status_code == 201:
+                assert client.get(f"/v1/meshes/{reply.json()['id']}/content").status_code == 200
+            else:
+                check_problem(reply, reply.status_code)
+        listed = client.get("/v1/meshes").json()["meshes"]
+        assert len(listed) == codes.count(201)
+    with Load(cluster, SEED) as load:
+        time.sleep(2)  # what is small still works
+    load.check(check_tables=False)
+
+
+def test_a_full_queue(make_cluster, slow_files):
+    """The limit is one of the cluster."""
+    cluster = make_cluster(2, settings=("--queue", 5, "--workers", 1))
+    pair = upload_slow(cluster, slow_files)
+    # Two equal questions would be one run.
+    running = [start_slow(node, pair, 1000 + k) for k, node in enumerate(cluster.nodes)]
+    cluster.wait_for("both to run", lambda: cluster.nodes[0].info()["cluster"]["running"] == 2)
+
+    def submit(k):
+        with cluster.nodes[k % 2].client() as client:
+            return client.post("/v1/jobs", json={"type": "hausdorff", "a": pair[0], "b": pair[1], "threshold": 1.0 + k})
+
+    replies = together(12, submit)
+    codes = sorted(reply.status_code for reply in replies)
+    assert codes == [202] * 5 + [429] * 7, codes
+    assert all(int(reply.headers["retry-after"]) > 0 for reply in replies if reply.status_code == 429)
+    for job in running + [reply.json()["id"] for reply in replies if reply.status_code == 202]:
+        with cluster.nodes[1].client() as client:
+            assert client.delete(f"/v1/jobs/{job}").status_code in (200, 202, 204)

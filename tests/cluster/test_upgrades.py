@@ -1,0 +1,29 @@
+"""Nodes are stopped in order and started again, one after the other (T16)."""
+import time
+
+import at_rest
+from faults import SEED, another, choose, runner, start_slow, upload_slow
+from load import Load
+
+
+def test_a_rolling_restart(cluster, slow_files):
+    """A long job is given back and goes on elsewhere at once; nobody is declared dead."""
+    with Load(cluster, SEED) as load:
+        for _ in range(choose(1, 10)):
+            for node in cluster.nodes:
+                assert node.stop() == 0
+                node.start()
+                time.sleep(0.5)
+    load.check()
+    # Calls with a key, and those that change nothing, came to their answers.
+    left = [call for call in load.history.calls if not call.is_known and call.name == "submit"]
+    assert all(any(other.is_known and other.key == call.key for other in load.history.calls) for call in left), left
+
+    job = start_slow(cluster.nodes[0], upload_slow(cluster, slow_files), 7)
+    node, dead = runner(cluster, job), at_rest.dead_nodes(cluster.query)
+    assert node.stop() == 0
+    cluster.wait_for("another run", lambda: at_rest.runner(cluster.query, job) not in (None, node.name))
+    with another(cluster, node).client() as client:
+        assert client.wait(job)["state"] == "succeeded"
+    node.start()
+    assert not {life for life in at_rest.dead_nodes(cluster.query) - dead if not life.startswith(node.name)}
