@@ -1,24 +1,21 @@
 """What the tables hold when nothing is under way, for checkers.check_rest. All SQL about the tables is here."""
 SCHEMA = "quadmeshd"
-CHUNK = "blob_chunks"
 
 LISTS = {
     "unneeded_blobs": "SELECT hash FROM blobs WHERE unneeded IS NOT NULL",
     "named_blobs": """SELECT hash FROM meshes UNION SELECT positions FROM meshes WHERE positions IS NOT NULL
-                      UNION SELECT result FROM jobs WHERE result IS NOT NULL""",
+                      UNION SELECT hash FROM job_arrays""",
     "queued": "SELECT j.id FROM job_queue JOIN jobs j USING (sequence)",
     "running": "SELECT j.id FROM job_runs JOIN jobs j USING (sequence)",
     "unfinished": "SELECT id FROM jobs WHERE document IS NULL",
 }
 COUNTS = {
     "blobs": "SELECT hash, size FROM blobs",
-    "stored_bytes": "SELECT b.hash, sum(length(c.bytes)) FROM blobs b JOIN blob_chunks c USING (generation) GROUP BY b.hash",
+    "stored_bytes": """SELECT b.hash, sum(length(c.bytes)) FROM blobs b JOIN blob_chunks c USING (generation)
+                       GROUP BY b.hash""",
+    "terminal_events": """SELECT j.id, count(*) FILTER (WHERE e.name IN ('result', 'error'))
+                          FROM jobs j LEFT JOIN job_events e USING (sequence) WHERE j.document IS NOT NULL GROUP BY j.id""",
 }
-# The lines of a job's events, a row each.
-EVENTS = """SELECT j.id, line FROM jobs j LEFT JOIN job_events e USING (sequence)
-            LEFT JOIN LATERAL regexp_split_to_table(e.lines, '\\n') AS line ON true WHERE j.document IS NOT NULL"""
-TERMINAL = f"""SELECT id, count(*) FILTER (WHERE line LIKE '{{"event":"result"%' OR line LIKE '{{"event":"error"%')
-               FROM ({EVENTS}) AS lines GROUP BY id"""
 RUNNER = "SELECT n.name FROM job_runs r JOIN nodes n ON n.id = r.node JOIN jobs j USING (sequence) WHERE j.id = '{job}'"
 DEAD = "SELECT id FROM nodes WHERE state = 2"
 
@@ -30,7 +27,7 @@ def select(query, sql):
 def read_tables(query):
     """query runs a statement and gives its rows. One statement each: nothing may be under way."""
     rows = {name: [row[0] for row in select(query, sql)] for name, sql in LISTS.items()}
-    for name, sql in {**COUNTS, "terminal_events": TERMINAL}.items():
+    for name, sql in COUNTS.items():
         rows[name] = {row[0]: int(row[1]) for row in select(query, sql)}
     return rows
 

@@ -77,13 +77,14 @@ class Node:
             link.release()
 
     def close(self):
-        for link in self.links:
-            link.close()
-        if self.daemon.process.poll() is None:
-            with contextlib.suppress(ProcessLookupError):
+        try:
+            if self.daemon.process.poll() is None:
                 os.kill(self.pid, signal.SIGCONT)
-            self.heal()
-            assert self.stop() == 0, self.daemon.log()
+                self.heal()
+                assert self.stop() == 0, self.daemon.log()
+        finally:
+            for link in self.links:
+                link.close()
 
 
 class Cluster:

@@ -75,7 +75,7 @@ class Instance:
     def __init__(self, folder, port=None):
         self.folder = pathlib.Path(folder)
         self.port = port or free_port()
-        self.environment = None    # of the server, when it is not that of this process
+        self.prefix = []           # words before the command of the server, as env VARIABLE=VALUE
         self.process = None
 
     def initialize(self):
@@ -97,8 +97,8 @@ class Instance:
         options = {**SETTINGS, "unix_socket_directories": self.folder.parent, "port": self.port, **settings}
         with open(self.log_path, "ab") as log:
             self.process = subprocess.Popen(
-                [find_program("postgres"), "-D", self.folder, *(f"--{name}={value}" for name, value in options.items())],
-                stdout=log, stderr=log, cwd=self.folder.parent, env=self.environment, **server_user())
+                [*self.prefix, find_program("postgres"), "-D", self.folder, *(f"--{name}={value}" for name, value in options.items())],
+                stdout=log, stderr=log, cwd=self.folder.parent, **server_user())
         end = time.monotonic() + PATIENCE
         while not self.answers():
             assert self.process.poll() is None, f"the server ended at once:\n{self.log()}"

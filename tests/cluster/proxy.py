@@ -123,8 +123,13 @@ class Proxy:
     def close(self):
         async def work():
             self.server.close()
+            self.is_refusing = True
+            for way in WAYS:
+                self.open[way].set()
             for connection in list(self.connections):
                 connection.reset()
+            while self.connections:
+                await asyncio.sleep(0)
         _call(work())
 
     def __enter__(self):
@@ -155,30 +160,34 @@ class _Connection:
         self.sides = {UP: writer}  # where the bytes of each way come from; DOWN once there is a server
         self.reader = reader
         self.talk = wire.Talk()
-        self.is_silent = False
+        self.tasks, self.is_silent = [], False
 
     async def run(self):
         await self.proxy.open[UP].wait()
+        if self.proxy.is_refusing:
+            self.reset()
+            return
         try:
             reader, self.sides[DOWN] = await asyncio.open_connection("127.0.0.1", self.proxy.target)
         except OSError:
             self.reset()
             return
-        ways = [asyncio.create_task(self._carry(UP, self.reader, self.sides[DOWN])),
-                asyncio.create_task(self._carry(DOWN, reader, self.sides[UP]))]
+        self.tasks = [asyncio.create_task(self._carry(UP, self.reader, self.sides[DOWN])),
+                      asyncio.create_task(self._carry(DOWN, reader, self.sides[UP]))]
         try:
-            await asyncio.gather(*ways)
-        except OSError:
+            await asyncio.gather(*self.tasks)
+        except (OSError, asyncio.CancelledError):
             self.reset()
         finally:
-            for way in ways:
-                way.cancel()
             for writer in self.sides.values():
                 writer.close()
 
     def reset(self):
+        for task in self.tasks:
+            task.cancel()
         for writer in self.sides.values():
-            writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
+            if not writer.transport.is_closing():
+                writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
             writer.transport.abort()
 
     async def _carry(self, way, reader, writer):

@@ -12,12 +12,12 @@ from load import Load
 
 @pytest.fixture
 def shifted(tmp_path):
-    """The environment of a process whose clock is so many seconds off."""
+    """Variables of a process whose clock is so many seconds off."""
     library = tmp_path / "clock_shift.so"
     subprocess.run(["cc", "-shared", "-fPIC", "-O1", "-D_GNU_SOURCE", "-o", library,
                     pathlib.Path(__file__).parent / "clock_shift.c", "-ldl"], check=True)
     os.chmod(tmp_path, 0o755)
-    return lambda seconds: {**os.environ, "LD_PRELOAD": str(library), "CLOCK_SHIFT": str(seconds),
+    return lambda seconds: {"LD_PRELOAD": str(library), "CLOCK_SHIFT": str(seconds),
                             "ASAN_OPTIONS": os.environ.get("ASAN_OPTIONS", "") + ":verify_asan_link_order=0"}
 
 
@@ -25,10 +25,10 @@ def test_clocks_an_hour_apart(make_cluster, shifted):
     cluster = make_cluster(3, standby=True)
     for node, hours in zip(cluster.nodes, (1, -1)):
         node.stop()
-        node.start(env=shifted(3600 * hours))
+        node.start(env={**os.environ, **shifted(3600 * hours)})
     standby = cluster.database.standby
     standby.stop()
-    standby.environment = shifted(3600)
+    standby.prefix = ["env", *(f"{name}={value}" for name, value in shifted(3600).items())]
     standby.start()
     cluster.database.require_standby()
     with Load(cluster, SEED) as load:
