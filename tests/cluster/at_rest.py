@@ -16,7 +16,7 @@ COUNTS = {
     "terminal_events": """SELECT j.id, count(*) FILTER (WHERE e.name IN ('result', 'error'))
                           FROM jobs j LEFT JOIN job_events e USING (sequence) WHERE j.document IS NOT NULL GROUP BY j.id""",
 }
-RUNNER = "SELECT n.name FROM job_runs r JOIN nodes n ON n.id = r.node JOIN jobs j USING (sequence) WHERE j.id = '{job}'"
+LEASE = "SELECT n.name, n.id, r.epoch FROM job_runs r JOIN nodes n ON n.id = r.node JOIN jobs j USING (sequence) WHERE j.id = '{}'"
 DEAD = "SELECT id FROM nodes WHERE state = 2"
 
 
@@ -32,10 +32,10 @@ def read_tables(query):
     return rows
 
 
-def runner(query, job):
-    """The name of the node that runs a job, or None."""
-    rows = select(query, RUNNER.format(job=job))
-    return rows[0][0] if rows else None
+def lease(query, job):
+    """Who runs a job: the node's name, its life, and the epoch; None when nobody does."""
+    rows = select(query, LEASE.format(job))
+    return rows[0] if rows else None
 
 
 def dead_nodes(query):

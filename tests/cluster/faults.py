@@ -25,10 +25,20 @@ def start_slow(node, pair, seconds):
         return client.start(*pair, headers={"Cache-Control": "no-cache"}, deadline_ms=1000 * seconds, **SLOW)["id"]
 
 
+def lease_of(cluster, job):
+    """The lease of a job, once a node runs it."""
+    return cluster.wait_for(f"a node that runs {job}", lambda: at_rest.lease(cluster.query, job))
+
+
 def runner(cluster, job):
     """The node that runs a job, once one does."""
-    name = cluster.wait_for(f"a node that runs {job}", lambda: at_rest.runner(cluster.query, job))
+    name = lease_of(cluster, job)[0]
     return next(node for node in cluster.nodes if node.name == name)
+
+
+def wait_for_another_run(cluster, job, lease):
+    """Until another lease than this one is out for the job."""
+    cluster.wait_for(f"another run of {job}", lambda: at_rest.lease(cluster.query, job) not in (None, lease))
 
 
 def another(cluster, *nodes):

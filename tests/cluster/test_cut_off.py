@@ -5,7 +5,7 @@ import pytest
 
 import at_rest
 from api_conftest import check_problem
-from faults import SEED, SILENCE, another, choose, runner, start_slow, upload_slow
+from faults import SEED, SILENCE, another, choose, lease_of, runner, start_slow, upload_slow, wait_for_another_run
 from load import Load
 from proxy import DOWN, UP
 
@@ -42,10 +42,11 @@ def test_a_node_is_cut_off_until_it_counts_as_dead(cluster, slow_files, ways):
     cut = runner(cluster, job)
     with Load(cluster, SEED) as load:
         load.jobs[job] = {"type": "slow"}
+        lease = lease_of(cluster, job)
         cut.cut_off(*ways)
         ask_unready(cluster, cut)
         cut.is_serving = False  # as a balancer sees it
-        cluster.wait_for("another run", lambda: at_rest.runner(cluster.query, job) not in (None, cut.name))
+        wait_for_another_run(cluster, job, lease)
         time.sleep(choose(0, 60))
         cut.heal()
         cluster.wait_until_ready()

@@ -7,7 +7,7 @@ import time
 import pytest
 
 import at_rest
-from faults import SEED, SILENCE, another, choose, runner, start_slow, upload_slow
+from faults import SEED, SILENCE, another, choose, lease_of, runner, start_slow, upload_slow, wait_for_another_run
 from load import Load
 
 KILLS = choose(4, 200)
@@ -34,9 +34,10 @@ def test_the_jobs_of_a_dead_node_run_elsewhere(cluster, slow_files):
     dead = runner(cluster, job)
     with Load(cluster, SEED, others=False) as load:
         load.jobs[job] = {"type": "slow"}
+        lease = lease_of(cluster, job)
         dead.kill()
         killed = time.monotonic()
-        cluster.wait_for("another run", lambda: at_rest.runner(cluster.query, job) not in (None, dead.name))
+        wait_for_another_run(cluster, job, lease)
         print(f"a job of a killed node ran again after {time.monotonic() - killed:.1f} s")
     load.check()
     dead.start()
@@ -53,8 +54,9 @@ def test_a_node_that_hangs_and_wakes_changes_nothing(cluster, slow_files):
     with Load(cluster, SEED) as load:
         load.jobs[job] = {"type": "slow"}
         time.sleep(1)
+        lease = lease_of(cluster, job)
         asleep.pause()
-        cluster.wait_for("another run", lambda: at_rest.runner(cluster.query, job) not in (None, asleep.name))
+        wait_for_another_run(cluster, job, lease)
         time.sleep(max(0.0, choose(0, 15) - SILENCE))
         asleep.resume()
         time.sleep(2)
@@ -109,10 +111,10 @@ def test_a_job_that_kills_its_nodes_is_given_up(cluster, slow_files):
     with Load(cluster, SEED, others=False) as load:
         load.jobs[job] = {"type": "slow"}
         for _ in range(3):
-            node = runner(cluster, job)
+            node, lease = runner(cluster, job), lease_of(cluster, job)
             node.kill()
             node.start()  # the second start of a name declares the first one dead
-            cluster.wait_for("the reaper", lambda name=node.name: at_rest.runner(cluster.query, job) != name)
+            cluster.wait_for("the reaper", lambda lease=lease: at_rest.lease(cluster.query, job) != lease)
     load.check()
     with another(cluster).client() as client:
         document = client.wait(job)

@@ -2,7 +2,7 @@
 import time
 
 import at_rest
-from faults import SEED, another, choose, runner, start_slow, upload_slow
+from faults import SEED, another, choose, lease_of, runner, start_slow, upload_slow, wait_for_another_run
 from load import Load
 
 
@@ -20,9 +20,9 @@ def test_a_rolling_restart(cluster, slow_files):
     assert all(any(other.is_known and other.key == call.key for other in load.history.calls) for call in left), left
 
     job = start_slow(cluster.nodes[0], upload_slow(cluster, slow_files), 7)
-    node, dead = runner(cluster, job), at_rest.dead_nodes(cluster.query)
+    node, lease, dead = runner(cluster, job), lease_of(cluster, job), at_rest.dead_nodes(cluster.query)
     assert node.stop() == 0
-    cluster.wait_for("another run", lambda: at_rest.runner(cluster.query, job) not in (None, node.name))
+    wait_for_another_run(cluster, job, lease)
     with another(cluster, node).client() as client:
         assert client.wait(job)["state"] == "succeeded"
     node.start()
