@@ -57,8 +57,7 @@ class Client:
         except httpx.TransportError:
             raise Untold from None
         if reply.status_code == 503:
-            # Who stops, or has too many connections, has not begun; one whose store is away may have.
-            raise (Untold if reply.json()["code"] == "store_unavailable" else Refused)
+            raise Untold  # the store may have done it
         if reply.status_code == 429:
             raise Refused
         return reply
