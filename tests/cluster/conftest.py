@@ -20,11 +20,11 @@ globals().update({name: value for name, value in vars(api_conftest).items() if n
 
 from cluster import Cluster  # noqa: E402 (needs api_conftest)
 
-# What needs several daemons is there when the daemon has a store for them.
-HAS_SHARED_STORE = "--store " in subprocess.run([BUILD / "quadmeshd", "--help"],  # noqa: F821 (of tests/api)
-                                                capture_output=True, text=True, check=True).stdout
-collect_ignore = [] if HAS_SHARED_STORE else [f"test_{name}.py" for name in (
-    "clocks", "cut_off", "deaths", "events", "failover", "limits", "lost_answers", "moves", "races", "upgrades")]
+# What needs a setting of the daemon is there when the daemon has it.
+NEEDS = {"--store": ("clocks", "cut_off", "deaths", "events", "failover", "limits", "lost_answers", "races", "upgrades"),
+         "--export": ("moves",)}
+HELP = subprocess.run([BUILD / "quadmeshd", "--help"], capture_output=True, text=True, check=True).stdout.split()  # noqa: F821
+collect_ignore = [f"test_{name}.py" for setting, names in NEEDS.items() if setting not in HELP for name in names]
 
 
 @pytest.fixture
