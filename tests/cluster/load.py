@@ -286,6 +286,14 @@ def content_of(kind, item):
             "job": lambda: ""}[kind]()
 
 
+def check_job(cluster, job):
+    """Waits for the end of a job, and asks every node about it."""
+    quiet = Load(cluster, movers=0, askers=0, others=False)
+    quiet.jobs[job] = {"type": "any"}
+    found = quiet.violations()
+    assert not found, "\n".join(map(str, found))
+
+
 class Load:
     """A mixed load for as long as the `with` block lasts. Afterwards `check` waits for what is under way and looks at all of
     it from every node."""

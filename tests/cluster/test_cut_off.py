@@ -6,7 +6,7 @@ import pytest
 import at_rest
 from api_conftest import check_problem
 from faults import SEED, SILENCE, another, choose, lease_of, runner, start_slow, upload_slow, wait_for_another_run
-from load import Load
+from load import Load, check_job
 from proxy import DOWN, UP
 
 
@@ -55,6 +55,19 @@ def test_a_node_is_cut_off_until_it_counts_as_dead(cluster, slow_files, ways):
     load.check()
     with another(cluster, cut).client() as client:
         assert sum(event["event"] == "result" for event in client.events(job)) == 1
+
+
+def test_an_end_that_is_long_on_its_way_is_void(cluster, slow_files):
+    """The end of a run is sent and held up, until another node has begun the job anew. Then it arrives."""
+    job = start_slow(cluster.nodes[0], upload_slow(cluster, slow_files), 4)
+    cut, lease = runner(cluster, job), lease_of(cluster, job)
+    cut.cut_off(UP)
+    wait_for_another_run(cluster, job, lease)
+    cut.heal()
+    cluster.wait_until_ready()
+    check_job(cluster, job)
+    with another(cluster, cut).client() as client:
+        assert client.events(job)[-1]["seq"] > 10**9
 
 
 def test_connections_are_reset_again_and_again(cluster):
