@@ -17,6 +17,16 @@ COUNTS = {
                           FROM jobs j LEFT JOIN job_events e USING (sequence) WHERE j.document IS NOT NULL GROUP BY j.id""",
 }
 LEASE = "SELECT n.name, n.id, r.epoch FROM job_runs r JOIN nodes n ON n.id = r.node JOIN jobs j USING (sequence) WHERE j.id = '{}'"
+# Claims stop in the middle, with all that they have locked, as long as a session has the advisory lock.
+CLAIM_LOCK = 1
+MAKE_STOP = f"""CREATE OR REPLACE FUNCTION stop_claims() RETURNS trigger LANGUAGE plpgsql AS
+                $$ BEGIN PERFORM pg_advisory_xact_lock_shared({CLAIM_LOCK}); RETURN NEW; END $$;
+                CREATE OR REPLACE TRIGGER stop_claims BEFORE INSERT ON job_runs
+                FOR EACH ROW EXECUTE FUNCTION stop_claims()"""
+STOP_CLAIMS = f"SELECT pg_advisory_lock({CLAIM_LOCK})"
+DROP_STOP = "DROP FUNCTION stop_claims CASCADE"
+WAITING_CLAIMS = "SELECT pid FROM pg_stat_activity WHERE wait_event_type = 'Lock' AND wait_event = 'advisory'"
+WAITING_REAPERS = "SELECT pid FROM pg_stat_activity WHERE wait_event_type = 'Lock' AND query ILIKE '%UPDATE%nodes%state = 2%'"
 DEAD = "SELECT id FROM nodes WHERE state = 2"
 
 
@@ -41,3 +51,13 @@ def lease(query, job):
 def dead_nodes(query):
     """The lives that were declared dead."""
     return {row[0] for row in select(query, DEAD)}
+
+
+def waiting_claims(query):
+    """The servers of claims that were stopped."""
+    return select(query, WAITING_CLAIMS)
+
+
+def waiting_reapers(query):
+    """The servers of statements that declare nodes dead and wait for a claim of these."""
+    return select(query, WAITING_REAPERS)

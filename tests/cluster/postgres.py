@@ -183,6 +183,30 @@ class Instance:
         os.kill(self._receiver(), signal.SIGCONT)
 
 
+class Session:
+    """One connection that stays, for transactions that are left open."""
+
+    def __init__(self, instance):
+        self.process = subprocess.Popen(["psql", "-XAtq", "-v", "ON_ERROR_STOP=1", "-d", instance.conninfo],
+                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+
+    def run(self, sql):
+        """True once the statements are done; False when the connection has ended, or ends with them."""
+        try:
+            self.process.stdin.write(f"{sql};\n\\echo done\n")
+            self.process.stdin.flush()
+        except BrokenPipeError:
+            return False
+        while line := self.process.stdout.readline():
+            if line == "done\n":
+                return True
+        return False
+
+    def close(self):
+        self.process.kill()
+        self.process.communicate()
+
+
 class Postgres:
     """A primary and, if wanted, a synchronous standby.
 

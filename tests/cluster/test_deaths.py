@@ -1,4 +1,5 @@
 """Daemons that die, hang, are slow, or are killed by a job (T1, T5, T14, T15)."""
+import concurrent.futures
 import contextlib
 import random
 import threading
@@ -8,7 +9,8 @@ import pytest
 
 import at_rest
 from faults import SEED, SILENCE, another, choose, lease_of, runner, start_slow, upload_slow, wait_for_another_run
-from load import Load
+from load import Client, Load
+from postgres import Session
 
 KILLS = choose(4, 200)
 
@@ -103,6 +105,28 @@ def test_a_slow_node_and_a_slow_database(cluster):
     load.check()
     waits = sorted(call.end - call.start for call in load.history.calls if call.is_known)
     print(f"p99 of a request {1000 * waits[int(0.99 * len(waits))]:.0f} ms, of {len(waits)}")
+
+
+def test_a_claim_is_under_way_when_its_node_dies(cluster):
+    """The reaper waits for the claim, and must see what it wrote: a single statement would look with the eyes of its start."""
+    node = cluster.nodes[0]
+    load = Load(cluster, SEED, movers=0, askers=0, others=False)
+    body = {"type": "hausdorff", "a": load.pair[0], "b": load.pair[1], "tolerance": 1e-7}
+    # The server of a claim goes on when its client is dead.
+    at_rest.select(cluster.query, at_rest.MAKE_STOP)
+    session = Session(cluster.database.primary)
+    assert session.run(at_rest.STOP_CLAIMS)
+    with concurrent.futures.ThreadPoolExecutor() as pool:
+        asking = pool.submit(Client(load, "asking", SEED).submit, body, "claimed by the dead", node)
+        cluster.wait_for("a claim that waits", lambda: at_rest.waiting_claims(cluster.query))
+        node.kill()
+        starting = pool.submit(node.start)
+        cluster.wait_for("a reaper that waits for it", lambda: at_rest.waiting_reapers(cluster.query))
+        session.close()
+        starting.result()
+        assert asking.result()
+    at_rest.select(cluster.query, at_rest.DROP_STOP)
+    load.check(check_tables=False)
 
 
 def test_a_job_that_kills_its_nodes_is_given_up(cluster, slow_files):

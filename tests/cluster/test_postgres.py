@@ -1,9 +1,9 @@
 """The database of the tests does what they rely on: acknowledged rows survive kills, and a failover to the standby."""
-import subprocess
+import concurrent.futures
 
 import pytest
 
-from postgres import Postgres
+from postgres import Postgres, Session
 
 
 @pytest.fixture(scope="module")
@@ -13,25 +13,9 @@ def pair():
         yield made
 
 
-class Writer:
-    """Inserts rising numbers through one connection and remembers the last that was acknowledged."""
-
-    def __init__(self, instance):
-        self.process = subprocess.Popen(["psql", "-XAtq", "-v", "ON_ERROR_STOP=1", "-d", instance.conninfo],
-                                        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-
-    def write(self, n):
-        """True once row n is committed; False when the connection ended."""
-        try:
-            self.process.stdin.write(f"INSERT INTO written VALUES ({n}) RETURNING n;\n")
-            self.process.stdin.flush()
-        except BrokenPipeError:
-            return False
-        return self.process.stdout.readline().strip() == str(n)
-
-    def close(self):
-        self.process.kill()
-        self.process.communicate()
+def write(session, n):
+    """True once row n is committed; False when the connection ended."""
+    return session.run(f"INSERT INTO written VALUES ({n})")
 
 
 def numbers(instance):
@@ -39,23 +23,23 @@ def numbers(instance):
 
 
 def test_rows_survive_a_kill_and_a_failover(pair):
-    writer = Writer(pair.primary)
-    assert all(writer.write(n) for n in range(100))
+    session = Session(pair.primary)
+    assert all(write(session, n) for n in range(100))
     pair.primary.kill()
-    assert not writer.write(100)
-    writer.close()
+    assert not write(session, 100)
+    session.close()
     pair.primary.start()
     assert set(range(100)) <= numbers(pair.primary)
     pair.require_standby()
-    writer = Writer(pair.primary)
-    assert all(writer.write(n) for n in range(101, 200))
-    writer.close()
+    session = Session(pair.primary)
+    assert all(write(session, n) for n in range(101, 200))
+    session.close()
     dead = pair.fail_over()
     assert {*range(100), *range(101, 200)} <= numbers(pair.primary)
     pair.add_standby(dead.port)
-    writer = Writer(pair.primary)
-    assert writer.write(1000)
-    writer.close()
+    session = Session(pair.primary)
+    assert write(session, 1000)
+    session.close()
     pair.fail_over()
     assert 1000 in numbers(pair.primary)
 
@@ -68,16 +52,16 @@ def test_values_come_as_they_are(pair):
 
 
 def test_a_commit_waits_for_the_standby():
-    with Postgres(standby=True) as pair:
+    with Postgres(standby=True) as pair, concurrent.futures.ThreadPoolExecutor() as pool:
         pair.primary.query("CREATE TABLE written (n int PRIMARY KEY)")
         pair.standby.pause_receiver()
-        writer = Writer(pair.primary)
-        writer.process.stdin.write("INSERT INTO written VALUES (1) RETURNING n;\n")
-        writer.process.stdin.flush()
+        session = Session(pair.primary)
+        writing = pool.submit(write, session, 1)
         while not pair.primary.query("SELECT 1 FROM pg_stat_activity WHERE wait_event = 'SyncRep'"):
             pass
         assert numbers(pair.primary) == set(), "a row is seen before it is safe"
+        assert not writing.done()
         pair.standby.resume_receiver()
-        assert writer.process.stdout.readline() == "1\n"
-        writer.close()
+        assert writing.result()
+        session.close()
         assert numbers(pair.primary) == {1}
