@@ -273,6 +273,9 @@ static bool map_blob(qm_meshes *meshes, const char *id, const char *hash, const 
                status == QM_E_EMPTY ? "missing" : "damaged");
         *problem =
             qm_problem_make(QM_PROBLEM_BLOB_DAMAGED, "a stored file of mesh %s is damaged; %s", id, remedy);
+    } else if (status == QM_E_CANCELED) {
+        *problem = qm_problem_make(QM_PROBLEM_STORE_UNAVAILABLE,
+                                   "the database did not answer: the bytes of mesh %s were not read", id);
     } else {
         qm_log(QM_LOG_ERROR, "blob %s of mesh %s cannot be opened", hash, id);
         *problem =

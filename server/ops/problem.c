@@ -190,6 +190,9 @@ qm_problem qm_problem_from_write(qm_status status, const char *noun)
         return qm_problem_make(QM_PROBLEM_STORAGE_FULL, "the data folder has no room for %s", noun);
     if (status == QM_E_NO_MEMORY)
         return qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for %s", noun);
+    if (status == QM_E_CANCELED)
+        return qm_problem_make(QM_PROBLEM_STORE_UNAVAILABLE,
+                               "the database did not say whether %s was stored: repeat the request", noun);
     return qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s could not be stored", noun);
 }
 

@@ -103,7 +103,7 @@ struct qm_store {
 
 extern const qm_store_driver qm_sqlite_driver, qm_postgres_driver;
 
-/** The status of a call on files that depends on rows. */
+/** The status of a call on files that depends on rows; QM_E_CANCELED: the database is away. */
 qm_status qm_store_status(qm_stored stored);
 
 /** A store of a folder that is neither held nor opened, for qm_store_close; NULL with a message. */

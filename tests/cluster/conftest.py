@@ -21,8 +21,7 @@ globals().update({name: value for name, value in vars(api_conftest).items() if n
 from cluster import Cluster  # noqa: E402 (needs api_conftest)
 
 # What needs a setting of the daemon is there when the daemon has it.
-NEEDS = {"--store": ("clocks", "cut_off", "deaths", "events", "failover", "limits", "lost_answers", "races", "upgrades"),
-         "--export": ("moves",)}
+NEEDS = {"--export": ("moves",)}
 HELP = subprocess.run([BUILD / "quadmeshd", "--help"], capture_output=True, text=True, check=True).stdout.split()  # noqa: F821
 collect_ignore = [f"test_{name}.py" for setting, names in NEEDS.items() if setting not in HELP for name in names]
 
