@@ -114,7 +114,7 @@ victim=
 for _ in $(seq 100); do
     for name in n1 n2 n3; do
         eval "url=\$url_$name"
-        if curl -sS "$url/metrics" | grep -q '^quadmeshd_jobs_running 1$'; then victim=$name; fi
+        if curl -s "$url/metrics" 2>/dev/null | grep -q '^quadmeshd_jobs_running 1$'; then victim=$name; fi
     done
     [ -z "$victim" ] || [ "$(wc -l <"$folder/stream")" -lt 3 ] || break
     sleep 0.1
