@@ -223,6 +223,13 @@ test-tsan:
 	QM_BUILD=build/tsan QM_PATIENCE=600 build/venv/bin/pytest -q -p no:cacheprovider --timeout 900 tests/api \
 	    -k "not generated and not test_deployment and not test_kills and not test_memory_faults"
 
+# Breaks a cluster of daemons on a PostgreSQL with a standby in many ways (QM_TEST_LONG=1: for long), in about ten minutes.
+test-cluster: all
+	docker/install-packages.sh test
+	[ -x build/venv/bin/pytest ] || python3 -m venv build/venv
+	build/venv/bin/pip install --quiet --disable-pip-version-check -r tests/api/requirements.txt
+	build/venv/bin/pytest -q -p no:cacheprovider tests/cluster
+
 # Proves that the engine stands alone, that each outside library has its own files, and that folders use what lies below them.
 check-layers: $(OBJ)/libengine.a
 	@CC="$(CC)" LDFLAGS="$(LDFLAGS)" tests/check_layers.sh $<
@@ -279,5 +286,5 @@ check-types: npm
 	clients/js/node_modules/.bin/openapi-typescript proto/openapi.yaml --default-non-nullable false -o $(OUT)/api.d.ts
 	clients/js/node_modules/.bin/tsc --noEmit --strict $(OUT)/api.d.ts
 
-.PHONY: all page npm check-types test test-tsan prove unit-programs unit check-layers demo demo-cluster bench fuzz fuzz-programs clean format
+.PHONY: all page npm check-types test test-tsan test-cluster prove unit-programs unit check-layers demo demo-cluster bench fuzz fuzz-programs clean format
 .SECONDARY:
