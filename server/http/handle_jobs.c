@@ -342,10 +342,12 @@ void qm_handle_job_result(qm_request *request)
     }
     if (status != QM_E_EMPTY) {
         free(result);
-        problem = status == QM_E_FORMAT ? note_damage(app->store, id)
-                                        : qm_problem_make(status == QM_E_NO_MEMORY ? QM_PROBLEM_OUT_OF_MEMORY
-                                                                                   : QM_PROBLEM_UNAVAILABLE,
-                                                          "the result of job %s cannot be read", id);
+        problem = status == QM_E_FORMAT
+                      ? note_damage(app->store, id)
+                      : qm_problem_make(status == QM_E_NO_MEMORY  ? QM_PROBLEM_OUT_OF_MEMORY
+                                        : status == QM_E_CANCELED ? QM_PROBLEM_STORE_UNAVAILABLE
+                                                                  : QM_PROBLEM_UNAVAILABLE,
+                                        "the result of job %s cannot be read", id);
         qm_reply_problem(request, &problem);
         return;
     }

@@ -175,6 +175,7 @@ static bool gather(qm_jobs *jobs, saving *out)
     for (qm_job *job = jobs->first; job; job = job->next) {
         /* server_shutdown is for the subscribers of this run, not for clients of the next start. */
         size_t end = job->event_count - (job->interrupted ? 1 : 0);
+        if (end < job->saved_count) end = job->saved_count; /* there was no memory for server_shutdown */
         if (!has_run(job) || (!is_shared && (job->state == QM_JOB_QUEUED || job->saved_count >= end)))
             continue;
         out->runs[out->count] = (saved_run){job, end};

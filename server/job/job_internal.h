@@ -1,7 +1,8 @@
 /**
  * job_internal.h: what the files of the job table share: jobs.c (table, submission, start and stop), job_events.c (event
- * log, subscribers, notifier), job_mirrors.c and job_pulse.c (jobs of other nodes, and the node among them), jobs_list.c (resources and lists), job_run.c (what a worker does with a job on meshes,
- * and how jobs end), job_steps.c (the same for reconstruction steps), job_batch.c (jobs that are lines of a file).
+ * log, subscribers, notifier), job_mirrors.c and job_pulse.c (jobs of other nodes, and the node among them), jobs_list.c
+ * (resources and lists), job_run.c (what a worker does with a job on meshes, and how jobs end), job_steps.c (the same
+ * for reconstruction steps), job_batch.c (jobs that are lines of a file).
  *
  * "The lock" is qm_jobs.lock. A job is either stored, with a row, events and a document, or it lives in
  * memory alone and its end goes to on_end.

@@ -7,7 +7,6 @@
 
 #include <math.h>
 #include <stdlib.h>
-#include <string.h>
 
 #include "base/log.h"
 #include "base/metrics.h"
@@ -49,20 +48,23 @@ static void lose_all(qm_jobs *jobs)
     uv_mutex_unlock(&jobs->lock);
 }
 
-static size_t count_free_workers(qm_jobs *jobs)
+/** Writes the number of jobs that run or wait here, and returns how many workers are left for others. */
+static size_t count_free_workers(qm_jobs *jobs, size_t *busy)
 {
+    size_t workers = (size_t)jobs->limits.workers;
     uv_mutex_lock(&jobs->lock);
-    size_t busy = jobs->running + jobs->queued, workers = (size_t)jobs->limits.workers;
+    *busy = jobs->running + jobs->queued;
     uv_mutex_unlock(&jobs->lock);
-    return workers > busy ? workers - busy : 0;
+    return workers > *busy ? workers - *busy : 0;
 }
 
 static void beat(struct qm_job_pulse *pulse)
 {
     qm_jobs *jobs = pulse->jobs;
     double start = qm_clock_now_ms();
+    size_t busy;
     qm_store_cluster cluster;
-    qm_stored stored = qm_store_beat(jobs->store, count_free_workers(jobs), &cluster);
+    qm_stored stored = qm_store_beat(jobs->store, count_free_workers(jobs, &busy), &cluster);
     if (stored == QM_STORED_LOST) {
         qm_log(QM_LOG_ERROR, "this node was silent and has lost its jobs: it joins again");
         lose_all(jobs);
@@ -93,7 +95,7 @@ static void reap(struct qm_job_pulse *pulse)
     qm_stored stored = qm_store_reap(pulse->jobs->store, SILENCE_S, &count);
     if (stored == QM_STORED && count > 0)
         qm_log(QM_LOG_WARN, "%zu jobs of nodes that are silent were queued again", count);
-    pulse->next_reap_ms = now + REAP_MS + (double)(rand() % REAP_SPREAD_MS);
+    pulse->next_reap_ms = now + REAP_MS + (double)((uint64_t)now % REAP_SPREAD_MS);
 }
 
 /* ---- jobs ---- */
@@ -103,11 +105,8 @@ static void reap(struct qm_job_pulse *pulse)
 static void claim(qm_jobs *jobs)
 {
     qm_store_job rows[CLAIM_STEP];
-    size_t count = 0;
-    uv_mutex_lock(&jobs->lock);
-    size_t busy = jobs->running + jobs->queued, workers = (size_t)jobs->limits.workers;
-    uv_mutex_unlock(&jobs->lock);
-    qm_store_wish wish = {.free = workers > busy ? workers - busy : 0, .spill_s = SPILL_S};
+    size_t count = 0, busy;
+    qm_store_wish wish = {.free = count_free_workers(jobs, &busy), .spill_s = SPILL_S};
     if (wish.free > CLAIM_STEP) wish.free = CLAIM_STEP;
     wish.extra = wish.free == 0 && busy < QM_JOBS_BEGUN;
     if (wish.free + wish.extra == 0) return;
@@ -164,6 +163,7 @@ static void run(void *data)
     struct qm_job_pulse *pulse = data;
     qm_jobs *jobs = pulse->jobs;
     bool is_watched = false, is_short = true;
+    size_t busy;
     do {
         if (qm_clock_now_ms() >= pulse->next_beat_ms) beat(pulse);
         uv_mutex_lock(&pulse->lock);
@@ -177,7 +177,7 @@ static void run(void *data)
             pulse->next_save_ms = qm_clock_now_ms() + (is_watched ? WATCHED_SAVE_MS : SAVE_MS);
         }
         bool has_mirrors = qm_job_mirrors_follow(jobs);
-        is_short = has_mirrors || is_watched || (claims && count_free_workers(jobs) > 0);
+        is_short = has_mirrors || is_watched || (claims && count_free_workers(jobs, &busy) > 0);
     } while (rest(pulse, is_short));
     disown(jobs);
 }
