@@ -24,6 +24,7 @@
 #define CREDIT_MS 40.0     /* what an idle client or flow begins ahead of the others */
 #define LATE_MS 5.0        /* a task that has not paused so long after its flag rose is late */
 #define TICK_NS 2000000    /* between looks at the slices, while a task waits */
+#define ALONE_NS 100000000 /* between looks while tasks wait for nothing but the time of a suspect */
 
 static const double weight_of[] = {
     [QM_PRIORITY_LOW] = 1.0, [QM_PRIORITY_NORMAL] = 4.0, [QM_PRIORITY_HIGH] = 16.0};
@@ -52,7 +53,8 @@ struct qm_turn {
     double used;      /* virtual time; before the first pause, what its first slice took too long */
     atomic_bool flag; /* raised when it is to pause */
     uv_cond_t resumed;
-    qm_turn *next; /* in the client's list of waiting or paused turns, or among the granted or running ones */
+    qm_turn
+        *next; /* in a list of waiting turns, the client's of paused ones, or the granted or running ones */
 };
 
 typedef struct turn_list {
@@ -77,7 +79,10 @@ struct qm_scheduler {
     uv_cond_t granted_one; /* for idle threads */
     uv_cond_t contended;   /* for the ticker */
     client *clients;
-    turn_list granted; /* that no thread has begun yet */
+    turn_list suspects;   /* that have not begun; other waiting turns are in the lists of their clients */
+    const qm_turn *alone; /* the suspect that began last, until it ends */
+    double last_begun;    /* when a turn began last */
+    turn_list granted;    /* that no thread has begun yet */
     turn_list running;
     size_t workers, max_begun;
     size_t held; /* workers; more than there are while a task hurries or is late */
@@ -189,6 +194,27 @@ static client *find_client(qm_scheduler *s, const char *name)
 
 /* ---- the choice ---- */
 
+/** The list in which a turn waits for its beginning. */
+static turn_list *waiting_list(qm_scheduler *s, const qm_turn *turn)
+{
+    return turn->task.alone_ms > 0.0 ? &s->suspects : &turn->client->waiting[turn->task.priority];
+}
+
+/** True while a suspect has begun too lately for another turn to begin, or waits until it may begin alone. */
+static bool is_blocked(const qm_scheduler *s, double now)
+{
+    return s->suspects.first || (s->alone && now < s->last_begun + s->alone->task.alone_ms);
+}
+
+/** The suspect that is to begin, or NULL. */
+static qm_turn *choose_suspect(const qm_scheduler *s, double now)
+{
+    qm_turn *first = s->suspects.first;
+    if (!first || s->begun >= s->max_begun) return NULL;
+    double quiet = s->alone ? fmax(first->task.alone_ms, s->alone->task.alone_ms) : first->task.alone_ms;
+    return s->begun == 0 || now >= s->last_begun + quiet ? first : NULL;
+}
+
 static bool may_begin(const qm_scheduler *s, const client *c, size_t active)
 {
     return s->begun < s->max_begun && (c->begun == 0 || c->begun < s->max_begun / (active + 1));
@@ -197,16 +223,20 @@ static bool may_begin(const qm_scheduler *s, const client *c, size_t active)
 /** The turn that is to have the next worker, or NULL. */
 static qm_turn *choose(const qm_scheduler *s)
 {
+    double now = qm_clock_now_ms();
+    qm_turn *suspect = choose_suspect(s, now);
+    if (suspect) return suspect;
+    bool blocked = is_blocked(s, now);
     size_t active = 0;
     for (const client *c = s->clients; c; c = c->next)
         active += c->turns > 0;
     const client *best = NULL;
     for (const client *c = s->clients; c; c = c->next)
-        if ((c->paused.first || (first_waiting(c) && may_begin(s, c, active))) &&
+        if ((c->paused.first || (!blocked && first_waiting(c) && may_begin(s, c, active))) &&
             (!best || c->used < best->used))
             best = c;
     if (!best) return NULL;
-    qm_turn *chosen = may_begin(s, best, active) ? first_waiting(best) : NULL;
+    qm_turn *chosen = !blocked && may_begin(s, best, active) ? first_waiting(best) : NULL;
     double least = best->fresh_used;
     for (qm_turn *turn = best->paused.first; turn; turn = turn->next) {
         double used = turn->was_paused ? turn->used : best->fresh_used;
@@ -266,9 +296,11 @@ static void resume(qm_scheduler *s, qm_turn *turn)
 static bool begin(qm_scheduler *s, qm_turn *turn)
 {
     if (!reserve_thread(s)) return false;
-    take(&turn->client->waiting[turn->task.priority], turn);
+    take(waiting_list(s, turn), turn);
     s->waiting--;
     s->begun++;
+    s->last_begun = qm_clock_now_ms();
+    if (turn->task.alone_ms > 0.0) s->alone = turn;
     turn->client->begun++;
     s->idle--;
     turn->state = TURN_RUNNING;
@@ -301,6 +333,7 @@ static void end_turn(qm_scheduler *s, qm_turn *turn)
     client *c = turn->client;
     if (turn->state == TURN_RUNNING) return_worker(s, turn);
     if (turn->was_paused) c->weights -= weight_of[turn->task.priority];
+    if (s->alone == turn) s->alone = NULL;
     s->begun--;
     c->begun--;
     c->turns--;
@@ -344,6 +377,11 @@ static void tick(void *data)
     uv_mutex_lock(&s->lock);
     while (!(s->closing && s->begun + s->waiting == 0)) {
         const qm_turn *next = s->waiting + s->paused > 0 ? choose(s) : NULL;
+        if (!next && s->waiting > 0 && is_blocked(s, qm_clock_now_ms())) {
+            uv_cond_timedwait(&s->contended, &s->lock, ALONE_NS);
+            dispatch(s);
+            continue;
+        }
         if (!next) {
             uv_cond_wait(&s->contended, &s->lock);
             continue;
@@ -407,7 +445,7 @@ bool qm_scheduler_submit(qm_scheduler *s, const qm_task *task, qm_turn **out)
             c->fresh_used = fmin(fmax(c->fresh_used, c->clock - CREDIT_MS), c->clock + CREDIT_MS);
         c->turns++;
         turn->client = c;
-        append(&c->waiting[task->priority], turn);
+        append(waiting_list(s, turn), turn);
         s->waiting++;
         *out = turn;
         dispatch(s);

@@ -10,6 +10,10 @@
  * queueing (Demers, Keshav and Shenker 1989) between its tasks that have been paused, and one more flow, which has its
  * tasks that have not. A client or a flow that was idle begins a little ahead of the others, so that a small task runs
  * at once, but keeps the account of the time that it used before, so that many small tasks get no more than their share.
+ *
+ * A suspect is a task that may kill the process. It begins alone, so that a death in its first moments is its own: no
+ * task has begun for a while before, and none begins for a while after, unless the suspect has ended. Suspects go first,
+ * in the order of their submission; tasks that have begun go on beside them.
  */
 #ifndef QM_SCHEDULER_H
 #define QM_SCHEDULER_H
@@ -32,6 +36,7 @@ typedef struct qm_task {
     int threads;          /* that it uses while it runs: its time counts so many times */
     qm_priority priority; /* among the tasks of its client */
     const char *client;
+    double alone_ms; /* of a suspect: the while; 0 for other tasks */
 } qm_task;
 
 /**

@@ -60,6 +60,7 @@ struct qm_job {
     bool is_loading;    /* its meshes are being read, which cannot be stopped: who clears this ends the job */
     qm_job *next_expired;  /* in a list of qm_job_events_tick */
     bool interrupted;      /* by the end of the daemon: it will run again */
+    bool is_suspect;       /* one more death, and it is given up: it begins alone */
     int64_t restarts;      /* interrupted runs so far */
     uint64_t seq_base;     /* events up to this number belong to them */
     qm_job_event **events; /* by seq */

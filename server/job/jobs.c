@@ -18,7 +18,7 @@
 #define JOB_NICENESS 5
 #define DRAIN_STEP_MS 10
 #define RESUME_STEP 64
-#define MAX_DEATHS 3 /* of daemons that were killed while a job ran */
+#define ALONE_MS 10e3 /* for which a job that may kill the daemon begins alone */
 
 /* ---- references ---- */
 
@@ -135,7 +135,12 @@ bool qm_job_enqueue_locked(qm_job *job)
     QM_ASSERT(qm_jobs_is_locked(jobs));
     job->references++;
     int threads = job->request.threads > 0 ? job->request.threads : jobs->limits.threads;
-    const qm_task task = {qm_job_run, job, threads, job->request.priority, job->client};
+    const qm_task task = {.run = qm_job_run,
+                          .data = job,
+                          .threads = threads,
+                          .priority = job->request.priority,
+                          .client = job->client,
+                          .alone_ms = job->is_suspect ? ALONE_MS : 0.0};
     bool queued = qm_scheduler_submit(jobs->scheduler, &task, &job->turn);
     if (!queued) qm_job_drop_reference(job);
     return queued;
@@ -538,6 +543,7 @@ void qm_jobs_resume(qm_jobs *jobs, const qm_store_job *row)
     }
     uv_mutex_lock(&jobs->lock);
     job->is_kept = true; /* its streams ended with the daemon: no client owns it */
+    job->is_suspect = row->deaths == QM_STORE_MAX_DEATHS - 1;
     if (row->restarts > 0)
         qm_job_add_event(
             job, "server_restart",
@@ -545,11 +551,11 @@ void qm_jobs_resume(qm_jobs *jobs, const qm_store_job *row)
                 ? "\"detail\":\"another node goes on with the job, which runs again from its beginning\""
                 : "\"detail\":\"the daemon was restarted; the job runs again from its beginning\"");
     uv_mutex_unlock(&jobs->lock);
-    bool is_given_up = is_readable && row->deaths >= MAX_DEATHS;
+    bool is_given_up = is_readable && row->deaths >= QM_STORE_MAX_DEATHS;
     if (is_given_up)
         problem = qm_problem_make(QM_PROBLEM_INTERNAL,
                                   "the daemon was killed %d times while the job ran: it is not started again",
-                                  MAX_DEATHS);
+                                  QM_STORE_MAX_DEATHS);
     if (is_given_up) qm_log(QM_LOG_ERROR, "job %s is given up: %s", job->id, problem.detail);
     if (!is_readable || is_given_up) {
         uv_mutex_lock(&jobs->lock);

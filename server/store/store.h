@@ -256,6 +256,9 @@ typedef struct qm_store_job {
     int64_t deaths;   /* how many processes have died while it ran, since one has ended in order */
 } qm_store_job;
 
+/** Deaths after which a job is not begun again. The last run before is one that the job began alone. */
+#define QM_STORE_MAX_DEATHS 3
+
 /** An event of a job. */
 #define QM_EVENT_NAME_SIZE 24
 typedef struct qm_store_event {
@@ -344,7 +347,11 @@ typedef struct qm_store_wish {
  * are the jobs of an earlier process, each once. restarts counts the claims before this one of a job.
  */
 qm_stored qm_store_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_store_job *out, size_t *count);
-/** Counts a run of a claimed job of an embedded store, before it begins; a shared one counts the deaths of nodes. */
+/**
+ * Counts a run of a claimed job, before it begins, as a death if the process does not end in order. A shared store
+ * counts the death of a node for all jobs that it has; those that have one run left it counts here alone, so that no
+ * job is given up for a death before its last run.
+ */
 qm_stored qm_store_begin_job(qm_store *store, const char *id);
 /** Ends in order: the unfinished jobs of this process have not ended it, and may be claimed at once. */
 qm_stored qm_store_leave_jobs(qm_store *store);

@@ -27,8 +27,10 @@ static qm_stored requeue(qm_store *store, size_t *count)
         .sql = "WITH lost AS (DELETE FROM quadmeshd.job_runs r USING quadmeshd.nodes n"
                "   WHERE r.node = n.id AND n.state = 2 RETURNING r.sequence, r.epoch, r.deaths)"
                " INSERT INTO quadmeshd.job_queue (sequence, home, epoch, deaths)"
-               "  SELECT sequence, '', epoch, deaths + 1 FROM lost RETURNING 1",
+               "  SELECT sequence, '', epoch, greatest(deaths, least(deaths + 1, $1::int - 1)) FROM lost"
+               "  RETURNING 1",
         .use = QM_POSTGRES_PULSE};
+    qm_postgres_add_integer(&query, QM_STORE_MAX_DEATHS);
     qm_postgres_rows rows;
     qm_stored status = qm_postgres_run(store, &query, &rows);
     *count = (size_t)rows.count;

@@ -189,8 +189,16 @@ qm_stored qm_postgres_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_
 
 qm_stored qm_postgres_begin_job(qm_store *store, const char *id)
 {
-    (void)store, (void)id;
-    return QM_STORED;
+    qm_postgres_query query = {.sql = "UPDATE quadmeshd.job_runs SET deaths = $3::int FROM quadmeshd.jobs j"
+                                      " WHERE job_runs.sequence = j.sequence AND j.id = $1 AND node = $2"
+                                      "   AND deaths >= $3::int - 1 RETURNING 1"};
+    char node[QM_NODE_NAME_SIZE + 16];
+    qm_postgres_name_node(store, node);
+    qm_postgres_add_text(&query, id);
+    qm_postgres_add_text(&query, node);
+    qm_postgres_add_integer(&query, QM_STORE_MAX_DEATHS);
+    qm_stored status = qm_postgres_change_row(store, &query);
+    return status == QM_STORED_NONE ? QM_STORED : status; /* it has more runs left */
 }
 
 qm_stored qm_postgres_leave_jobs(qm_store *store)

@@ -133,6 +133,39 @@ def test_a_job_that_kills_the_daemon_is_given_up(make_daemon, slow_files):
         assert client.start(*slow, **SLOW)["id"] != job
 
 
+def test_a_job_that_kills_the_daemon_takes_no_other_with_it(make_daemon, slow_files):
+    """The last run of each begins alone: who is killed then is the one that runs."""
+    running = make_daemon("--grace", 0, "--workers", 2)
+    with running.client() as client:
+        slow = [client.upload(content)["id"] for content in slow_files]
+        jobs = [client.start(*slow, **SLOW | {"tolerance": SLOW["tolerance"] * (1 + k)})["id"] for k in range(3)]
+
+    def states():
+        with running.client() as client:
+            return [client.get(f"/v1/jobs/{job}").json()["state"] for job in jobs]
+
+    def wait_for(expected):
+        end = time.monotonic() + PATIENCE
+        while (found := states()) != expected:
+            assert time.monotonic() < end, found
+            time.sleep(0.02)
+
+    for _ in range(2):
+        wait_for(["running", "running", "running"])
+        running.stop(signal.SIGKILL)
+        running.start()
+    wait_for(["running", "queued", "queued"])
+    time.sleep(1)
+    assert states() == ["running", "queued", "queued"]
+    running.stop(signal.SIGKILL)
+    running.start()
+    wait_for(["failed", "running", "queued"])
+    with running.client() as client:  # the second one is not the cause: it lives on, and so do those after it
+        client.delete(f"/v1/jobs/{jobs[1]}")
+        assert client.wait(jobs[1])["state"] == "canceled"
+    wait_for(["failed", "canceled", "running"])
+
+
 def test_a_deleted_mesh_stays_deleted(make_daemon):
     running = make_daemon()
     with running.client() as client:

@@ -9,6 +9,7 @@
 
 #include "base/clock.h"
 #include "base/scheduler.h"
+#include "random.h"
 
 /** A task that counts pieces of work until a flag ends it or has done them all. */
 typedef struct worker_task {
@@ -52,7 +53,8 @@ static void run(void *data)
 
 static void submit(qm_scheduler *scheduler, worker_task *task, const char *client, qm_priority priority)
 {
-    const qm_task submitted = {run, task, 1, priority, client};
+    const qm_task submitted = {
+        .run = run, .data = task, .threads = 1, .priority = priority, .client = client};
     assert_true(qm_scheduler_submit(scheduler, &submitted, &task->turn));
 }
 
@@ -191,6 +193,80 @@ static void test_hurry(void **state)
     qm_scheduler_destroy(scheduler);
 }
 
+/** A task that notes how many others run when it begins and ends. */
+typedef struct counted_task {
+    double work_ms;
+    bool is_suspect;
+    atomic_int *runs, *suspects; /* that run now */
+    int others;                  /* the most that ran beside it, of those that a suspect must not meet */
+} counted_task;
+
+static void run_counted(void *data)
+{
+    counted_task *task = data;
+    atomic_fetch_add(task->runs, 1);
+    atomic_fetch_add(task->suspects, task->is_suspect);
+    for (int k = 0; k < 2; k++) {
+        int others = task->is_suspect ? atomic_load(task->runs) - 1 : atomic_load(task->suspects);
+        if (others > task->others) task->others = others;
+        if (k == 0) usleep((useconds_t)(1e3 * task->work_ms));
+    }
+    atomic_fetch_sub(task->suspects, task->is_suspect);
+    atomic_fetch_sub(task->runs, 1);
+}
+
+/** While the time of a suspect has not passed, nothing runs beside it. */
+static void test_suspects_run_alone(void **state)
+{
+    (void)state;
+    enum { COUNT = 60 };
+    qm_random random = qm_random_make(qm_check_seed(), 1);
+    qm_scheduler *scheduler = qm_scheduler_create(4, 16, 0);
+    counted_task tasks[COUNT];
+    atomic_int runs = 0, suspects = 0;
+    for (int i = 0; i < COUNT; i++) {
+        tasks[i] =
+            (counted_task){.is_suspect = i % 8 == 3 || i % 8 == 4, .runs = &runs, .suspects = &suspects};
+        if (qm_random_below(&random, 3) > 0) tasks[i].work_ms = qm_random_range(&random, 0.0, 20.0);
+        qm_turn *turn;
+        const qm_task task = {.run = run_counted,
+                              .data = &tasks[i],
+                              .threads = 1,
+                              .priority = QM_PRIORITY_NORMAL,
+                              .client = i % 3 ? "one" : "two",
+                              .alone_ms = tasks[i].is_suspect ? 1e9 : 0.0};
+        assert_true(qm_scheduler_submit(scheduler, &task, &turn));
+        if (qm_random_below(&random, 4) == 0) usleep(5000);
+    }
+    qm_scheduler_close(scheduler);
+    for (int i = 0; i < COUNT; i++)
+        QM_CHECK(tasks[i].others == 0, "seed %llu: task %d ran beside %d",
+                 (unsigned long long)qm_check_seed(), i, tasks[i].others);
+    qm_scheduler_destroy(scheduler);
+}
+
+/** A suspect does not wait for tasks without an end, and others do not wait for one without an end. */
+static void test_suspects_do_not_block(void **state)
+{
+    (void)state;
+    qm_scheduler *scheduler = qm_scheduler_create(1, 16, 0);
+    worker_task endless = {0}, suspect = {0}, brief = {.limit = 3};
+    submit(scheduler, &endless, "one", QM_PRIORITY_NORMAL);
+    const qm_task suspected = {.run = run,
+                               .data = &suspect,
+                               .threads = 1,
+                               .priority = QM_PRIORITY_NORMAL,
+                               .client = "one",
+                               .alone_ms = 30.0};
+    assert_true(qm_scheduler_submit(scheduler, &suspected, &suspect.turn));
+    submit(scheduler, &brief, "two", QM_PRIORITY_NORMAL);
+    wait_for(&brief);
+    assert_true(atomic_load(&suspect.done) > 0);
+    stop_all(&endless, 1);
+    stop_all(&suspect, 1);
+    qm_scheduler_destroy(scheduler);
+}
+
 /** A closed scheduler runs what it has and takes nothing. */
 static void test_close(void **state)
 {
@@ -205,7 +281,8 @@ static void test_close(void **state)
     qm_scheduler_close(scheduler);
     for (int i = 0; i < 200; i++)
         assert_int_equal(atomic_load(&task[i].done), 1);
-    const qm_task late = {run, &task[0], 1, QM_PRIORITY_NORMAL, "one"};
+    const qm_task late = {
+        .run = run, .data = &task[0], .threads = 1, .priority = QM_PRIORITY_NORMAL, .client = "one"};
     qm_turn *turn;
     assert_false(qm_scheduler_submit(scheduler, &late, &turn));
     qm_scheduler_destroy(scheduler);
@@ -219,6 +296,8 @@ int main(void)
         cmocka_unit_test(test_priorities),
         cmocka_unit_test(test_order),
         cmocka_unit_test(test_hurry),
+        cmocka_unit_test(test_suspects_run_alone),
+        cmocka_unit_test(test_suspects_do_not_block),
         cmocka_unit_test(test_close),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -293,6 +293,35 @@ static void test_claims_that_were_not_heard_of(void **state)
 
 /* ---- nodes that end ---- */
 
+/** Only the run that a job has begun with one run left can be its last. */
+static void test_the_last_run_counts_from_its_beginning(void **state)
+{
+    fixture *f = *state;
+    open_node(f, 0, f->database);
+    open_node(f, 1, f->database);
+    qm_store *judge = f->stores[1];
+    assert_int_equal(submit(judge, "j_1", ""), QM_STORED);
+    assert_int_equal(submit(judge, "j_2", ""), QM_STORED);
+    const int64_t begun_deaths[] = {1, 2, 3}, waiting_deaths[] = {1, 2, 2};
+    for (int k = 0; k < 3; k++) {
+        size_t count;
+        check_claim(f->stores[0], 2, 0, 0.0, "j_1 j_2");
+        assert_int_equal(qm_store_begin_job(f->stores[0], "j_1"), QM_STORED);
+        assert_int_equal(qm_store_begin_job(f->stores[0], "j_1"), QM_STORED); /* a repetition */
+        silence(f, "n0");
+        assert_int_equal(qm_store_reap(judge, 30.0, &count), QM_STORED);
+        assert_int_equal(count, 2);
+        check_job(judge, "j_1", QM_JOB_QUEUED, k + 1, begun_deaths[k]);
+        check_job(judge, "j_2", QM_JOB_QUEUED, k + 1, waiting_deaths[k]);
+        assert_int_equal(qm_store_begin_job(f->stores[0], "j_1"), QM_STORED); /* not its any more */
+        check_job(judge, "j_2", QM_JOB_QUEUED, k + 1, waiting_deaths[k]);
+        assert_int_equal(qm_store_join(f->stores[0]), QM_STORED);
+    }
+    check_claim(judge, 2, 0, 0.0, "j_1 j_2");
+    assert_int_equal(qm_store_leave_jobs(judge), QM_STORED);
+    check_job(f->stores[0], "j_1", QM_JOB_QUEUED, 4, 0); /* it has ended nobody */
+}
+
 static void test_a_silent_node_loses_its_jobs(void **state)
 {
     fixture *f = *state;
@@ -1113,6 +1142,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_claims, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_claims_by_nodes, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_claims_that_were_not_heard_of, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_the_last_run_counts_from_its_beginning, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_silent_node_loses_its_jobs, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_node_that_starts_again, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_node_that_leaves, set_up, tear_down),
