@@ -5,7 +5,7 @@
 #   2. unit tests under ASan and UBSan; those that take long optimized, with assertions and UBSan (config=check)
 #   3. random cases against certified references, for a minute; `make prove` takes a quarter of an hour
 #   4. API and command-line tests against a real daemon under ASan and UBSan, those of the store with a shared one, too;
-#      the pairs of the data folder in release
+#      several daemons on one database, and the pairs of the data folder, in release
 #   5. the fuzzers, a minute each (FUZZ_SECONDS), as many at a time as there are processors
 #   6. the types of the JavaScript client and the page; both against a real daemon, the page in Chromium
 #
@@ -118,6 +118,8 @@ api build/asan $(for name in $shared; do echo "tests/api/test_$name.py"; done)
 unset QM_TEST_STORE
 api build/asan tests/cli
 api build/asan tests/pressure
+# Several daemons, which mostly wait: three of these tests at a time.
+api build tests/cluster -n 3
 data=${QM_TEST_DATA:-../shared/data}
 if [ -d "$data/pairs" ]; then api build tests/pairs; else
     missing=$(cat tests/pairs/test_*.py tests/api/test_collection.py | grep -c '^def test_')

@@ -175,6 +175,10 @@ void qm_job_drop_reference(qm_job *job);
 void qm_job_unlist(qm_job *job);
 void qm_job_mark_running(qm_job *job);
 
+/** True, after a moment, when a run that met this problem is to try again: a shared store did not answer, and the job may
+ * go on. The caller has left its worker. */
+bool qm_job_outlasts(qm_job *job, const qm_problem *problem);
+
 /** Takes a job that follows another one away from it, with the reference that the leader had. */
 void qm_job_unfollow(qm_job *job);
 

@@ -163,6 +163,15 @@ static bool is_open(const qm_job *job, qm_stored stored)
     return !is_decided && qm_store_is_shared(job->jobs->store) && !atomic_load(&job->jobs->closed);
 }
 
+bool qm_job_outlasts(qm_job *job, const qm_problem *problem)
+{
+    bool waits = problem->code == QM_PROBLEM_STORE_UNAVAILABLE && !job->on_end &&
+                 qm_store_is_shared(job->jobs->store) && !atomic_load(&job->cancel) &&
+                 !atomic_load(&job->jobs->closed);
+    if (waits) uv_sleep(MIN_WAIT_MS);
+    return waits;
+}
+
 /** Makes the row of the end of a job and stores it. With a result other than QM_STORED there is no end. */
 static qm_stored make_and_store(qm_job *job, const qm_job_outcome *outcome, const qm_store_effect *effect,
                                 qm_job_end *end)
@@ -342,12 +351,17 @@ void qm_job_set_context(qm_job *job, qm_context *ctx)
     ctx->parallel = qm_host_parallel;
 }
 
-/** Stores the long array of a result, if it has one, beside the job, for GET .../result. */
-static qm_status store_array(const qm_job *job, const qm_job_result *result)
+/** Stores the long array of a result, if it has one, beside the job, for GET .../result; or a problem. */
+static bool store_array(qm_job *job, const qm_job_result *result, qm_problem *problem)
 {
     size_t count;
     const double *numbers = job->on_end ? NULL : qm_job_result_array(result, &count);
-    return numbers ? qm_result_file_write(job->jobs->store, job->id, numbers, count) : QM_OK;
+    qm_status status = QM_OK;
+    if (numbers) do {
+            status = qm_result_file_write(job->jobs->store, job->id, numbers, count);
+            *problem = qm_problem_from_write(status, "the result");
+        } while (status != QM_OK && qm_job_outlasts(job, problem));
+    return status == QM_OK;
 }
 
 static void write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE])
@@ -416,9 +430,8 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
     } else if (canceled && !qm_job_is_canceled(job)) {
         qm_job_interrupt(job);
     } else if (status == QM_OK) {
-        qm_status stored = store_array(job, &result);
-        qm_problem problem = qm_problem_from_write(stored, "the result");
-        if (stored == QM_OK)
+        qm_problem problem;
+        if (store_array(job, &result, &problem))
             qm_job_finish_with_result(job, canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED, &result);
         else
             qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
@@ -460,30 +473,60 @@ static bool start(qm_job *job)
     return runs;
 }
 
+/** What a job works on. b is NULL for a kind of one mesh, and when it is a, so that a mesh is compared with itself at one
+ * revision. */
+typedef struct mesh_pair {
+    qm_mesh_ref *a, *b;
+} mesh_pair;
+
+static bool acquire(qm_job *job, mesh_pair *pair, qm_problem *problem)
+{
+    qm_meshes *meshes = job->jobs->meshes;
+    const qm_job_request *request = &job->request;
+    bool has_b = qm_job_type_of(request->kind)->mesh_field[1] && strcmp(request->a, request->b) != 0;
+    pair->a = qm_meshes_acquire(meshes, request->a, problem);
+    pair->b = pair->a && has_b ? qm_meshes_acquire(meshes, request->b, problem) : NULL;
+    if (pair->a && (pair->b || !has_b)) return true;
+    qm_meshes_release(meshes, pair->a);
+    pair->a = NULL;
+    return false;
+}
+
+static bool has_loaded(const qm_job *job)
+{
+    const qm_job_request *request = &job->request;
+    return qm_meshes_has_loaded(job->jobs->meshes, request->a) &&
+           (!qm_job_type_of(request->kind)->mesh_field[1] ||
+            qm_meshes_has_loaded(job->jobs->meshes, request->b));
+}
+
 static void run_on_meshes(qm_job *job)
 {
-    qm_jobs *jobs = job->jobs;
     qm_problem problem;
-    bool has_b = qm_job_type_of(job->request.kind)->mesh_field[1];
-    bool loads = !qm_meshes_has_loaded(jobs->meshes, job->request.a) ||
-                 (has_b && !qm_meshes_has_loaded(jobs->meshes, job->request.b));
+    mesh_pair pair = {NULL, NULL};
+    bool is_there = has_loaded(job) && acquire(job, &pair, &problem);
+    bool loads = !is_there, is_over = false;
     if (loads) {
         qm_job_begin_loading(job);
         qm_scheduler_leave(job->turn);
+        do
+            is_there = acquire(job, &pair, &problem);
+        while (!is_there && qm_job_outlasts(job, &problem));
+        qm_scheduler_return(job->turn);
+        is_over = !qm_job_end_loading(job);
     }
-    qm_mesh_ref *a = qm_meshes_acquire(jobs->meshes, job->request.a, &problem);
-    /* A mesh compared with itself is compared at one revision. */
-    bool is_same = has_b && strcmp(job->request.a, job->request.b) == 0;
-    qm_mesh_ref *b =
-        a && has_b && !is_same ? qm_meshes_acquire(jobs->meshes, job->request.b, &problem) : NULL;
-    if (loads) qm_scheduler_return(job->turn);
-    bool is_over = loads && !qm_job_end_loading(job);
-    if (!is_over && a && (b || !has_b || is_same))
-        answer(job, qm_mesh_ref_get(a), b ? qm_mesh_ref_get(b) : is_same ? qm_mesh_ref_get(a) : NULL);
-    else if (!is_over)
+    if (!is_over && is_there) {
+        bool has_b = qm_job_type_of(job->request.kind)->mesh_field[1];
+        const qm_loaded_mesh *a = qm_mesh_ref_get(pair.a);
+        answer(job, a, pair.b ? qm_mesh_ref_get(pair.b) : has_b ? a : NULL);
+    } else if (!is_over && !job->on_end && problem.code == QM_PROBLEM_STORE_UNAVAILABLE &&
+               !qm_job_is_canceled(job)) {
+        qm_job_interrupt(job);
+    } else if (!is_over) {
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
-    qm_meshes_release(jobs->meshes, a);
-    qm_meshes_release(jobs->meshes, b);
+    }
+    qm_meshes_release(job->jobs->meshes, pair.a);
+    qm_meshes_release(job->jobs->meshes, pair.b);
 }
 
 const qm_job_runner *qm_job_runner_of(qm_job_kind kind)

@@ -77,8 +77,10 @@ static void commit(qm_job *job, qm_reconstruction_lease *refining, const step_lo
     end->result.quads = log->count > 0 ? log->quads : qm_reconstructions_count_quads(refining);
     commit_task task = {job, end};
     qm_problem problem;
-    end->keeps = qm_reconstructions_commit(job->jobs->reconstructions, refining, limit, log->count, records,
-                                           store_steps, &task, &problem);
+    do
+        end->keeps = qm_reconstructions_commit(job->jobs->reconstructions, refining, limit, log->count,
+                                               records, store_steps, &task, &problem);
+    while (!end->keeps && qm_job_outlasts(job, &problem));
     if (!end->keeps) end_with(end, problem);
 }
 
@@ -107,6 +109,20 @@ static void refine(qm_job *job, qm_reconstruction_lease *refining, step_log *log
         commit(job, refining, log, log->records.data ? log->records.data : "", end);
 }
 
+/** The lease of the reconstruction, or NULL with a problem. */
+static qm_reconstruction_lease *take(qm_job *job, const qm_context *host, qm_problem *problem)
+{
+    for (;;) {
+        qm_reconstruction_lease *lease =
+            qm_reconstructions_take(job->jobs->reconstructions, job->request.a, host, problem);
+        if (lease) return lease;
+        qm_scheduler_leave(job->turn);
+        bool again = qm_job_outlasts(job, problem);
+        qm_scheduler_return(job->turn);
+        if (!again) return NULL;
+    }
+}
+
 /** Releases the reconstruction before the end of the job is announced, so that the next request of the client finds it free. */
 static void run_steps(qm_job *job)
 {
@@ -115,8 +131,7 @@ static void run_steps(qm_job *job)
     step_log log = {.job = job};
     qm_context host = qm_context_make();
     qm_job_set_context(job, &host);
-    qm_reconstruction_lease *refining =
-        qm_reconstructions_take(reconstructions, job->request.a, &host, &end.problem);
+    qm_reconstruction_lease *refining = take(job, &host, &end.problem);
     bool canceled = false; /* by the client, before there was a result */
     if (refining) {
         refine(job, refining, &log, &end);

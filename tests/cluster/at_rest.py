@@ -25,7 +25,7 @@ MAKE_STOP = f"""CREATE OR REPLACE FUNCTION stop_claims() RETURNS trigger LANGUAG
                 FOR EACH ROW EXECUTE FUNCTION stop_claims()"""
 STOP_CLAIMS = f"SELECT pg_advisory_lock({CLAIM_LOCK})"
 DROP_STOP = "DROP FUNCTION stop_claims CASCADE"
-WAITING_CLAIMS = "SELECT pid FROM pg_stat_activity WHERE wait_event_type = 'Lock' AND wait_event = 'advisory'"
+WAITING_CLAIMS = "SELECT application_name FROM pg_stat_activity WHERE wait_event_type = 'Lock' AND wait_event = 'advisory'"
 WAITING_REAPERS = "SELECT pid FROM pg_stat_activity WHERE wait_event_type = 'Lock' AND query ILIKE '%UPDATE%nodes%state = 2%'"
 DEAD = "SELECT id FROM nodes WHERE state = 2"
 
@@ -54,8 +54,8 @@ def dead_nodes(query):
 
 
 def waiting_claims(query):
-    """The servers of claims that were stopped."""
-    return select(query, WAITING_CLAIMS)
+    """The names of the nodes whose claims were stopped."""
+    return [name.rsplit("/", 1)[-1] for name, in select(query, WAITING_CLAIMS)]
 
 
 def waiting_reapers(query):

@@ -18,7 +18,7 @@ class Node:
     def __init__(self, folder, name, ports, settings):
         self.folder = pathlib.Path(folder)
         self.folder.mkdir(parents=True)
-        self.name = name
+        self.name, self.kills = name, 0
         self.links = [proxy.Proxy(port) for port in ports]
         self.settings = [*settings, "--node-name", name, "--store", self.store] if ports else list(settings)
         self.daemon = None
@@ -52,6 +52,7 @@ class Node:
     def kill(self):
         """kill -9."""
         self.is_serving = False
+        self.kills += 1
         self.daemon.stop(signal.SIGKILL)
 
     def stop(self):

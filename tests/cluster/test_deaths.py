@@ -109,7 +109,6 @@ def test_a_slow_node_and_a_slow_database(cluster):
 
 def test_a_claim_is_under_way_when_its_node_dies(cluster):
     """The reaper waits for the claim, and must see what it wrote: a single statement would look with the eyes of its start."""
-    node = cluster.nodes[0]
     load = Load(cluster, SEED, movers=0, askers=0, others=False)
     body = {"type": "hausdorff", "a": load.pair[0], "b": load.pair[1], "tolerance": 1e-7}
     # The server of a claim goes on when its client is dead.
@@ -117,8 +116,9 @@ def test_a_claim_is_under_way_when_its_node_dies(cluster):
     session = Session(cluster.database.primary)
     assert session.run(at_rest.STOP_CLAIMS)
     with concurrent.futures.ThreadPoolExecutor() as pool:
-        asking = pool.submit(Client(load, "asking", SEED).submit, body, "claimed by the dead", node)
-        cluster.wait_for("a claim that waits", lambda: at_rest.waiting_claims(cluster.query))
+        asking = pool.submit(Client(load, "asking", SEED).submit, body, "claimed by the dead")
+        (name,) = cluster.wait_for("a claim that waits", lambda: at_rest.waiting_claims(cluster.query))
+        (node,) = (node for node in cluster.nodes if node.name == name)
         node.kill()
         starting = pool.submit(node.start)
         cluster.wait_for("a reaper that waits for it", lambda: at_rest.waiting_reapers(cluster.query))
