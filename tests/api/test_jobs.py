@@ -219,9 +219,8 @@ def test_a_full_queue_is_told(make_daemon, slow_files):
 def test_a_mesh_deleted_under_a_job(client, slow_files, make_daemon):
     with make_daemon().client() as own:
         pair = [own.upload(content)["id"] for content in slow_files]
-        job = own.start(*pair, deadline_ms=1500, **SLOW)
-        while own.get(f"/v1/jobs/{job['id']}").json()["state"] == "queued":
-            time.sleep(0.02)
+        job = own.start(*pair, deadline_ms=3000, **SLOW)
+        own.wait_until_bounded(job["id"])  # it has its meshes
         for mesh in pair:
             assert own.delete(f"/v1/meshes/{mesh}").status_code == 204
         done = own.wait(job["id"])
