@@ -111,10 +111,8 @@ api() { # BUILD FOLDER_OR_FILES
 }
 api build/asan tests/api
 # Once more what depends on the store most, on a shared one.
-shared="jobs hausdorff deviation collision project content meshes deform idempotency streams readers layouts
-    reconstructions batches"
 export QM_TEST_STORE=shared
-api build/asan $(for name in $shared; do echo "tests/api/test_$name.py"; done)
+api build/asan $(cat tests/api/shared_store.txt)
 unset QM_TEST_STORE
 api build/asan tests/cli
 api build/asan tests/pressure
