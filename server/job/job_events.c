@@ -102,11 +102,11 @@ void qm_job_add_bounds(qm_job *job, const char *members)
 
 /* ---- to the store and back ---- */
 
-void qm_job_list_unsaved(const qm_job *job, size_t end, qm_store_event *out)
+void qm_job_list_events(const qm_job *job, size_t begin, size_t end, qm_store_event *out)
 {
     QM_ASSERT(qm_jobs_is_locked(job->jobs));
-    QM_ASSERT(job->saved_count <= end && end <= job->event_count);
-    for (size_t i = job->saved_count; i < end; i++)
+    QM_ASSERT(begin <= end && end <= job->event_count);
+    for (size_t i = begin; i < end; i++)
         *out++ =
             (qm_store_event){job->id, job->events[i]->seq, job->events[i]->name, job->events[i]->members};
 }
@@ -121,6 +121,7 @@ qm_stored qm_job_restore_events(qm_job *job)
     qm_stored stored =
         qm_store_read_events(job->jobs->store, job->id, qm_job_last_seq(job), restore_event, job);
     job->saved_count = job->event_count;
+    if (!qm_store_is_shared(job->jobs->store)) job->settled_count = job->event_count;
     return stored;
 }
 
@@ -188,8 +189,9 @@ static bool gather(qm_jobs *jobs, saving *out)
     if (!out->events) return false;
     qm_store_event *next = out->events;
     for (size_t i = 0; i < out->count; i++) {
-        qm_job_list_unsaved(out->runs[i].job, out->runs[i].end, next);
-        next += out->runs[i].end - out->runs[i].job->saved_count;
+        const saved_run *run = &out->runs[i];
+        qm_job_list_events(run->job, run->job->saved_count, run->end, next);
+        next += run->end - run->job->saved_count;
     }
     return true;
 }
@@ -198,6 +200,7 @@ static bool gather(qm_jobs *jobs, saving *out)
 static bool settle(const saved_run *run, const qm_store_run *row)
 {
     run->job->saved_count = run->end;
+    if (!qm_store_is_shared(run->job->jobs->store)) run->job->settled_count = run->end;
     if (row->is_lost) qm_job_lose(run->job);
     return row->is_canceled && !row->is_lost;
 }
@@ -230,6 +233,24 @@ bool qm_job_events_save(qm_jobs *jobs)
     free(work.rows);
     free(work.runs);
     return is_watched;
+}
+
+void qm_job_events_settle(void *user, const char *id, size_t count, uint64_t last)
+{
+    qm_jobs *jobs = user;
+    uv_mutex_lock(&jobs->lock);
+    qm_job *job = jobs->first;
+    while (job && strcmp(job->id, id) != 0)
+        job = job->next;
+    if (job && has_run(job)) {
+        /* A failure takes the newest ones; but others may have come since. */
+        bool is_whole = count == 0 || (count <= job->event_count && job->events[count - 1]->seq == last);
+        if (is_whole) job->settled_count = count;
+        size_t kept = is_whole ? count : job->settled_count;
+        if (job->saved_count > kept) job->saved_count = kept;
+        if (job->settled_count > job->saved_count) job->settled_count = job->saved_count;
+    }
+    uv_mutex_unlock(&jobs->lock);
 }
 
 /* ---- reading ---- */

@@ -64,12 +64,13 @@ static void beat(struct qm_job_pulse *pulse)
     double start = qm_clock_now_ms();
     size_t busy;
     qm_store_cluster cluster;
-    qm_stored stored = qm_store_beat(jobs->store, count_free_workers(jobs, &busy), &cluster);
+    qm_stored stored =
+        qm_store_beat(jobs->store, count_free_workers(jobs, &busy), &cluster, qm_job_events_settle, jobs);
     if (stored == QM_STORED_LOST) {
         qm_log(QM_LOG_ERROR, "this node was silent and has lost its jobs: it joins again");
         lose_all(jobs);
         stored = qm_store_join(jobs->store);
-        if (stored == QM_STORED) stored = qm_store_beat(jobs->store, 0, &cluster);
+        if (stored == QM_STORED) stored = qm_store_beat(jobs->store, 0, &cluster, NULL, NULL);
         start = qm_clock_now_ms();
     }
     uv_mutex_lock(&pulse->lock);

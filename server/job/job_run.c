@@ -50,15 +50,15 @@ static bool make_end(qm_job *job, const qm_job_outcome *outcome, qm_job_end *end
     return end->event && end->row.document && (end->row.result || !has_result(outcome));
 }
 
-/** Stores the end of a job with the events that the store lacks, and a last one. */
+/** Stores the end of a job with the events that the store lacks or may lose, and a last one. */
 static qm_stored store_end(qm_job *job, const qm_job_end *end, const qm_store_effect *effect)
 {
     qm_jobs *jobs = job->jobs;
     uv_mutex_lock(&jobs->lock);
-    size_t count = job->event_count - job->saved_count;
+    size_t count = job->event_count - job->settled_count;
     qm_store_event *events = calloc(count + 1, sizeof *events);
     if (events) {
-        qm_job_list_unsaved(job, job->event_count, events);
+        qm_job_list_events(job, job->settled_count, job->event_count, events);
         events[count] =
             (qm_store_event){job->id, qm_job_next_seq(job), last_event_name(&end->outcome), end->event};
     }

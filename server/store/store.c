@@ -290,10 +290,11 @@ void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction)
 
 /* ---- nodes of a shared store ---- */
 
-qm_stored qm_store_beat(qm_store *store, size_t free_workers, qm_store_cluster *out)
+qm_stored qm_store_beat(qm_store *store, size_t free_workers, qm_store_cluster *out,
+                        qm_store_settled_fn *settled, void *user)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    return store->driver->beat(store, free_workers, out);
+    return store->driver->beat(store, free_workers, out, settled, user);
 }
 
 qm_stored qm_store_join(qm_store *store)

@@ -296,7 +296,8 @@ typedef struct qm_store_run {
 /**
  * Appends events of several runs, of all or of none; an event names its job, which is one of the runs. An event
  * replaces the one of the same job and seq, so that events which may have been stored are appended again. A job
- * that has ended, does not exist, or is lost, stays as it is.
+ * that has ended, does not exist, or is lost, stays as it is. A failure of a server may take away what was appended last,
+ * until a later beat of a shared store has settled it, or the end of the job: this appends them again.
  */
 qm_stored qm_store_append_events(qm_store *store, qm_store_run *runs, size_t run_count,
                                  const qm_store_event *events, size_t count);
@@ -376,8 +377,16 @@ typedef struct qm_store_cluster {
     char engine[64]; /* name and version of the database */
 } qm_store_cluster;
 
-/** Tells that this process lives, durably. QM_STORED_LOST: it was declared dead, and its jobs are given away. */
-qm_stored qm_store_beat(qm_store *store, size_t free_workers, qm_store_cluster *out);
+/** Receives, for a job that this process runs, how many of its events no failure takes away any more, and the number of the
+ * last of them. */
+typedef void qm_store_settled_fn(void *user, const char *job, size_t count, uint64_t last);
+
+/**
+ * Tells that this process lives, durably. What it has appended before and the store still has is durable with it: settled is
+ * called for each job; NULL: for none. QM_STORED_LOST: it was declared dead, and its jobs are given away.
+ */
+qm_stored qm_store_beat(qm_store *store, size_t free_workers, qm_store_cluster *out,
+                        qm_store_settled_fn *settled, void *user);
 /** Joins again, with a new id, after QM_STORED_LOST. */
 qm_stored qm_store_join(qm_store *store);
 /** Declares nodes dead that have been silent, and queues their jobs again; *count is the number of these. */

@@ -76,7 +76,8 @@ typedef struct qm_store_driver {
     bool (*has_job)(qm_store *store, const char *id);      /* true after a fault */
 
     /* Of a shared store; NULL in the driver of an embedded one. */
-    qm_stored (*beat)(qm_store *store, size_t free_workers, qm_store_cluster *out);
+    qm_stored (*beat)(qm_store *store, size_t free_workers, qm_store_cluster *out,
+                      qm_store_settled_fn *settled, void *user);
     qm_stored (*join)(qm_store *store);
     qm_stored (*reap)(qm_store *store, double silence_s, size_t *count);
     qm_stored (*find_home)(qm_store *store, const char *id, char out[QM_NODE_NAME_SIZE]);

@@ -123,7 +123,7 @@ static qm_stored open_database(qm_store *store, const char *address, bool is_uns
     if (status != QM_STORED) return status;
     qm_store_cluster cluster;
     status = qm_postgres_join(store);
-    if (status == QM_STORED) status = qm_postgres_beat(store, 0, &cluster);
+    if (status == QM_STORED) status = qm_postgres_beat(store, 0, &cluster, NULL, NULL);
     if (status != QM_STORED) snprintf(message, QM_MESSAGE_SIZE, "database: this node cannot join the others");
     return status;
 }

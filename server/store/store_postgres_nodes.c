@@ -100,7 +100,22 @@ static qm_stored keep_homes(qm_store *store, const qm_postgres_rows *rows)
     return QM_STORED;
 }
 
-qm_stored qm_postgres_beat(qm_store *store, size_t free_workers, qm_store_cluster *out)
+/** Tells of the events that the statement of a beat has seen: "job count last" for each job, between spaces. They are in the log
+ * before the commit of the beat, on the same server, which has returned: they are as durable as it. */
+static void tell_settled(const char *text, qm_store_settled_fn *settled, void *user)
+{
+    char job[QM_ID_SIZE];
+    unsigned long long count, last;
+    int length;
+    while (text && sscanf(text, "%39s %llu %llu%n", job, &count, &last, &length) == 3) {
+        settled(user, job, (size_t)count, last);
+        text += length;
+    }
+}
+_Static_assert(QM_ID_SIZE == 40, "sscanf reads an id");
+
+qm_stored qm_postgres_beat(qm_store *store, size_t free_workers, qm_store_cluster *out,
+                           qm_store_settled_fn *settled, void *user)
 {
     qm_postgres_query query = {
         .sql = "WITH beaten AS (UPDATE quadmeshd.node_beats b SET beat = clock_timestamp(), free = $2::int"
@@ -109,8 +124,12 @@ qm_stored qm_postgres_beat(qm_store *store, size_t free_workers, qm_store_cluste
                "     AS waiting FROM quadmeshd.nodes n WHERE n.state = 0)"
                " SELECT EXISTS (SELECT FROM beaten), (SELECT count(*) FROM quadmeshd.nodes WHERE state < 2),"
                "  (SELECT count(*) FROM quadmeshd.job_queue), (SELECT count(*) FROM quadmeshd.job_runs),"
-               "  " QM_POSTGRES_DURABILITY
-               ", homes.name, homes.waiting FROM (SELECT 1) one LEFT JOIN homes ON true",
+               "  " QM_POSTGRES_DURABILITY ", homes.name, homes.waiting,"
+               "  (SELECT string_agg(concat_ws(' ', j.id, e.count, e.last), ' ') FROM quadmeshd.job_runs r"
+               "     JOIN quadmeshd.jobs j USING (sequence) CROSS JOIN LATERAL (SELECT count(*),"
+               "       coalesce(max(seq), 0) AS last FROM quadmeshd.job_events"
+               "       WHERE sequence = r.sequence) e WHERE r.node = $1)"
+               " FROM (SELECT 1) one LEFT JOIN homes ON true",
         .use = QM_POSTGRES_PULSE};
     *out = (qm_store_cluster){0};
     qm_postgres_name_node(store, out->node);
@@ -127,6 +146,7 @@ qm_stored qm_postgres_beat(qm_store *store, size_t free_workers, qm_store_cluste
         bool lives = qm_postgres_bool(&rows, 0, 0);
         status = keep_homes(store, &rows);
         if (!lives) status = QM_STORED_LOST;
+        if (lives && settled) tell_settled(qm_postgres_text(&rows, 0, 7), settled, user);
     }
     qm_postgres_free(&rows);
     return status;

@@ -61,3 +61,15 @@ def waiting_claims(query):
 def waiting_reapers(query):
     """The servers of statements that declare nodes dead and wait for a claim of these."""
     return select(query, WAITING_REAPERS)
+
+
+def lose_events(query, job):
+    """Takes the second half of a job's events away, as a failover may take what was committed last. Gives the seqs of these."""
+    return [row[0] for row in select(query, f"""
+        WITH e AS (SELECT e.sequence, e.seq, ntile(2) OVER (ORDER BY e.seq) AS half
+                   FROM job_events e JOIN jobs j USING (sequence) WHERE j.id = '{job}')
+        DELETE FROM job_events d USING e WHERE e.half = 2 AND d.sequence = e.sequence AND d.seq = e.seq RETURNING d.seq""")]
+
+
+def seqs(query, job):
+    return [row[0] for row in select(query, f"SELECT seq FROM job_events JOIN jobs USING (sequence) WHERE id = '{job}'")]

@@ -293,6 +293,47 @@ static void test_claims_that_were_not_heard_of(void **state)
 
 /* ---- nodes that end ---- */
 
+typedef struct settled_events {
+    size_t jobs, counts[2];
+    uint64_t last[2];
+} settled_events;
+
+static void note_settled(void *user, const char *job, size_t count, uint64_t last)
+{
+    settled_events *seen = user;
+    size_t place = job[2] == '1' ? 0 : 1;
+    seen->jobs++;
+    seen->counts[place] = count;
+    seen->last[place] = last;
+}
+
+/** A beat tells of the events that are there, of this node's jobs alone. */
+static void test_a_beat_settles_events(void **state)
+{
+    fixture *f = *state;
+    open_node(f, 0, f->database);
+    open_node(f, 1, f->database);
+    qm_store *a = f->stores[0];
+    assert_int_equal(submit_claimed(a, "j_1"), QM_STORED);
+    assert_int_equal(submit_claimed(a, "j_2"), QM_STORED);
+    assert_int_equal(submit_claimed(f->stores[1], "j_3"), QM_STORED);
+    qm_store_run run = {.job = "j_1"};
+    const qm_store_event events[] = {
+        {"j_1", 1, "bounds", ""}, {"j_1", 2, "bounds", ""}, {"j_1", 3, "bounds", ""}};
+    assert_int_equal(qm_store_append_events(a, &run, 1, events, 3), QM_STORED);
+    qm_store_cluster cluster;
+    settled_events seen = {0};
+    assert_int_equal(qm_store_beat(a, 1, &cluster, note_settled, &seen), QM_STORED);
+    assert_int_equal(seen.jobs, 2);
+    assert_int_equal(seen.counts[0], 3);
+    assert_int_equal(seen.last[0], 3);
+    assert_int_equal(seen.counts[1], 0);
+    qm_database_ask(f->database, "DELETE FROM quadmeshd.job_events WHERE seq > 1");
+    assert_int_equal(qm_store_beat(a, 1, &cluster, note_settled, &seen), QM_STORED);
+    assert_int_equal(seen.counts[0], 1);
+    assert_int_equal(seen.last[0], 1);
+}
+
 /** Only the run that a job has begun with one run left can be its last. */
 static void test_the_last_run_counts_from_its_beginning(void **state)
 {
@@ -335,7 +376,7 @@ static void test_a_silent_node_loses_its_jobs(void **state)
     assert_int_equal(finish(a, "j_2", 0), QM_STORED);
     assert_int_equal(qm_store_reap(b, 30.0, &count), QM_STORED);
     assert_int_equal(count, 0);
-    assert_int_equal(qm_store_beat(a, 1, &cluster), QM_STORED);
+    assert_int_equal(qm_store_beat(a, 1, &cluster, NULL, NULL), QM_STORED);
     assert_int_equal(cluster.nodes, 2);
     assert_int_equal(cluster.running, 1);
     assert_int_equal(cluster.durability, QM_STORE_ONE_MACHINE);
@@ -348,7 +389,7 @@ static void test_a_silent_node_loses_its_jobs(void **state)
     /* What it does now is void. */
     qm_store_run run = {.job = "j_1"};
     uint64_t sum = 0;
-    assert_int_equal(qm_store_beat(a, 1, &cluster), QM_STORED_LOST);
+    assert_int_equal(qm_store_beat(a, 1, &cluster, NULL, NULL), QM_STORED_LOST);
     assert_int_equal(qm_store_append_events(a, &run, 1, &(qm_store_event){"j_1", 1, "bounds", ""}, 1),
                      QM_STORED);
     assert_true(run.is_lost);
@@ -365,7 +406,7 @@ static void test_a_silent_node_loses_its_jobs(void **state)
     check_job(a, "j_1", QM_JOB_SUCCEEDED, 1, 0);
     /* It comes back as another one. */
     assert_int_equal(qm_store_join(a), QM_STORED);
-    assert_int_equal(qm_store_beat(a, 1, &cluster), QM_STORED);
+    assert_int_equal(qm_store_beat(a, 1, &cluster, NULL, NULL), QM_STORED);
     assert_string_not_equal(cluster.node, dead);
     check_claim(a, 4, 0, 1000.0, "j_4");
     check_places(f);
@@ -395,7 +436,7 @@ static void test_a_node_that_leaves(void **state)
     check_job(f->stores[1], "j_1", QM_JOB_QUEUED, 1, 0);
     check_claim(f->stores[0], 4, 4, 0.0, "");
     assert_int_equal(finish(f->stores[0], "j_1", 0), QM_STORED_LOST);
-    assert_int_equal(qm_store_beat(f->stores[0], 0, &cluster), QM_STORED);
+    assert_int_equal(qm_store_beat(f->stores[0], 0, &cluster, NULL, NULL), QM_STORED);
     check_claim(f->stores[1], 1, 0, 1000.0, "j_1");
     assert_int_equal(finish(f->stores[1], "j_1", 1), QM_STORED);
     check_places(f);
@@ -412,7 +453,7 @@ static void test_homes(void **state)
     for (int i = 0; i < NODES; i++)
         open_node(f, i, f->database);
     for (int i = 0; i < NODES; i++)
-        assert_int_equal(qm_store_beat(f->stores[i], 1, &cluster), QM_STORED);
+        assert_int_equal(qm_store_beat(f->stores[i], 1, &cluster, NULL, NULL), QM_STORED);
     assert_int_equal(cluster.nodes, NODES);
     for (int i = 0; i < IDS; i++) {
         char id[QM_ID_SIZE];
@@ -427,13 +468,13 @@ static void test_homes(void **state)
     /* The other of two homes, when jobs wait at the first. */
     qm_store_find_home(f->stores[0], "m_0", home);
     assert_int_equal(submit(f->stores[0], "j_1", home), QM_STORED);
-    assert_int_equal(qm_store_beat(f->stores[0], 1, &cluster), QM_STORED);
+    assert_int_equal(qm_store_beat(f->stores[0], 1, &cluster, NULL, NULL), QM_STORED);
     assert_int_equal(cluster.queued, 1);
     qm_store_find_home(f->stores[0], "m_0", other);
     assert_string_not_equal(home, other);
     /* None at a node that leaves. */
     assert_int_equal(qm_store_leave_jobs(f->stores[other[1] - '0']), QM_STORED);
-    assert_int_equal(qm_store_beat(f->stores[0], 1, &cluster), QM_STORED);
+    assert_int_equal(qm_store_beat(f->stores[0], 1, &cluster, NULL, NULL), QM_STORED);
     char third[QM_NODE_NAME_SIZE];
     qm_store_find_home(f->stores[0], "m_0", third);
     assert_string_not_equal(third, other);
@@ -951,7 +992,7 @@ static void test_connections_end(void **state)
     end_connections(f); /* between two verbs: nobody notices */
     assert_int_equal(submit(f->stores[0], "j_2", ""), QM_STORED);
     qm_store_cluster cluster;
-    assert_int_equal(qm_store_beat(f->stores[0], 1, &cluster), QM_STORED);
+    assert_int_equal(qm_store_beat(f->stores[0], 1, &cluster, NULL, NULL), QM_STORED);
     killer k = {.f = f};
     writer writers[WRITERS];
     pthread_t threads[WRITERS], killing;
@@ -1142,6 +1183,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_claims, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_claims_by_nodes, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_claims_that_were_not_heard_of, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_a_beat_settles_events, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_the_last_run_counts_from_its_beginning, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_silent_node_loses_its_jobs, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_node_that_starts_again, set_up, tear_down),
