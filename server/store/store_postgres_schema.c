@@ -7,7 +7,6 @@
 
 #include "store_postgres.h"
 
-#define VERSION 1 /* of these tables */
 #define OLDEST_SERVER 150000
 
 /** True when the tables are there: asked of the catalog's rows, as what a session remembers of names may be older than
@@ -158,8 +157,16 @@ static qm_stored make_tables(qm_postgres_connection *connection, void *user)
     qm_postgres_free(&rows);
     if (status != QM_STORED || is_there) return status;
     char sql[sizeof schema + 16];
-    snprintf(sql, sizeof sql, schema, VERSION);
+    snprintf(sql, sizeof sql, schema, QM_POSTGRES_VERSION);
     return qm_postgres_command(connection, sql);
+}
+
+qm_stored qm_postgres_find_version(qm_store *store, int64_t *version)
+{
+    facts found = {0};
+    qm_stored status = read_facts(store, &found);
+    *version = found.version;
+    return status;
 }
 
 qm_stored qm_postgres_set_up(qm_store *store, char message[QM_MESSAGE_SIZE])
@@ -177,10 +184,10 @@ qm_stored qm_postgres_set_up(qm_store *store, char message[QM_MESSAGE_SIZE])
                  OLDEST_SERVER / 10000);
     else if (!found.is_utf8)
         snprintf(message, QM_MESSAGE_SIZE, "database: its encoding is not UTF8");
-    else if (found.version != VERSION)
+    else if (found.version != QM_POSTGRES_VERSION)
         snprintf(message, QM_MESSAGE_SIZE,
                  "database: tables of version %d were made by another version of quadmeshd; this one has %d",
-                 (int)found.version, VERSION);
+                 (int)found.version, QM_POSTGRES_VERSION);
     else
         return QM_STORED;
     return status == QM_STORED ? QM_STORED_FAULT : status;

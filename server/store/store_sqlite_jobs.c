@@ -8,8 +8,6 @@
 #include "base/log.h"
 #include "store_sqlite.h"
 
-#define COLUMNS "id, key, idempotency_key, body, created, state, sequence, document, restarts, result, begun"
-
 static const char has_job[] = "SELECT 1 FROM jobs WHERE id = ?";
 
 /** In a transaction. */
@@ -132,7 +130,7 @@ qm_stored qm_sqlite_read_events(qm_store *store, const char *id, uint64_t after,
     return !taken ? QM_STORED_NO_MEMORY : failed ? QM_STORED_FAULT : QM_STORED;
 }
 
-static bool read_row(sqlite3_stmt *statement, void *row)
+bool qm_sqlite_read_job(sqlite3_stmt *statement, void *row)
 {
     qm_store_job *out = row;
     *out = (qm_store_job){
@@ -155,18 +153,19 @@ static void reset_row(void *row)
     qm_store_job_reset(row);
 }
 
-static const qm_sqlite_table table = {sizeof(qm_store_job), read_row, reset_row};
+static const qm_sqlite_table table = {sizeof(qm_store_job), qm_sqlite_read_job, reset_row};
 
 qm_stored qm_sqlite_find_job(qm_store *store, const char *id, qm_store_job *out)
 {
-    return qm_sqlite_find_row_by(store, "SELECT " COLUMNS " FROM jobs WHERE id = ?", id, &table, out);
+    return qm_sqlite_find_row_by(store, "SELECT " QM_SQLITE_JOB_COLUMNS " FROM jobs WHERE id = ?", id, &table,
+                                 out);
 }
 
 qm_stored qm_sqlite_find_job_by_key(qm_store *store, const char *key, const char *revisions,
                                     qm_job_state state, qm_store_job *out)
 {
     sqlite3_stmt *statement =
-        qm_sqlite_begin(store, "SELECT " COLUMNS " FROM jobs WHERE key = ? AND revisions = ?"
+        qm_sqlite_begin(store, "SELECT " QM_SQLITE_JOB_COLUMNS " FROM jobs WHERE key = ? AND revisions = ?"
                                " AND state = ? ORDER BY sequence DESC LIMIT 1");
     if (!statement) return QM_STORED_NO_MEMORY;
     qm_sqlite_bind_text(statement, 1, key);
@@ -177,20 +176,21 @@ qm_stored qm_sqlite_find_job_by_key(qm_store *store, const char *key, const char
 
 qm_stored qm_sqlite_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out)
 {
-    return qm_sqlite_find_row_by(store, "SELECT " COLUMNS " FROM jobs WHERE idempotency_key = ?", key, &table,
-                                 out);
+    return qm_sqlite_find_row_by(
+        store, "SELECT " QM_SQLITE_JOB_COLUMNS " FROM jobs WHERE idempotency_key = ?", key, &table, out);
 }
 
 qm_stored qm_sqlite_list_jobs(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
                               qm_store_job *out, size_t *count)
 {
     static const char *const states[] = {"0", "0", "2", "3", "4"}; /* one that runs is stored as queued */
-    qm_sqlite_listing listing = {"SELECT " COLUMNS " FROM jobs",
+    qm_sqlite_listing listing = {"SELECT " QM_SQLITE_JOB_COLUMNS " FROM jobs",
                                  "sequence",
                                  {"type = ?", "state = ?", NULL},
                                  {filter->type, filter->state ? states[*filter->state] : NULL, NULL}};
     if (filter->subject) { /* in the order of its index */
-        listing.select = "SELECT " COLUMNS " FROM job_subjects CROSS JOIN jobs ON sequence = job";
+        listing.select =
+            "SELECT " QM_SQLITE_JOB_COLUMNS " FROM job_subjects CROSS JOIN jobs ON sequence = job";
         listing.sequence = "job";
         listing.conditions[2] = "subject = ?";
         listing.values[2] = filter->subject;
