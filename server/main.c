@@ -19,6 +19,7 @@
 #include "format/draco_child.h"
 #include "http/http.h"
 #include "http/route.h"
+#include "store/store_copy.h"
 
 #define SHORT_THREADS 4
 #define SHARED_SHORT_THREADS 16 /* a handler waits for a database elsewhere, not for a processor */
@@ -313,7 +314,14 @@ static bool run_check(const qm_config *config, char message[QM_MESSAGE_SIZE])
 {
     qm_store_findings found;
     bool repairs = config->task == QM_CONFIG_REPAIR;
-    if (qm_store_check(config->data_dir, repairs, stdout, &found, message) != QM_OK) return false;
+    if (config->store[0] && repairs) {
+        snprintf(message, QM_MESSAGE_SIZE, "a database of --store is not repaired from here, only checked");
+        return false;
+    }
+    bool done = config->store[0]
+                    ? qm_store_check_shared(config->store, stdout, &found, message) == QM_STORED
+                    : qm_store_check(config->data_dir, repairs, stdout, &found, message) == QM_OK;
+    if (!done) return false;
     snprintf(message, QM_MESSAGE_SIZE,
              "%zu meshes, %zu files, %zu jobs: %zu faults, %zu repaired; %zu files without a mesh",
              found.meshes, found.files, found.jobs, found.faults, found.repaired, found.orphans);
@@ -335,6 +343,30 @@ static bool run_backup(const qm_config *config, char message[QM_MESSAGE_SIZE])
     return found.faults == 0;
 }
 
+static bool run_copy(const qm_config *config, char message[QM_MESSAGE_SIZE])
+{
+    qm_store_copied copied;
+    const char *folder = config->task_file;
+    qm_stored stored =
+        config->task == QM_CONFIG_IMPORT
+            ? qm_store_import(folder, config->store, config->store_unsafe > 0.0, stdout, &copied, message)
+            : qm_store_export(config->store, folder, stdout, &copied, message);
+    if (stored != QM_STORED) return false;
+    snprintf(message, QM_MESSAGE_SIZE,
+             "%zu meshes, %zu layouts, %zu reconstructions and %zu jobs copied; %zu were there: %zu faults",
+             copied.meshes, copied.layouts, copied.reconstructions, copied.jobs, copied.before,
+             copied.faults);
+    return copied.faults == 0;
+}
+
+static bool run_status(const qm_config *config, char message[QM_MESSAGE_SIZE])
+{
+    size_t faults;
+    if (qm_store_print_status(config->store, stdout, &faults, message) != QM_STORED) return false;
+    snprintf(message, QM_MESSAGE_SIZE, "%zu faults", faults);
+    return faults == 0;
+}
+
 static int run_task(const qm_config *config)
 {
     char message[QM_MESSAGE_SIZE] = "";
@@ -349,6 +381,13 @@ static int run_task(const qm_config *config)
     case QM_CONFIG_BACKUP:
     case QM_CONFIG_RESTORE:
         done = run_backup(config, message);
+        break;
+    case QM_CONFIG_IMPORT:
+    case QM_CONFIG_EXPORT:
+        done = run_copy(config, message);
+        break;
+    case QM_CONFIG_STATUS:
+        done = run_status(config, message);
         break;
     case QM_CONFIG_ADOPT:
         done = run_adopt(config, message);
