@@ -98,7 +98,7 @@ static const task_flag tasks[] = {
     {"restore", QM_CONFIG_RESTORE, "FILE", false,
      "makes the data folder, which is missing or empty, of such a file"},
     {"check", QM_CONFIG_CHECK, NULL, false,
-     "compares everything stored with its hashes and checksums; exit status 1: faults"},
+     "compares everything stored, or in the database of --store, with its hashes; exit status 1: faults"},
     {"repair", QM_CONFIG_REPAIR, NULL, false,
      "the same, and repairs what can be; status 0 when no fault is left"},
     {"adopt", QM_CONFIG_ADOPT, NULL, false,

@@ -152,9 +152,13 @@ bool qm_store_plan_folder(const char *folder, const char *ending, char name[QM_S
     }
     snprintf(name, QM_STORE_FOLDER_SIZE, "%.*s", (int)length, folder);
     snprintf(path, QM_STORE_FOLDER_SIZE, "%.*s%s", (int)length, folder, ending);
-    if (is_free(name) && access(path, F_OK) != 0) return true;
-    snprintf(message, QM_MESSAGE_SIZE, "%.200s is not empty: this needs a new folder",
-             is_free(name) ? path : name);
+    if (!is_free(name))
+        snprintf(message, QM_MESSAGE_SIZE, "%.200s is not empty: this needs a new folder", name);
+    else if (access(path, F_OK) == 0)
+        snprintf(message, QM_MESSAGE_SIZE, "%.180s is there, of an attempt that was cut off or still runs",
+                 path);
+    else
+        return true;
     return false;
 }
 

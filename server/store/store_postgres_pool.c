@@ -574,6 +574,8 @@ qm_stored qm_postgres_open_pool(qm_store *store, const char *address, bool is_re
     }
     store->postgres->pool = pool;
     pool->is_reader = is_reader;
+    pool->is_unprepared =
+        is_reader; /* behind a proxy a statement that is prepared already ends the snapshot */
     qm_postgres_connection *first = &pool->connections[0];
     if (!open_connection(pool, first, message)) return QM_STORED_AWAY;
     const char *version = qm_pq.parameterStatus(first->link, "server_version");

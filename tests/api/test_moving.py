@@ -277,7 +277,7 @@ def test_an_export_that_is_killed_leaves_no_folder(filled, tmp_path):
     exporting.kill()
     exporting.wait()
     assert not (tmp_path / "data").exists()
-    assert "not empty" in run("--store", store, "--export", tmp_path / "data", status=1)
+    assert "cut off" in run("--store", store, "--export", tmp_path / "data", status=1)
 
 
 def test_what_is_damaged_is_left_out(tmp_path):

@@ -75,3 +75,15 @@ def test_an_export_during_work_is_whole(make_cluster, tmp_path):
     assert len(exports) == 5
     for folder in exports:
         run("--data-dir", folder / "data", "--check")
+
+
+def test_status_shows_the_standby(make_cluster):
+    cluster = make_cluster(1, standby=True)
+    ask = [BUILD / "quadmeshd", "--store", cluster.nodes[0].store, "--status"]
+    told = subprocess.run(ask, capture_output=True, text=True, check=True).stdout
+    assert "\ndurability: replicated\n" in told and "\nstandbys: 1\n" in told, told
+    assert re.search(r"^standby: name=\S+ state=streaming sync=(sync|quorum)$", told, re.M), told
+    cluster.wire.hold()  # commits wait for it
+    done = subprocess.run(ask, capture_output=True, text=True)
+    cluster.wire.release()
+    assert done.returncode == 1 and "fault: the database does not confirm a commit" in done.stdout, done
