@@ -212,10 +212,7 @@ qm_status qm_result_file_read(const qm_result_file *file, uint64_t first, double
     return QM_OK;
 }
 
-/* ---- copies for another store ---- */
-
-/** Compares all numbers with their checksums. */
-static qm_status check_numbers(const qm_result_file *file)
+qm_status qm_result_file_check(const qm_result_file *file)
 {
     double block[QM_RESULT_BLOCK];
     qm_status status = QM_OK;
@@ -227,12 +224,14 @@ static qm_status check_numbers(const qm_result_file *file)
     return status;
 }
 
+/* ---- copies for another store ---- */
+
 /** From a file of results to a blob. */
 static qm_status copy_to_blob(qm_store *from, qm_store *to, const char *job_id, qm_store_array *array)
 {
     qm_result_file *file;
     qm_status status = qm_result_file_open(from, job_id, &file);
-    if (status == QM_OK) status = check_numbers(file);
+    if (status == QM_OK) status = qm_result_file_check(file);
     if (status == QM_OK) status = qm_blob_hash_file(file->file, file->array.hash);
     if (status == QM_OK) status = qm_store_status(to->driver->put_blob(to, file->array.hash, file->file));
     if (status == QM_OK) {
@@ -259,7 +258,7 @@ static qm_status copy_to_file(qm_store *from, qm_store *to, const char *job_id, 
     if (status == QM_OK) status = qm_blob_check_file(made.file, made.array.hash);
     uint64_t size = made.array.count * sizeof(double);
     if (status == QM_OK && qm_space_size_of(part) != size) status = QM_E_FORMAT;
-    if (status == QM_OK) status = check_numbers(&made);
+    if (status == QM_OK) status = qm_result_file_check(&made);
     if (status == QM_OK) status = qm_space_claim(to, QM_STORE_RESULTS, size);
     if (status == QM_OK && rename(part, path) != 0) status = QM_E_ARGUMENT;
     if (status != QM_OK) unlink(part);

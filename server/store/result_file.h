@@ -33,6 +33,9 @@ uint64_t qm_result_file_count(const qm_result_file *file);
 #define QM_RESULT_BLOCK 8192
 qm_status qm_result_file_read(const qm_result_file *file, uint64_t first, double *numbers, size_t count);
 
+/** Compares all numbers with their checksums: the first status of qm_result_file_read that is not QM_OK. */
+qm_status qm_result_file_check(const qm_result_file *file);
+
 struct qm_store_array;
 /**
  * Copies the numbers of the array of a job between an embedded and a shared store, and writes what its row is to say, whose

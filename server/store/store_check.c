@@ -56,17 +56,11 @@ static void check_meshes(qm_store_checking *work)
     if (stored != QM_STORED) qm_store_check_tell(work, false, "meshes", "cannot", "be read");
 }
 
-static qm_status read_array(qm_store *store, const char *job)
+static qm_status check_array(qm_store *store, const char *job)
 {
-    double block[QM_RESULT_BLOCK];
     qm_result_file *file;
     qm_status status = qm_result_file_open(store, job, &file);
-    uint64_t count = status == QM_OK ? qm_result_file_count(file) : 0;
-    for (uint64_t done = 0; status == QM_OK && done < count; done += QM_RESULT_BLOCK) {
-        uint64_t rest = count - done;
-        status =
-            qm_result_file_read(file, done, block, rest < QM_RESULT_BLOCK ? (size_t)rest : QM_RESULT_BLOCK);
-    }
+    if (status == QM_OK) status = qm_result_file_check(file);
     qm_result_file_close(file);
     return status;
 }
@@ -81,7 +75,7 @@ static void check_arrays(qm_store_checking *work)
     while ((stored = qm_store_list_jobs(work->store, &page, &all, &row, &count)) == QM_STORED && count > 0) {
         page.after = row.sequence;
         work->found.jobs++;
-        qm_status status = row.document ? read_array(work->store, row.id) : QM_E_EMPTY;
+        qm_status status = row.document ? check_array(work->store, row.id) : QM_E_EMPTY;
         if (status != QM_OK && status != QM_E_EMPTY) {
             bool repaired = work->repairs && qm_store_forget_answer(work->store, row.id) == QM_STORED;
             qm_store_check_tell(work, repaired, "job", row.id, "has a damaged array");

@@ -16,14 +16,14 @@
 
 typedef struct copy {
     qm_store *from, *to;
-    FILE *out;
+    FILE *out; /* NULL: it was told before */
     qm_store_copied done;
 } copy;
 
 /** Tells of a row that is not copied as it was. */
 static void tell(copy *work, const char *noun, const char *id, const char *what)
 {
-    fprintf(work->out, "%s %s: %s\n", noun, id, what);
+    if (work->out) fprintf(work->out, "%s %s: %s\n", noun, id, what);
     work->done.faults++;
 }
 
@@ -122,7 +122,8 @@ static qm_stored put_beside(copy *work, const qm_store_mesh *mesh)
     qm_store_mesh other = *mesh;
     snprintf(options, sizeof options, "imported %s", mesh->id);
     other.options = options;
-    fprintf(work->out, "mesh %s has the content of another one, which uploads will find\n", mesh->id);
+    if (work->out)
+        fprintf(work->out, "mesh %s has the content of another one, which uploads will find\n", mesh->id);
     return qm_store_put_mesh(work->to, &other);
 }
 
@@ -375,14 +376,30 @@ static const row_kind reconstructions = {sizeof(qm_store_reconstruction),
 static const row_kind jobs = {
     sizeof(qm_store_job_copy), list_jobs, find_job_sequence, find_job, copy_job, reset_job};
 
+/** Copies what is missing; *count is the number of rows that were. */
+static qm_stored copy_all(copy *work, size_t *count)
+{
+    qm_store_copied *done = &work->done;
+    qm_stored stored = copy_kind(work, &meshes, &done->meshes);
+    if (stored == QM_STORED) stored = copy_kind(work, &layouts, &done->layouts);
+    if (stored == QM_STORED) stored = copy_kind(work, &reconstructions, &done->reconstructions);
+    if (stored == QM_STORED) stored = copy_kind(work, &jobs, &done->jobs);
+    if (stored == QM_STORED) stored = qm_store_settle(work->to);
+    *count = done->meshes + done->layouts + done->reconstructions + done->jobs;
+    return stored;
+}
+
 qm_stored qm_store_copy(qm_store *from, qm_store *to, FILE *out, qm_store_copied *copied)
 {
     copy work = {.from = from, .to = to, .out = out};
-    qm_stored stored = copy_kind(&work, &meshes, &work.done.meshes);
-    if (stored == QM_STORED) stored = copy_kind(&work, &layouts, &work.done.layouts);
-    if (stored == QM_STORED) stored = copy_kind(&work, &reconstructions, &work.done.reconstructions);
-    if (stored == QM_STORED) stored = copy_kind(&work, &jobs, &work.done.jobs);
-    if (stored == QM_STORED) stored = qm_store_settle(to);
+    size_t count;
+    qm_stored stored = copy_all(&work, &count);
+    /* A database that was started again meanwhile, or another one in its place, may have lost rows that were copied before
+     * they were settled. What a look after that finds is there for good. */
+    while (stored == QM_STORED && count > 0 && qm_store_is_shared(to)) {
+        copy again = {.from = from, .to = to};
+        stored = copy_all(&again, &count);
+    }
     *copied = work.done;
     return stored;
 }

@@ -42,61 +42,66 @@ qm_stored qm_postgres_list_job_copies(qm_store *store, const qm_store_page *page
     return qm_postgres_list_rows(store, &listing, page, &table, out, count);
 }
 
+/** When the job was submitted, by the clock of the database. */
+#define SUBMITTED QM_POSTGRES_TIME("$5", "$12::text")
+
+/** The parameters 1 to 14: the row of the job, and of its queue. A job without a document waits. */
+static void add_job(qm_postgres_query *query, const qm_store_job_copy *copy)
+{
+    const qm_store_job *job = &copy->job;
+    qm_postgres_add_text(query, job->id);
+    qm_postgres_add_text(query, job->key);
+    qm_postgres_add_text(query, job->idempotency_key);
+    qm_postgres_add_text(query, job->body);
+    qm_postgres_add_text(query, job->created);
+    qm_postgres_add_text(query, copy->type);
+    qm_postgres_add_text(query, job->document);
+    qm_postgres_add_text(query, job->result);
+    qm_postgres_add_text(query, copy->revisions);
+    qm_postgres_add_integer(query, job->document ? job->state : QM_JOB_QUEUED);
+    qm_postgres_add_integer(query, job->document && copy->claims > 0 ? copy->claims - 1 : 0);
+    qm_postgres_add_now(query);
+    qm_postgres_add_integer(query, copy->claims);
+    qm_postgres_add_integer(query, job->deaths);
+}
+
 qm_stored qm_postgres_put_job_copy(qm_store *store, const qm_store_job_copy *copy,
                                    const qm_store_event *events, size_t count, const qm_store_array *array)
 {
-    /* A job without a document waits. */
     qm_postgres_query query = {
         .sql =
             "WITH " QM_POSTGRES_RELAXED ","
-            " blob AS (UPDATE quadmeshd.blobs SET unneeded = NULL WHERE hash = $20 AND unneeded IS NOT NULL),"
+            " blob AS (UPDATE quadmeshd.blobs SET unneeded = NULL WHERE hash = $21 AND unneeded IS NOT NULL),"
             " made AS (INSERT INTO quadmeshd.jobs (id, key, idempotency_key, body, created, type, document,"
             "     result, revisions, state, restarts, submitted, owners, kept)"
             "   SELECT $1::text, $2::text, $3::text, $4::text, $5::text, $6::text, $7::text, $8::text,"
-            "     $9::text, $10::smallint, $11::int, " QM_POSTGRES_TIME(
-                "$5",
-                "$12::text") ", 0, true"
-                             "   FROM relaxed WHERE mode = 'off' ON CONFLICT DO NOTHING RETURNING sequence),"
-                             " queued AS (INSERT INTO quadmeshd.job_queue (sequence, home, epoch, deaths)"
-                             "   SELECT sequence, '', $13::int, $14::int FROM made WHERE $7::text IS NULL),"
-                             " named AS (INSERT INTO quadmeshd.job_subjects (sequence, subject)"
-                             "   SELECT sequence, subject FROM made, unnest($15::text[]) AS s(subject)),"
-                             " told AS (INSERT INTO quadmeshd.job_events (sequence, seq, name, members)"
-                             "   SELECT sequence, e.seq, e.name, e.members FROM made,"
-                             "     unnest($16::bigint[], $17::text[], $18::text[]) AS e(seq, name, members)),"
-                             " kept AS (INSERT INTO quadmeshd.job_arrays (sequence, count, sums, hash)"
-                             "   SELECT sequence, $19::bigint, $21::bytea, $20::text FROM made"
-                             "   WHERE $20::text IS NOT NULL)"
-                             " SELECT sequence FROM made",
+            "     $9::text, $10::smallint, $11::int, " SUBMITTED ", 0, true"
+            "   FROM relaxed WHERE mode = 'off' ON CONFLICT DO NOTHING RETURNING sequence),"
+            " queued AS (INSERT INTO quadmeshd.job_queue (sequence, home, epoch, deaths)"
+            "   SELECT sequence, '', $13::int, $14::int FROM made WHERE $7::text IS NULL),"
+            " named AS (INSERT INTO quadmeshd.job_subjects (sequence, subject)"
+            "   SELECT sequence, subject FROM made, unnest($15::text[]) AS s(subject)),"
+            " told AS (INSERT INTO quadmeshd.job_events (sequence, seq, name, members)"
+            "   SELECT sequence, e.seq, e.name, e.members FROM made,"
+            "     unnest($16::bigint[], $17::text[], $18::text[]) AS e(seq, name, members)),"
+            " kept AS (INSERT INTO quadmeshd.job_arrays (sequence, count, sums, hash)"
+            "   SELECT sequence, $19::bigint, $20::bytea, $21::text FROM made WHERE $21::text IS NOT NULL)"
+            " SELECT sequence FROM made",
         .is_relaxed = true};
-    const qm_store_job *job = &copy->job;
     qm_postgres_events arrays = {0};
     qm_text subjects = {0};
     for (int i = 0; i < 2; i++)
         if (copy->subjects[i][0]) qm_postgres_write_text(&subjects, copy->subjects[i]);
     qm_postgres_write_events(&arrays, events, count);
-    qm_postgres_add_text(&query, job->id);
-    qm_postgres_add_text(&query, job->key);
-    qm_postgres_add_text(&query, job->idempotency_key);
-    qm_postgres_add_text(&query, job->body);
-    qm_postgres_add_text(&query, job->created);
-    qm_postgres_add_text(&query, copy->type);
-    qm_postgres_add_text(&query, job->document);
-    qm_postgres_add_text(&query, job->result);
-    qm_postgres_add_text(&query, copy->revisions);
-    qm_postgres_add_integer(&query, job->document ? job->state : QM_JOB_QUEUED);
-    qm_postgres_add_integer(&query, job->document && copy->claims > 0 ? copy->claims - 1 : 0);
-    qm_postgres_add_now(&query);
-    qm_postgres_add_integer(&query, copy->claims);
-    qm_postgres_add_integer(&query, job->deaths);
+    add_job(&query, copy);
     qm_postgres_add_array(&query, &subjects);
     qm_postgres_add_events(&query, &arrays);
     qm_postgres_add_integer(&query, array ? (int64_t)array->count : 0);
-    qm_postgres_add_text(&query, array ? array->hash : NULL);
     qm_postgres_add_bytes(&query, array ? array->sums : NULL,
                           array ? qm_store_array_blocks(array->count) * sizeof *array->sums : 0);
+    qm_postgres_add_text(&query, array ? array->hash : NULL);
     qm_stored status =
-        qm_postgres_create_row(store, &query, "SELECT 1 FROM quadmeshd.jobs WHERE id = $1", job->id);
+        qm_postgres_create_row(store, &query, "SELECT 1 FROM quadmeshd.jobs WHERE id = $1", copy->job.id);
     qm_text_reset(&subjects);
     qm_postgres_events_reset(&arrays);
     return status;

@@ -74,20 +74,6 @@ static qm_stored add_job(qm_store *store, const qm_store_job_copy *copy)
     return QM_STORED_TAKEN;
 }
 
-static bool add_subjects(qm_store *store, const qm_store_job_copy *copy)
-{
-    sqlite3_stmt *statement = qm_sqlite_prepare(store, "INSERT OR IGNORE INTO job_subjects (job, subject)"
-                                                       " SELECT sequence, ? FROM jobs WHERE id = ?");
-    bool added = statement;
-    for (int i = 0; added && i < 2; i++) {
-        if (!copy->subjects[i][0]) continue;
-        qm_sqlite_bind_text(statement, 1, copy->subjects[i]);
-        qm_sqlite_bind_text(statement, 2, copy->job.id);
-        added = qm_sqlite_run(store, statement);
-    }
-    return added;
-}
-
 static bool add_events(qm_store *store, const char *id, const qm_store_event *events, size_t count)
 {
     sqlite3_stmt *statement = qm_sqlite_prepare(store, "INSERT INTO job_events (job, seq, name, members)"
@@ -106,12 +92,13 @@ static bool add_events(qm_store *store, const char *id, const qm_store_event *ev
 qm_stored qm_sqlite_put_job_copy(qm_store *store, const qm_store_job_copy *copy, const qm_store_event *events,
                                  size_t count, const qm_store_array *array)
 {
+    const char *const subjects[2] = {copy->subjects[0], copy->subjects[1]};
     if (!qm_space_has_room(store)) return QM_STORED_FULL;
     if (!qm_sqlite_begin_transaction(store)) return QM_STORED_FAULT;
     qm_stored stored = QM_STORED;
     if (!qm_sqlite_has_row(store, "SELECT 1 FROM jobs WHERE id = ?", copy->job.id)) {
         stored = add_job(store, copy);
-        bool added = stored == QM_STORED && add_subjects(store, copy) &&
+        bool added = stored == QM_STORED && qm_sqlite_add_subjects(store, copy->job.id, subjects) &&
                      add_events(store, copy->job.id, events, count) &&
                      (!array || qm_sqlite_add_array(store, copy->job.id, array));
         if (stored == QM_STORED && !added) stored = QM_STORED_FAULT;

@@ -10,15 +10,27 @@
 
 static const char has_job[] = "SELECT 1 FROM jobs WHERE id = ?";
 
+bool qm_sqlite_add_subjects(qm_store *store, const char *job_id, const char *const subjects[2])
+{
+    sqlite3_stmt *statement = qm_sqlite_prepare(store, "INSERT OR IGNORE INTO job_subjects (job, subject)"
+                                                       " SELECT sequence, ? FROM jobs WHERE id = ?");
+    bool added = statement;
+    for (int i = 0; added && i < 2; i++) {
+        if (!subjects[i] || !subjects[i][0]) continue;
+        qm_sqlite_bind_text(statement, 1, subjects[i]);
+        qm_sqlite_bind_text(statement, 2, job_id);
+        added = qm_sqlite_run(store, statement);
+    }
+    return added;
+}
+
 /** In a transaction. */
 static qm_stored submit(qm_store *store, const qm_store_job *job)
 {
     sqlite3_stmt *row = qm_sqlite_prepare(
         store, "INSERT INTO jobs (id, key, idempotency_key, body, created, state, revisions, type)"
                " VALUES (?, ?, ?, ?, ?, ?, '', ?) ON CONFLICT DO NOTHING");
-    sqlite3_stmt *subject = qm_sqlite_prepare(store, "INSERT OR IGNORE INTO job_subjects (job, subject)"
-                                                     " SELECT sequence, ? FROM jobs WHERE id = ?");
-    if (!row || !subject) return QM_STORED_FAULT;
+    if (!row) return QM_STORED_FAULT;
     qm_sqlite_bind_text(row, 1, job->id);
     qm_sqlite_bind_text(row, 2, job->key);
     qm_sqlite_bind_text(row, 3, job->idempotency_key);
@@ -29,13 +41,7 @@ static qm_stored submit(qm_store *store, const qm_store_job *job)
     if (!qm_sqlite_run(store, row)) return QM_STORED_FAULT;
     if (!qm_sqlite_has_changed(store))
         return qm_sqlite_has_row(store, has_job, job->id) ? QM_STORED : QM_STORED_TAKEN;
-    for (int i = 0; i < 2; i++) {
-        if (!job->subjects[i] || !job->subjects[i][0]) continue;
-        qm_sqlite_bind_text(subject, 1, job->subjects[i]);
-        qm_sqlite_bind_text(subject, 2, job->id);
-        if (!qm_sqlite_run(store, subject)) return QM_STORED_FAULT;
-    }
-    return QM_STORED;
+    return qm_sqlite_add_subjects(store, job->id, job->subjects) ? QM_STORED : QM_STORED_FAULT;
 }
 
 qm_stored qm_sqlite_submit_job(qm_store *store, const qm_store_submission *submission)

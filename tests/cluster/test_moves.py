@@ -1,12 +1,14 @@
 """From one daemon's own store to a cluster and back, with the same answers (T20)."""
+import random
 import re
 import subprocess
 import threading
 import time
 
 from api_conftest import BUILD, Daemon
-from faults import SEED
+from faults import SEED, choose
 from load import Load
+from postgres import NAME
 
 
 def answers(daemon):
@@ -54,6 +56,36 @@ def test_there_and_back(make_cluster, tmp_path):
     back = Daemon(tmp_path / "back")
     assert answers(back) == first
     assert back.stop() == 0
+
+
+def test_an_import_that_succeeds_survives_the_database(make_cluster):
+    """The database is killed at random instants: an import that says it is done has lost nothing, and one that failed can be
+    made again on what is left."""
+    embedded = make_cluster(1, store="embedded")
+    (node,) = embedded.nodes
+    with Load(embedded, SEED) as load:
+        time.sleep(3)
+    load.check()
+    first = answers(node.daemon)
+    assert node.stop() == 0
+    cluster, chance, ends = make_cluster(0), random.Random(SEED), []
+    server = cluster.database.primary
+    store = f"postgres://{NAME}@127.0.0.1:{server.port}/{NAME}"
+    for _ in range(choose(6, 40)):
+        if not ends or ends[-1] == 0:
+            cluster.query("DROP SCHEMA IF EXISTS quadmeshd CASCADE")
+        importing = subprocess.Popen([BUILD / "quadmeshd", "--store", store, "--import", node.folder / "data"],
+                                     stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        time.sleep(chance.uniform(0.0, 0.6))
+        server.kill()
+        server.start()
+        ends.append(importing.wait())
+        if ends[-1] == 0:
+            for kind in ("meshes", "jobs", "layouts", "reconstructions"):
+                found = cluster.query(f"SELECT count(*) FROM quadmeshd.{kind}")
+                assert int(found[0][0]) == len(first[kind]), (ends, kind)
+    run("--store", store, "--import", node.folder / "data")
+    assert answers(cluster.add_node("n1").daemon) == first, ends
 
 
 def test_an_export_during_work_is_whole(make_cluster, tmp_path):
