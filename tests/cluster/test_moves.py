@@ -5,10 +5,14 @@ import subprocess
 import threading
 import time
 
+import pytest
+
 from api_conftest import BUILD, Daemon
 from faults import SEED, choose
 from load import Load
 from postgres import NAME
+
+KILLS = choose(6, 40)
 
 
 def answers(daemon):
@@ -58,6 +62,7 @@ def test_there_and_back(make_cluster, tmp_path):
     assert back.stop() == 0
 
 
+@pytest.mark.timeout(120 + 10 * KILLS)
 def test_an_import_that_succeeds_survives_the_database(make_cluster):
     """The database is killed at random instants: an import that says it is done has lost nothing, and one that failed can be
     made again on what is left."""
@@ -71,12 +76,12 @@ def test_an_import_that_succeeds_survives_the_database(make_cluster):
     cluster, chance, ends = make_cluster(0), random.Random(SEED), []
     server = cluster.database.primary
     store = f"postgres://{NAME}@127.0.0.1:{server.port}/{NAME}"
-    for _ in range(choose(6, 40)):
+    for _ in range(KILLS):
         if not ends or ends[-1] == 0:
             cluster.query("DROP SCHEMA IF EXISTS quadmeshd CASCADE")
         importing = subprocess.Popen([BUILD / "quadmeshd", "--store", store, "--import", node.folder / "data"],
                                      stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        time.sleep(chance.uniform(0.0, 0.6))
+        time.sleep(chance.uniform(0.0, 0.3))
         server.kill()
         server.start()
         ends.append(importing.wait())
