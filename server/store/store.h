@@ -520,9 +520,8 @@ void qm_store_job_copy_reset(qm_store_job_copy *copy);
 qm_stored qm_store_list_layout_revisions(qm_store *store, const char *id, const qm_store_page *page,
                                          qm_store_layout *out, size_t *count);
 /**
- * Stores a layout with all its kept revisions, which are those of one layout in their order without gaps, and of which
- * `current` is the current one. QM_STORED also when the store has a layout of this id, which stays as it is;
- * QM_STORED_TAKEN when its idempotency key has another one.
+ * Stores a layout with all its kept revisions, in their order, of which `current` is the current one. QM_STORED also
+ * when the store has a layout of this id, which stays as it is; QM_STORED_TAKEN when its idempotency key has another one.
  */
 qm_stored qm_store_put_layout_copy(qm_store *store, const qm_store_layout *revisions, size_t count,
                                    int64_t current, const qm_store_idempotency *idempotency);

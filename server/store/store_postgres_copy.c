@@ -130,12 +130,13 @@ qm_stored qm_postgres_list_layout_revisions(qm_store *store, const char *id, con
 
 /** The revisions of a layout as arrays of their columns. */
 typedef struct revision_arrays {
-    qm_text layouts, issues, next_curves, are_complete;
+    qm_text revisions, layouts, issues, next_curves, are_complete;
 } revision_arrays;
 
 static void write_revisions(revision_arrays *arrays, const qm_store_layout *revisions, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
+        qm_postgres_write_integer(&arrays->revisions, revisions[i].revision);
         qm_postgres_write_text(&arrays->layouts, revisions[i].layout);
         qm_postgres_write_text(&arrays->issues, revisions[i].issues);
         qm_postgres_write_integer(&arrays->next_curves, revisions[i].next_curve);
@@ -153,9 +154,9 @@ qm_stored qm_postgres_put_layout_copy(qm_store *store, const qm_store_layout *re
             "   VALUES ($1, $2, $3, $4::bigint, $5::bigint, $6::bigint, $7, $8)"
             "   ON CONFLICT DO NOTHING RETURNING id)"
             " INSERT INTO quadmeshd.layout_revisions (id, revision, layout, issues, next_curve, is_complete)"
-            "  SELECT id, $5::bigint + place - 1, layout, issues, next_curve, is_complete = 1 FROM made,"
-            "   unnest($9::text[], $10::text[], $11::bigint[], $12::int[]) WITH ORDINALITY"
-            "     AS r(layout, issues, next_curve, is_complete, place) RETURNING 1"};
+            "  SELECT id, revision, layout, issues, next_curve, is_complete = 1 FROM made,"
+            "   unnest($9::bigint[], $10::text[], $11::text[], $12::bigint[], $13::int[])"
+            "     AS r(revision, layout, issues, next_curve, is_complete) RETURNING 1"};
     revision_arrays arrays = {0};
     write_revisions(&arrays, revisions, count);
     qm_postgres_add_text(&query, revisions->id);
@@ -166,12 +167,14 @@ qm_stored qm_postgres_put_layout_copy(qm_store *store, const qm_store_layout *re
     qm_postgres_add_integer(&query, revisions[count - 1].revision);
     qm_postgres_add_text(&query, idempotency->key);
     qm_postgres_add_text(&query, idempotency->request);
+    qm_postgres_add_array(&query, &arrays.revisions);
     qm_postgres_add_array(&query, &arrays.layouts);
     qm_postgres_add_array(&query, &arrays.issues);
     qm_postgres_add_array(&query, &arrays.next_curves);
     qm_postgres_add_array(&query, &arrays.are_complete);
     qm_stored status =
         qm_postgres_create_row(store, &query, "SELECT 1 FROM quadmeshd.layouts WHERE id = $1", revisions->id);
+    qm_text_reset(&arrays.revisions);
     qm_text_reset(&arrays.layouts);
     qm_text_reset(&arrays.issues);
     qm_text_reset(&arrays.next_curves);
