@@ -11,12 +11,13 @@ import signal
 import socket
 import struct
 import subprocess
+import tarfile
 import time
 
 import pytest
 
 import shapes
-from conftest import BUILD, FINDINGS, PATIENCE, SLOW, WAIT, Daemon, make_database
+from conftest import BUILD, FINDINGS, PATIENCE, ROOT, SLOW, WAIT, Daemon, make_database
 from test_layouts import edit, saddle_layout
 
 SEED = int(os.environ.get("QM_TEST_SEED", "1"))
@@ -34,10 +35,9 @@ def run(*arguments, status=0, env=None):
 
 
 def count(text):
-    """The numbers of the last line of a copy: copied of each kind, there before, faults."""
-    last = text.splitlines()[-1]
-    found = re.fullmatch(r"quadmeshd: (\d+) meshes, (\d+) layouts, (\d+) reconstructions and (\d+) jobs copied; (\d+) were"
-                         r" there: (\d+) faults", last)
+    """The numbers of the summary of a copy: copied of each kind, there before, faults."""
+    found = re.search(r"^quadmeshd: (\d+) meshes, (\d+) layouts, (\d+) reconstructions and (\d+) jobs copied; (\d+) were"
+                      r" there: (\d+) faults$", text, re.M)
     assert found, text
     return [int(number) for number in found.groups()]
 
@@ -236,6 +236,15 @@ def test_a_restored_folder_is_imported(filled, tmp_path):
     run("--store", store, "--import", filled[0])
     run("--store", again, "--import", tmp_path / "data")
     assert anonymous(rows_of(again)) == anonymous(rows_of(store))
+
+
+def test_a_folder_of_an_older_version_is_imported(tmp_path):
+    with tarfile.open(ROOT / "tests/pressure/stored/schema7.tar.gz") as archive:
+        archive.extractall(tmp_path, filter="data")
+    store = make_database()
+    copied = count(run("--store", store, "--import", tmp_path / "data"))
+    assert copied[0] > 0 and copied[1] > 0 and copied[3] > 0 and copied[4:] == [0, 0]
+    assert " 0 faults" in run("--store", store, "--check").splitlines()[-1]
 
 
 def anonymous(rows):
