@@ -178,6 +178,18 @@ static qm_meshes *create_meshes(qm_store *store, const qm_config *config)
     return qm_meshes_create(store, limits, memory, prepare_threads);
 }
 
+/** What a shared store is told of this process. */
+static qm_store_node describe_node(const qm_config *config)
+{
+    qm_store_node node = {.version = QM_VERSION,
+                          .workers = (int)config->workers,
+                          .memory = config->memory_budget > 0 ? (uint64_t)config->memory_budget
+                                                              : qm_host_default_budget()};
+    snprintf(node.name, sizeof node.name, "%s", config->node_name);
+    if (!node.name[0]) gethostname(node.name, sizeof node.name - 1);
+    return node;
+}
+
 /** Opens the store of the settings; false with a line in the log. */
 static bool open_store(qm_app *app, const qm_config *config)
 {
@@ -187,11 +199,7 @@ static bool open_store(qm_app *app, const qm_config *config)
         qm_log(QM_LOG_ERROR, "data folder: %s", message);
         return false;
     }
-    snprintf(app->node.name, sizeof app->node.name, "%s", config->node_name);
-    if (!app->node.name[0]) gethostname(app->node.name, sizeof app->node.name - 1);
-    app->node.version = QM_VERSION;
-    app->node.workers = (int)config->workers;
-    app->node.memory = config->memory_budget > 0 ? (uint64_t)config->memory_budget : qm_host_default_budget();
+    app->node = describe_node(config);
     bool is_unsafe = config->store_unsafe > 0.0;
     qm_stored stored =
         qm_store_open_shared(config->store, config->data_dir, &app->node, is_unsafe, &app->store, message);
@@ -313,13 +321,14 @@ static bool run_adopt(const qm_config *config, char message[QM_MESSAGE_SIZE])
 static bool run_check(const qm_config *config, char message[QM_MESSAGE_SIZE])
 {
     qm_store_findings found;
+    const qm_store_node self = describe_node(config);
     bool repairs = config->task == QM_CONFIG_REPAIR;
     if (config->store[0] && repairs) {
         snprintf(message, QM_MESSAGE_SIZE, "a database of --store is not repaired from here, only checked");
         return false;
     }
     bool done = config->store[0]
-                    ? qm_store_check_shared(config->store, stdout, &found, message) == QM_STORED
+                    ? qm_store_check_shared(config->store, &self, stdout, &found, message) == QM_STORED
                     : qm_store_check(config->data_dir, repairs, stdout, &found, message) == QM_OK;
     if (!done) return false;
     snprintf(message, QM_MESSAGE_SIZE,
@@ -346,11 +355,12 @@ static bool run_backup(const qm_config *config, char message[QM_MESSAGE_SIZE])
 static bool run_copy(const qm_config *config, char message[QM_MESSAGE_SIZE])
 {
     qm_store_copied copied;
+    const qm_store_node self = describe_node(config);
     const char *folder = config->task_file;
-    qm_stored stored =
-        config->task == QM_CONFIG_IMPORT
-            ? qm_store_import(folder, config->store, config->store_unsafe > 0.0, stdout, &copied, message)
-            : qm_store_export(config->store, folder, stdout, &copied, message);
+    qm_stored stored = config->task == QM_CONFIG_IMPORT
+                           ? qm_store_import(folder, config->store, &self, config->store_unsafe > 0.0, stdout,
+                                             &copied, message)
+                           : qm_store_export(config->store, &self, folder, stdout, &copied, message);
     if (stored != QM_STORED) return false;
     snprintf(message, QM_MESSAGE_SIZE,
              "%zu meshes, %zu layouts, %zu reconstructions and %zu jobs copied; %zu were there: %zu faults",
@@ -362,7 +372,8 @@ static bool run_copy(const qm_config *config, char message[QM_MESSAGE_SIZE])
 static bool run_status(const qm_config *config, char message[QM_MESSAGE_SIZE])
 {
     size_t faults;
-    if (qm_store_print_status(config->store, stdout, &faults, message) != QM_STORED) return false;
+    const qm_store_node self = describe_node(config);
+    if (qm_store_print_status(config->store, &self, stdout, &faults, message) != QM_STORED) return false;
     snprintf(message, QM_MESSAGE_SIZE, "%zu faults", faults);
     return faults == 0;
 }

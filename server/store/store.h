@@ -486,14 +486,15 @@ void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction);
 /* ---- copies of rows, for another store (store_copy.h) ---- */
 
 /**
- * Opens a shared store without joining its nodes. To write: makes the tables when the database has none. To read: one
- * snapshot of the database, from one thread; folder is the cache of blobs, or NULL when none is opened or checked.
- * Returns as qm_store_open_shared does, and QM_STORED_NONE with a message when there are no tables to read.
+ * Opens a shared store without joining its nodes; the database shows the process by the name of self. To write: makes
+ * the tables when the database has none. To read: one snapshot of the database, from one thread; folder is the cache of
+ * blobs, or NULL when none is opened or checked. Returns as qm_store_open_shared does, and QM_STORED_NONE with a message
+ * when there are no tables to read.
  */
-qm_stored qm_store_visit_to_read(const char *address, const char *folder, qm_store **out,
-                                 char message[QM_MESSAGE_SIZE]);
-qm_stored qm_store_visit_to_write(const char *address, bool is_unsafe, qm_store **out,
-                                  char message[QM_MESSAGE_SIZE]);
+qm_stored qm_store_visit_to_read(const char *address, const qm_store_node *self, const char *folder,
+                                 qm_store **out, char message[QM_MESSAGE_SIZE]);
+qm_stored qm_store_visit_to_write(const char *address, const qm_store_node *self, bool is_unsafe,
+                                  qm_store **out, char message[QM_MESSAGE_SIZE]);
 
 /** All that a store has of a job but its events and its array. */
 typedef struct qm_store_job_copy {
@@ -543,12 +544,12 @@ qm_stored qm_store_settle(qm_store *store);
  * Prints what a shared store is, without joining its nodes: a line "name: value" for each fact, and "fault: ..." for each
  * reason why it does not serve: commits that are not durable, no node that lives, other tables. *faults is their number.
  */
-qm_stored qm_store_print_status(const char *address, FILE *out, size_t *faults,
+qm_stored qm_store_print_status(const char *address, const qm_store_node *self, FILE *out, size_t *faults,
                                 char message[QM_MESSAGE_SIZE]);
 
 /** Compares the rows and blobs of a shared store as qm_store_check does those of a folder, and repairs nothing. Blobs
  * that no row names count as orphans. */
-qm_stored qm_store_check_shared(const char *address, FILE *out, qm_store_findings *found,
-                                char message[QM_MESSAGE_SIZE]);
+qm_stored qm_store_check_shared(const char *address, const qm_store_node *self, FILE *out,
+                                qm_store_findings *found, char message[QM_MESSAGE_SIZE]);
 
 #endif

@@ -111,8 +111,8 @@ static void check_orphans(qm_store_checking *work)
     if (stored != QM_STORED) qm_store_check_tell(work, false, "files", "cannot", "be listed");
 }
 
-qm_stored qm_store_check_shared(const char *address, FILE *out, qm_store_findings *found,
-                                char message[QM_MESSAGE_SIZE])
+qm_stored qm_store_check_shared(const char *address, const qm_store_node *self, FILE *out,
+                                qm_store_findings *found, char message[QM_MESSAGE_SIZE])
 {
     const char *parent = getenv("TMPDIR");
     char folder[QM_STORE_FOLDER_SIZE];
@@ -124,7 +124,7 @@ qm_stored qm_store_check_shared(const char *address, FILE *out, qm_store_finding
         snprintf(message, QM_MESSAGE_SIZE, "cannot make %.200s: %s", folder, strerror(errno));
         return QM_STORED_FAULT;
     }
-    qm_stored stored = qm_store_visit_to_read(address, folder, &work.store, message);
+    qm_stored stored = qm_store_visit_to_read(address, self, folder, &work.store, message);
     if (stored == QM_STORED) {
         qm_store_check_rows(&work);
         check_orphans(&work);

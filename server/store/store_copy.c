@@ -415,8 +415,8 @@ static void explain(qm_stored stored, char message[QM_MESSAGE_SIZE])
     snprintf(message, QM_MESSAGE_SIZE, "the copy was cut off: %s", why);
 }
 
-qm_stored qm_store_import(const char *folder, const char *address, bool is_unsafe, FILE *out,
-                          qm_store_copied *copied, char message[QM_MESSAGE_SIZE])
+qm_stored qm_store_import(const char *folder, const char *address, const qm_store_node *self, bool is_unsafe,
+                          FILE *out, qm_store_copied *copied, char message[QM_MESSAGE_SIZE])
 {
     qm_store *from, *to = NULL;
     char why[QM_MESSAGE_SIZE];
@@ -425,7 +425,7 @@ qm_stored qm_store_import(const char *folder, const char *address, bool is_unsaf
         snprintf(message, QM_MESSAGE_SIZE, "%.100s: %.150s", folder, why);
         return QM_STORED_FAULT;
     }
-    qm_stored stored = qm_store_visit_to_write(address, is_unsafe, &to, message);
+    qm_stored stored = qm_store_visit_to_write(address, self, is_unsafe, &to, message);
     if (stored == QM_STORED) {
         stored = qm_store_copy(from, to, out, copied);
         if (stored != QM_STORED) explain(stored, message);
@@ -456,14 +456,14 @@ static qm_stored fill(qm_store *from, const char *path, FILE *out, qm_store_copi
     return stored;
 }
 
-qm_stored qm_store_export(const char *address, const char *folder, FILE *out, qm_store_copied *copied,
-                          char message[QM_MESSAGE_SIZE])
+qm_stored qm_store_export(const char *address, const qm_store_node *self, const char *folder, FILE *out,
+                          qm_store_copied *copied, char message[QM_MESSAGE_SIZE])
 {
     qm_store *from;
     char name[QM_STORE_FOLDER_SIZE], path[QM_STORE_FOLDER_SIZE];
     *copied = (qm_store_copied){0};
     if (!qm_store_plan_folder(folder, ".exporting", name, path, message)) return QM_STORED_FAULT;
-    qm_stored stored = qm_store_visit_to_read(address, NULL, &from, message);
+    qm_stored stored = qm_store_visit_to_read(address, self, NULL, &from, message);
     if (stored != QM_STORED) return stored;
     stored = fill(from, path, out, copied, message);
     if (stored == QM_STORED && (!sync_all(path) || !qm_store_put_in_place(path, name))) {

@@ -26,14 +26,14 @@ qm_stored qm_store_copy(qm_store *from, qm_store *to, FILE *out, qm_store_copied
  * first brought up to date. Jobs that have not ended wait there. A mesh whose content is there under another id keeps its
  * id, and no upload finds it. All is durable when QM_STORED is returned; else there is a message.
  */
-qm_stored qm_store_import(const char *folder, const char *address, bool is_unsafe, FILE *out,
-                          qm_store_copied *copied, char message[QM_MESSAGE_SIZE]);
+qm_stored qm_store_import(const char *folder, const char *address, const qm_store_node *self, bool is_unsafe,
+                          FILE *out, qm_store_copied *copied, char message[QM_MESSAGE_SIZE]);
 
 /**
  * Makes a data folder, which is missing or empty, of a shared store: one snapshot, whatever its nodes do meanwhile. The
  * folder gets its name when everything is in it and on disk. Else than QM_STORED: there is a message, and no folder.
  */
-qm_stored qm_store_export(const char *address, const char *folder, FILE *out, qm_store_copied *copied,
-                          char message[QM_MESSAGE_SIZE]);
+qm_stored qm_store_export(const char *address, const qm_store_node *self, const char *folder, FILE *out,
+                          qm_store_copied *copied, char message[QM_MESSAGE_SIZE]);
 
 #endif

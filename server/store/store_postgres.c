@@ -136,17 +136,16 @@ static qm_stored open_database(qm_store *store, const char *address, bool is_uns
     return status;
 }
 
-qm_stored qm_postgres_visit(const char *address, const char *folder, bool is_reader, qm_store **out,
-                            char message[QM_MESSAGE_SIZE])
+qm_stored qm_postgres_visit(const char *address, const qm_store_node *self, const char *folder,
+                            bool is_reader, qm_store **out, char message[QM_MESSAGE_SIZE])
 {
-    static const qm_store_node visitor = {.name = "visitor", .version = QM_VERSION};
     *out = NULL;
     if (!qm_postgres_load_library(message)) return QM_STORED_AWAY;
     qm_store *store = qm_store_create(folder, message);
     if (!store) return QM_STORED_NO_MEMORY;
     store->driver = &qm_postgres_driver;
     qm_stored status = QM_STORED_NO_MEMORY;
-    if (create_postgres(store, &visitor))
+    if (create_postgres(store, self))
         status = qm_postgres_open_pool(store, address, is_reader, message);
     else
         snprintf(message, QM_MESSAGE_SIZE, "%s", qm_status_text(QM_E_NO_MEMORY));
@@ -167,21 +166,20 @@ static qm_stored begin_reading(qm_store *store, char message[QM_MESSAGE_SIZE])
         snprintf(message, QM_MESSAGE_SIZE, "database: its tables cannot be read; the log has more");
     else if (version == 0)
         snprintf(message, QM_MESSAGE_SIZE, "database: it has no tables of quadmeshd");
-    else if (version != QM_POSTGRES_VERSION)
+    else if (!qm_postgres_knows(version))
         snprintf(message, QM_MESSAGE_SIZE,
-                 "database: tables of version %d were made by another version of quadmeshd; this one has %d",
-                 (int)version, QM_POSTGRES_VERSION);
+                 "database: tables of version %d were made by another version of quadmeshd", (int)version);
     else
         return QM_STORED;
     return status == QM_STORED ? QM_STORED_NONE : status;
 }
 
-qm_stored qm_store_visit_to_read(const char *address, const char *folder, qm_store **out,
-                                 char message[QM_MESSAGE_SIZE])
+qm_stored qm_store_visit_to_read(const char *address, const qm_store_node *self, const char *folder,
+                                 qm_store **out, char message[QM_MESSAGE_SIZE])
 {
     qm_store *store;
     *out = NULL;
-    qm_stored status = qm_postgres_visit(address, folder ? folder : "", true, &store, message);
+    qm_stored status = qm_postgres_visit(address, self, folder ? folder : "", true, &store, message);
     if (status != QM_STORED) return status;
     bool has_folder = !folder || qm_blob_make_folders(folder, message);
     status = has_folder ? begin_reading(store, message) : QM_STORED_FAULT;
@@ -192,12 +190,12 @@ qm_stored qm_store_visit_to_read(const char *address, const char *folder, qm_sto
     return status;
 }
 
-qm_stored qm_store_visit_to_write(const char *address, bool is_unsafe, qm_store **out,
-                                  char message[QM_MESSAGE_SIZE])
+qm_stored qm_store_visit_to_write(const char *address, const qm_store_node *self, bool is_unsafe,
+                                  qm_store **out, char message[QM_MESSAGE_SIZE])
 {
     qm_store *store;
     *out = NULL;
-    qm_stored status = qm_postgres_visit(address, "", false, &store, message);
+    qm_stored status = qm_postgres_visit(address, self, "", false, &store, message);
     if (status != QM_STORED) return status;
     status = check_durability(store, is_unsafe, message);
     if (status == QM_STORED) status = qm_postgres_set_up(store, message);

@@ -188,12 +188,13 @@ void qm_postgres_close_pool(qm_store *store);
 void qm_postgres_name_engine(qm_store *store, char out[64]);
 
 /** A store at an address that no node joins, with a pool, for qm_store_close; folder "" for none. */
-qm_stored qm_postgres_visit(const char *address, const char *folder, bool is_reader, qm_store **out,
-                            char message[QM_MESSAGE_SIZE]);
+qm_stored qm_postgres_visit(const char *address, const qm_store_node *self, const char *folder,
+                            bool is_reader, qm_store **out, char message[QM_MESSAGE_SIZE]);
 
 /** Version of the tables; 0: there are none. */
 qm_stored qm_postgres_find_version(qm_store *store, int64_t *version);
-#define QM_POSTGRES_VERSION 1 /* of the tables that this program has */
+/** True for a version that this program uses. */
+bool qm_postgres_knows(int64_t version);
 
 /** Makes the tables when there are none, and refuses those of a newer version. */
 qm_stored qm_postgres_set_up(qm_store *store, char message[QM_MESSAGE_SIZE]);

@@ -7,6 +7,7 @@
 
 #include "store_postgres.h"
 
+#define VERSION 1 /* of these tables */
 #define OLDEST_SERVER 150000
 
 /** True when the tables are there: asked of the catalog's rows, as what a session remembers of names may be older than
@@ -157,8 +158,13 @@ static qm_stored make_tables(qm_postgres_connection *connection, void *user)
     qm_postgres_free(&rows);
     if (status != QM_STORED || is_there) return status;
     char sql[sizeof schema + 16];
-    snprintf(sql, sizeof sql, schema, QM_POSTGRES_VERSION);
+    snprintf(sql, sizeof sql, schema, VERSION);
     return qm_postgres_command(connection, sql);
+}
+
+bool qm_postgres_knows(int64_t version)
+{
+    return version == VERSION;
 }
 
 qm_stored qm_postgres_find_version(qm_store *store, int64_t *version)
@@ -184,10 +190,10 @@ qm_stored qm_postgres_set_up(qm_store *store, char message[QM_MESSAGE_SIZE])
                  OLDEST_SERVER / 10000);
     else if (!found.is_utf8)
         snprintf(message, QM_MESSAGE_SIZE, "database: its encoding is not UTF8");
-    else if (found.version != QM_POSTGRES_VERSION)
+    else if (!qm_postgres_knows(found.version))
         snprintf(message, QM_MESSAGE_SIZE,
                  "database: tables of version %d were made by another version of quadmeshd; this one has %d",
-                 (int)found.version, QM_POSTGRES_VERSION);
+                 (int)found.version, VERSION);
     else
         return QM_STORED;
     return status == QM_STORED ? QM_STORED_FAULT : status;

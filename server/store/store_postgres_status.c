@@ -58,11 +58,11 @@ static qm_stored print_version(report *work, int64_t *version)
     qm_stored status = qm_postgres_find_version(work->store, version);
     if (status != QM_STORED) return status;
     fprintf(work->out, "tables: %" PRId64 "\n", *version);
-    snprintf(fault, sizeof fault, "tables of version %" PRId64 ", this program has %d", *version,
-             QM_POSTGRES_VERSION);
+    snprintf(fault, sizeof fault, "tables of version %" PRId64 " are those of another version of quadmeshd",
+             *version);
     if (*version == 0)
         tell_fault(work, "there are no tables: the first daemon, or an import, makes them");
-    else if (*version != QM_POSTGRES_VERSION)
+    else if (!qm_postgres_knows(*version))
         tell_fault(work, fault);
     return QM_STORED;
 }
@@ -135,11 +135,12 @@ static qm_stored print_facts(report *work)
     return status == QM_STORED ? print_counts(work) : status;
 }
 
-qm_stored qm_store_print_status(const char *address, FILE *out, size_t *faults, char message[QM_MESSAGE_SIZE])
+qm_stored qm_store_print_status(const char *address, const qm_store_node *self, FILE *out, size_t *faults,
+                                char message[QM_MESSAGE_SIZE])
 {
     report work = {.out = out};
     *faults = 0;
-    qm_stored status = qm_postgres_visit(address, "", true, &work.store, message);
+    qm_stored status = qm_postgres_visit(address, self, "", true, &work.store, message);
     if (status != QM_STORED) return status;
     status = qm_postgres_begin_snapshot(work.store);
     if (status == QM_STORED) status = print_facts(&work);

@@ -28,11 +28,12 @@ static qm_store *open_embedded(const char *folder, qm_store_purpose purpose)
     return store;
 }
 
+static const qm_store_node self = {.name = "one", .version = "test", .workers = 2, .memory = 1 << 30};
+
 /** A node of a shared store. */
 static qm_store *open_node(const char *database, const char *folder)
 {
     char message[QM_MESSAGE_SIZE] = "";
-    const qm_store_node self = {.name = "one", .version = "test", .workers = 2, .memory = 1 << 30};
     qm_store *store;
     qm_store_open_shared(database, folder, &self, false, &store, message);
     QM_CHECK(store, "%s", message);
@@ -478,7 +479,7 @@ static void end_journey(journey *j)
 
 static qm_stored import(journey *j)
 {
-    return qm_store_import(j->folder, j->database, false, stderr, &j->copied, j->message);
+    return qm_store_import(j->folder, j->database, &self, false, stderr, &j->copied, j->message);
 }
 
 static void test_there_and_back(void **state)
@@ -496,10 +497,10 @@ static void test_there_and_back(void **state)
     qm_store *store = open_node(j->database, j->cache);
     check_all(store);
     qm_store_close(store);
-    QM_CHECK(qm_store_export(j->database, j->back, stderr, &j->copied, j->message) == QM_STORED, "%s",
+    QM_CHECK(qm_store_export(j->database, &self, j->back, stderr, &j->copied, j->message) == QM_STORED, "%s",
              j->message);
     assert_int_equal(j->copied.jobs, 2);
-    assert_int_equal(qm_store_export(j->database, j->back, stderr, &j->copied, j->message),
+    assert_int_equal(qm_store_export(j->database, &self, j->back, stderr, &j->copied, j->message),
                      QM_STORED_FAULT); /* it is not empty */
     store = open_embedded(j->back, QM_STORE_SERVE);
     check_all(store);
@@ -508,7 +509,7 @@ static void test_there_and_back(void **state)
     assert_int_equal(qm_store_check(j->back, false, stderr, &found, j->message), QM_OK);
     assert_int_equal(found.faults, 0);
     assert_int_equal(found.files, 2);
-    assert_int_equal(qm_store_check_shared(j->database, stderr, &found, j->message), QM_STORED);
+    assert_int_equal(qm_store_check_shared(j->database, &self, stderr, &found, j->message), QM_STORED);
     assert_int_equal(found.faults, 0);
     assert_int_equal(found.meshes, 1);
     assert_int_equal(found.jobs, 2);
@@ -573,7 +574,8 @@ static void test_damages(void **state)
     size_t size = 0;
     FILE *out = open_memstream(&text, &size);
     assert_non_null(out);
-    assert_int_equal(qm_store_import(j->folder, j->database, false, out, &j->copied, j->message), QM_STORED);
+    assert_int_equal(qm_store_import(j->folder, j->database, &self, false, out, &j->copied, j->message),
+                     QM_STORED);
     fclose(out);
     QM_CHECK(strstr(text, "mesh m_a: file ") && strstr(text, " is damaged") && strstr(text, "job j_a: "),
              "%s", text);
@@ -600,9 +602,9 @@ static void test_damages_of_the_database(void **state)
     qm_database_ask(j->database, "UPDATE quadmeshd.blob_chunks SET bytes = set_byte(bytes, 0, 0)"
                                  " WHERE generation = (SELECT generation FROM quadmeshd.blobs b"
                                  "   JOIN quadmeshd.meshes m ON m.hash = b.hash)");
-    assert_int_equal(qm_store_check_shared(j->database, stderr, &found, j->message), QM_STORED);
+    assert_int_equal(qm_store_check_shared(j->database, &self, stderr, &found, j->message), QM_STORED);
     assert_int_equal(found.faults, 1);
-    assert_int_equal(qm_store_export(j->database, j->back, stderr, &j->copied, j->message), QM_STORED);
+    assert_int_equal(qm_store_export(j->database, &self, j->back, stderr, &j->copied, j->message), QM_STORED);
     assert_int_equal(j->copied.faults, 1);
     assert_int_equal(j->copied.meshes, 0);
     assert_int_equal(j->copied.jobs, 2);
@@ -620,7 +622,7 @@ static void test_a_reader_has_a_snapshot(void **state)
     qm_store *reader;
     qm_store_mesh mesh;
     assert_int_equal(import(j), QM_STORED);
-    assert_int_equal(qm_store_visit_to_read(j->database, NULL, &reader, j->message), QM_STORED);
+    assert_int_equal(qm_store_visit_to_read(j->database, &self, NULL, &reader, j->message), QM_STORED);
     qm_store *node = open_node(j->database, j->cache);
     assert_int_equal(qm_store_delete_mesh(node, "m_a"), QM_STORED);
     assert_int_equal(qm_store_find_mesh(reader, "m_a", &mesh), QM_STORED);
@@ -637,7 +639,7 @@ static void check_status(const char *database, size_t faults, const char *line)
     size_t size = 0, found;
     FILE *out = open_memstream(&text, &size);
     assert_non_null(out);
-    QM_CHECK(qm_store_print_status(database, out, &found, message) == QM_STORED, "%s", message);
+    QM_CHECK(qm_store_print_status(database, &self, out, &found, message) == QM_STORED, "%s", message);
     fclose(out);
     QM_CHECK(found == faults && strstr(text, line), "%s", text);
     free(text);
