@@ -42,13 +42,15 @@ def count(text):
     return [int(number) for number in found.groups()]
 
 
-class Node(Daemon):
-    """A daemon on a database that outlives it."""
-
-    def __init__(self, folder, store):
-        folder.mkdir()
-        self.address = store
-        super().__init__(folder, "--store", store, "--node-name", folder.name)
+@pytest.fixture
+def make_node(request, tmp_path):
+    """Daemons of a test's own on a database that outlives them: make_node("name", address)."""
+    def make(name, store):
+        (tmp_path / name).mkdir()
+        node = Daemon(tmp_path / name, "--store", store, "--node-name", name)
+        request.addfinalizer(lambda: node.stop(signal.SIGKILL))
+        return node
+    return make
 
 
 def submit(client, **request):
@@ -163,10 +165,11 @@ def check_keys(running, layouts):
 
 
 @pytest.fixture(scope="module")
-def filled(tmp_path_factory, slow_files):
+def filled(request, tmp_path_factory, slow_files):
     """The folder of a daemon that was killed during a job, what it told before, and that job with its events."""
     folder = tmp_path_factory.mktemp("filled")
     running = Daemon(folder)
+    request.addfinalizer(lambda: running.stop(signal.SIGKILL))
     with running.client() as client:
         fill(client)
         canceled = start_slow(client, slow_files)
@@ -184,12 +187,12 @@ def filled(tmp_path_factory, slow_files):
     return folder / "data", told, job
 
 
-def test_there_and_back(filled, tmp_path):
+def test_there_and_back(filled, make_node, tmp_path, request):
     folder, told, job = filled
     store = make_database()
     text = run("--store", store, "--import", folder)
     assert count(text)[4:] == [0, 0]
-    first = Node(tmp_path / "first", store)
+    first = make_node("first", store)
     check_same(answers(first), told)
     check_keys(first, told["layouts"])
     with first.client() as client:  # the job goes on as after a start of the old daemon
@@ -206,6 +209,7 @@ def test_there_and_back(filled, tmp_path):
     text = run("--store", store, "--export", tmp_path / "back/data")
     assert count(text)[4:] == [0, 0]
     back = Daemon(tmp_path / "back")
+    request.addfinalizer(lambda: back.stop(signal.SIGKILL))
     check_same(answers(back), found)
     check_keys(back, told["layouts"])
     assert back.stop() == 0
@@ -289,19 +293,19 @@ def test_an_export_that_is_killed_leaves_no_folder(filled, tmp_path):
     assert "cut off" in run("--store", store, "--export", tmp_path / "data", status=1)
 
 
-def test_what_is_damaged_is_left_out(tmp_path):
-    running = Daemon(tmp_path)
+def test_what_is_damaged_is_left_out(make_daemon, make_node):
+    running = make_daemon()
     with running.client() as client:
         good, bad = (client.upload(shapes.cube(side=side)) for side in (1, 2))
         job = client.hausdorff(good["id"], bad["id"], tolerance=1e-3)["id"]
     assert running.stop() == 0
     digest = bad["content_hash"].removeprefix("sha256:")
-    path = tmp_path / "data/blobs" / digest[:2] / digest
+    path = running.folder / "data/blobs" / digest[:2] / digest
     path.write_bytes(path.read_bytes()[:-1] + b"?")
     store = make_database()
-    text = run("--store", store, "--import", tmp_path / "data", status=1)
+    text = run("--store", store, "--import", running.folder / "data", status=1)
     assert f"mesh {bad['id']}: file {digest} is damaged" in text and count(text) == [1, 0, 0, 1, 0, 1]
-    node = Node(tmp_path / "node", store)
+    node = make_node("node", store)
     with node.client() as client:
         assert [mesh["id"] for mesh in client.get("/v1/meshes").json()["meshes"]] == [good["id"]]
         assert client.get(f"/v1/jobs/{job}").json()["state"] == "succeeded"
@@ -342,12 +346,12 @@ def facts(text):
     return told
 
 
-def test_status_of_an_empty_a_living_and_a_dead_cluster(tmp_path):
+def test_status_of_an_empty_a_living_and_a_dead_cluster(make_node):
     store = make_database()
     told = facts(run("--store", store, "--status", status=1))
     assert told["tables"] == ["0"] and told["durability"] == ["one machine"] and len(told["fault"]) == 2
     assert told["engine"][0].startswith("PostgreSQL ") and told["standbys"] == ["0"]
-    nodes = [Node(tmp_path / name, store) for name in ("n1", "n2")]
+    nodes = [make_node(name, store) for name in ("n1", "n2")]
     with nodes[0].client() as client:
         client.upload(shapes.cube())
     told = facts(run("--store", store, "--status"))
@@ -365,7 +369,7 @@ def test_status_of_an_empty_a_living_and_a_dead_cluster(tmp_path):
     assert told["fault"] == ["no node lives"] and all(" state=silent " in line for line in told["node"])
 
 
-def test_status_names_commits_that_are_lost(tmp_path):
+def test_status_names_commits_that_are_lost():
     store = make_database()
     name = store.rpartition("/")[2]
     subprocess.run(["psql", "-q", "-X", store, "-c", f"ALTER DATABASE {name} SET synchronous_commit = off"], check=True)
