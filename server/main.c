@@ -19,6 +19,7 @@
 #include "format/draco_child.h"
 #include "http/http.h"
 #include "http/route.h"
+#include "store/store_copy.h"
 
 #define SHORT_THREADS 4
 #define SHARED_SHORT_THREADS 16 /* a handler waits for a database elsewhere, not for a processor */
@@ -177,6 +178,18 @@ static qm_meshes *create_meshes(qm_store *store, const qm_config *config)
     return qm_meshes_create(store, limits, memory, prepare_threads);
 }
 
+/** What a shared store is told of this process. */
+static qm_store_node describe_node(const qm_config *config)
+{
+    qm_store_node node = {.version = QM_VERSION,
+                          .workers = (int)config->workers,
+                          .memory = config->memory_budget > 0 ? (uint64_t)config->memory_budget
+                                                              : qm_host_default_budget()};
+    snprintf(node.name, sizeof node.name, "%s", config->node_name);
+    if (!node.name[0]) gethostname(node.name, sizeof node.name - 1);
+    return node;
+}
+
 /** Opens the store of the settings; false with a line in the log. */
 static bool open_store(qm_app *app, const qm_config *config)
 {
@@ -186,11 +199,7 @@ static bool open_store(qm_app *app, const qm_config *config)
         qm_log(QM_LOG_ERROR, "data folder: %s", message);
         return false;
     }
-    snprintf(app->node.name, sizeof app->node.name, "%s", config->node_name);
-    if (!app->node.name[0]) gethostname(app->node.name, sizeof app->node.name - 1);
-    app->node.version = QM_VERSION;
-    app->node.workers = (int)config->workers;
-    app->node.memory = config->memory_budget > 0 ? (uint64_t)config->memory_budget : qm_host_default_budget();
+    app->node = describe_node(config);
     bool is_unsafe = config->store_unsafe > 0.0;
     qm_stored stored =
         qm_store_open_shared(config->store, config->data_dir, &app->node, is_unsafe, &app->store, message);
@@ -312,8 +321,16 @@ static bool run_adopt(const qm_config *config, char message[QM_MESSAGE_SIZE])
 static bool run_check(const qm_config *config, char message[QM_MESSAGE_SIZE])
 {
     qm_store_findings found;
+    const qm_store_node self = describe_node(config);
     bool repairs = config->task == QM_CONFIG_REPAIR;
-    if (qm_store_check(config->data_dir, repairs, stdout, &found, message) != QM_OK) return false;
+    if (config->store[0] && repairs) {
+        snprintf(message, QM_MESSAGE_SIZE, "a database of --store is not repaired from here, only checked");
+        return false;
+    }
+    bool done = config->store[0]
+                    ? qm_store_check_shared(config->store, &self, stdout, &found, message) == QM_STORED
+                    : qm_store_check(config->data_dir, repairs, stdout, &found, message) == QM_OK;
+    if (!done) return false;
     snprintf(message, QM_MESSAGE_SIZE,
              "%zu meshes, %zu files, %zu jobs: %zu faults, %zu repaired; %zu files without a mesh",
              found.meshes, found.files, found.jobs, found.faults, found.repaired, found.orphans);
@@ -335,6 +352,32 @@ static bool run_backup(const qm_config *config, char message[QM_MESSAGE_SIZE])
     return found.faults == 0;
 }
 
+static bool run_copy(const qm_config *config, char message[QM_MESSAGE_SIZE])
+{
+    qm_store_copied copied;
+    const qm_store_node self = describe_node(config);
+    const char *folder = config->task_file;
+    qm_stored stored = config->task == QM_CONFIG_IMPORT
+                           ? qm_store_import(folder, config->store, &self, config->store_unsafe > 0.0, stdout,
+                                             &copied, message)
+                           : qm_store_export(config->store, &self, folder, stdout, &copied, message);
+    if (stored != QM_STORED) return false;
+    snprintf(message, QM_MESSAGE_SIZE,
+             "%zu meshes, %zu layouts, %zu reconstructions and %zu jobs copied; %zu were there: %zu faults",
+             copied.meshes, copied.layouts, copied.reconstructions, copied.jobs, copied.before,
+             copied.faults);
+    return copied.faults == 0;
+}
+
+static bool run_status(const qm_config *config, char message[QM_MESSAGE_SIZE])
+{
+    size_t faults;
+    const qm_store_node self = describe_node(config);
+    if (qm_store_print_status(config->store, &self, stdout, &faults, message) != QM_STORED) return false;
+    snprintf(message, QM_MESSAGE_SIZE, "%zu faults", faults);
+    return faults == 0;
+}
+
 static int run_task(const qm_config *config)
 {
     char message[QM_MESSAGE_SIZE] = "";
@@ -349,6 +392,13 @@ static int run_task(const qm_config *config)
     case QM_CONFIG_BACKUP:
     case QM_CONFIG_RESTORE:
         done = run_backup(config, message);
+        break;
+    case QM_CONFIG_IMPORT:
+    case QM_CONFIG_EXPORT:
+        done = run_copy(config, message);
+        break;
+    case QM_CONFIG_STATUS:
+        done = run_status(config, message);
         break;
     case QM_CONFIG_ADOPT:
         done = run_adopt(config, message);

@@ -87,20 +87,30 @@ enum { SETTING_COUNT = sizeof settings / sizeof settings[0] };
 typedef struct task_flag {
     const char *name;
     qm_config_task task;
-    bool has_file; /* the flag has a value */
+    const char *value; /* what the flag names; NULL: nothing */
+    bool needs_store;  /* the address of a shared store */
     const char *help;
 } task_flag;
 
 static const task_flag tasks[] = {
-    {"backup", QM_CONFIG_BACKUP, true,
+    {"backup", QM_CONFIG_BACKUP, "FILE", false,
      "writes all of the data folder to a new file, also of a daemon that runs; exit status 1: faults"},
-    {"restore", QM_CONFIG_RESTORE, true, "makes the data folder, which is missing or empty, of such a file"},
-    {"check", QM_CONFIG_CHECK, false,
-     "compares everything stored with its hashes and checksums; exit status 1: faults"},
-    {"repair", QM_CONFIG_REPAIR, false, "the same, and repairs what can be; status 0 when no fault is left"},
-    {"adopt", QM_CONFIG_ADOPT, false,
+    {"restore", QM_CONFIG_RESTORE, "FILE", false,
+     "makes the data folder, which is missing or empty, of such a file"},
+    {"check", QM_CONFIG_CHECK, NULL, false,
+     "compares everything stored, or in the database of --store, with its hashes; exit status 1: faults"},
+    {"repair", QM_CONFIG_REPAIR, NULL, false,
+     "the same, and repairs what can be; status 0 when no fault is left"},
+    {"adopt", QM_CONFIG_ADOPT, NULL, false,
      "makes meshes of the files in the data folder that the database does not know"},
-    {"empty", QM_CONFIG_EMPTY, false, "moves the files of a data folder without a database away, to lost/"},
+    {"empty", QM_CONFIG_EMPTY, NULL, false,
+     "moves the files of a data folder without a database away, to lost/"},
+    {"status", QM_CONFIG_STATUS, NULL, true,
+     "prints what the database of --store is, a fact a line; status 0: it is safe, and a daemon lives"},
+    {"import", QM_CONFIG_IMPORT, "FOLDER", true,
+     "copies a data folder to the database of --store, without what is there; exit status 1: faults"},
+    {"export", QM_CONFIG_EXPORT, "FOLDER", true,
+     "makes a new data folder of the database of --store, as it is now; exit status 1: faults"},
 };
 enum { TASK_COUNT = sizeof tasks / sizeof tasks[0] };
 
@@ -119,9 +129,9 @@ static void print_help(void)
     for (size_t i = 0; i < SETTING_COUNT; i++)
         printf("  --%-18s %s [%s]\n", settings[i].name, settings[i].help,
                show_value(settings[i].text, settings[i].number, value));
-    puts("\nInstead of serving; all but --backup with a stopped daemon:\n");
+    puts("\nInstead of serving; --backup and what has --store also beside daemons that run:\n");
     for (size_t i = 0; i < TASK_COUNT; i++) {
-        snprintf(value, sizeof value, "%s%s", tasks[i].name, tasks[i].has_file ? " FILE" : "");
+        snprintf(value, sizeof value, "%s %s", tasks[i].name, tasks[i].value ? tasks[i].value : "");
         printf("  --%-18s %s\n", value, tasks[i].help);
     }
     puts(
@@ -291,6 +301,11 @@ static bool find_store(qm_config *config)
 
 static bool check(const qm_config *config)
 {
+    for (size_t i = 0; i < TASK_COUNT; i++) {
+        if (tasks[i].task != config->task || !tasks[i].needs_store || config->store[0]) continue;
+        fprintf(stderr, "quadmeshd: --%s needs the address of a database in --store\n", tasks[i].name);
+        return false;
+    }
     if (!is_loopback(config->listen) && !config->token_file[0]) {
         fprintf(
             stderr,
@@ -350,10 +365,10 @@ static bool set_task(qm_config *config, int argc, char **argv, int *index, bool 
         size_t length = strlen(tasks[i].name);
         if (strncmp(flag, "--", 2) != 0 || strncmp(flag + 2, tasks[i].name, length) != 0) continue;
         const char *end = flag + 2 + length;
-        if (*end && (*end != '=' || !tasks[i].has_file)) continue;
-        if (tasks[i].has_file) config->task_file = *end ? end + 1 : *index + 1 < argc ? argv[++*index] : "";
-        *lacks_file = tasks[i].has_file && !config->task_file[0];
-        if (*lacks_file) fprintf(stderr, "quadmeshd: %s needs a file\n", flag);
+        if (*end && (*end != '=' || !tasks[i].value)) continue;
+        if (tasks[i].value) config->task_file = *end ? end + 1 : *index + 1 < argc ? argv[++*index] : "";
+        *lacks_file = tasks[i].value && !config->task_file[0];
+        if (*lacks_file) fprintf(stderr, "quadmeshd: %s needs a %s\n", flag, tasks[i].value);
         /* --check --repair is --repair, in any order. */
         if (config->task != QM_CONFIG_REPAIR || tasks[i].task != QM_CONFIG_CHECK)
             config->task = tasks[i].task;

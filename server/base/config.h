@@ -8,7 +8,8 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/** What the process is asked to do: serve, or one thing with the data folder of a daemon that is stopped. */
+/** What the process is asked to do: serve, or one thing with the data folder of a daemon that is stopped, or with a shared
+ * store. */
 typedef enum qm_config_task {
     QM_CONFIG_SERVE,
     QM_CONFIG_CHECK,
@@ -16,12 +17,15 @@ typedef enum qm_config_task {
     QM_CONFIG_ADOPT,
     QM_CONFIG_EMPTY,
     QM_CONFIG_BACKUP,
-    QM_CONFIG_RESTORE
+    QM_CONFIG_RESTORE,
+    QM_CONFIG_STATUS,
+    QM_CONFIG_IMPORT,
+    QM_CONFIG_EXPORT
 } qm_config_task;
 
 typedef struct qm_config {
     qm_config_task task;
-    const char *task_file;    /* of a backup, or to restore */
+    const char *task_file;    /* of a backup, or to restore; a folder to import or to export to */
     const char *config;       /* file of settings; "" for none */
     const char *listen;       /* address; other than loopback only with tokens */
     const char *token_file;   /* "" for none: every client may do everything */

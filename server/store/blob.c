@@ -225,11 +225,10 @@ qm_status qm_blob_map_file(int file, const uint8_t **bytes, size_t *size)
  * The bytes are read, not mapped: a sector that the disk cannot give is an error of read, but the end of a process that
  * touches its page. Mapped afterwards, the pages are those in memory that were just read.
  */
-qm_status qm_blob_check_file(int file, const char *hash)
+qm_status qm_blob_hash_file(int file, char hash[QM_HASH_SIZE])
 {
     enum { BLOCK = 256 << 10 }; /* stays in the second cache */
     uint8_t *block = malloc(BLOCK), digest[QM_DIGEST_SIZE];
-    char found[QM_HASH_SIZE];
     struct sha256_ctx context;
     ssize_t got = 1;
     if (!block) return QM_E_NO_MEMORY;
@@ -242,8 +241,15 @@ qm_status qm_blob_check_file(int file, const char *hash)
     }
     free(block);
     sha256_digest(&context, sizeof digest, digest);
-    qm_id_hash_print(digest, found);
-    return got == 0 && strcmp(found, hash) == 0 ? QM_OK : QM_E_FORMAT;
+    qm_id_hash_print(digest, hash);
+    return got == 0 ? QM_OK : QM_E_FORMAT;
+}
+
+qm_status qm_blob_check_file(int file, const char *hash)
+{
+    char found[QM_HASH_SIZE];
+    qm_status status = qm_blob_hash_file(file, found);
+    return status == QM_OK && strcmp(found, hash) != 0 ? QM_E_FORMAT : status;
 }
 
 static qm_status open_in_folder(qm_store *store, const char *hash, int *file)
@@ -261,8 +267,24 @@ qm_status qm_blob_open(qm_store *store, const char *hash, int *file)
 {
     qm_status status = open_in_folder(store, hash, file);
     if (!qm_store_is_shared(store) || (status != QM_E_EMPTY && status != QM_E_FORMAT)) return status;
-    status = qm_blob_fetch(store, hash);
+    status = qm_blob_fetch(store, store, hash);
     return status == QM_OK ? open_in_folder(store, hash, file) : status;
+}
+
+qm_status qm_blob_copy(qm_store *from, qm_store *to, const char *hash)
+{
+    QM_ASSERT(qm_store_is_shared(from) != qm_store_is_shared(to));
+    int file;
+    qm_store *embedded = qm_store_is_shared(from) ? to : from;
+    qm_status status = open_in_folder(embedded, hash, &file);
+    if (status == QM_OK && embedded == from)
+        status = qm_store_status(to->driver->put_blob(to, hash, file));
+    else if (embedded == to && (status == QM_E_EMPTY || status == QM_E_FORMAT))
+        return qm_blob_fetch(from, to, hash);
+    else if (status != QM_OK)
+        return status;
+    close(file);
+    return status;
 }
 
 qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size)

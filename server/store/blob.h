@@ -40,14 +40,21 @@ bool qm_blob_commit_file(qm_store *store, const char *file, const char *hash);
 /** Folders of blobs, by the first two digits of the hash. */
 #define QM_BLOB_PREFIXES 256u
 
+/** The hash of the bytes of an open file; QM_E_FORMAT when the disk does not give them. */
+qm_status qm_blob_hash_file(int file, char hash[QM_HASH_SIZE]);
+
 /** QM_OK when the bytes of an open file have a hash; QM_E_FORMAT when they have not, or the disk does not give them. */
 qm_status qm_blob_check_file(int file, const char *hash);
 
 /** Opens a blob whose bytes have its hash, which a shared store fetches when it is not in the folder. As qm_blob_map. */
 qm_status qm_blob_open(qm_store *store, const char *hash, int *file);
 
-/** Copies a blob of a shared store to the folder. */
-qm_status qm_blob_fetch(qm_store *store, const char *hash);
+/** Copies a blob of a shared store to the folder of a store, which may be its own. As qm_blob_map. */
+qm_status qm_blob_fetch(qm_store *from, qm_store *to, const char *hash);
+
+/** Copies a blob between an embedded and a shared store; nothing when the embedded one has it. As qm_blob_map, and
+ * QM_E_CANCELED: the database is away. */
+qm_status qm_blob_copy(qm_store *from, qm_store *to, const char *hash);
 
 /** Maps a whole open file for reading. */
 qm_status qm_blob_map_file(int file, const uint8_t **bytes, size_t *size);

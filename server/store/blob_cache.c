@@ -15,21 +15,21 @@
 #include "base/metrics.h"
 #include "store_driver.h"
 
-qm_status qm_blob_fetch(qm_store *store, const char *hash)
+qm_status qm_blob_fetch(qm_store *from, qm_store *to, const char *hash)
 {
-    QM_ASSERT(qm_store_is_shared(store));
+    QM_ASSERT(qm_store_is_shared(from));
     char path[QM_STORE_PATH_SIZE];
-    snprintf(path, sizeof path, "%s/incoming/XXXXXX", store->folder);
+    snprintf(path, sizeof path, "%s/incoming/XXXXXX", to->folder);
     int file = mkostemp(path, O_CLOEXEC);
     if (file < 0) return QM_E_ARGUMENT;
-    qm_status status = qm_store_status(store->driver->get_blob(store, hash, file));
+    qm_status status = qm_store_status(from->driver->get_blob(from, hash, file));
     if (status == QM_OK) status = qm_blob_check_file(file, hash);
     struct stat facts;
     uint64_t size = status == QM_OK && fstat(file, &facts) == 0 ? (uint64_t)facts.st_size : 0;
     close(file);
-    if (status == QM_OK) status = qm_space_claim(store, QM_STORE_BLOBS, size);
-    if (status == QM_OK && !qm_blob_commit_file(store, path, hash)) {
-        qm_space_release(store, QM_STORE_BLOBS, size);
+    if (status == QM_OK) status = qm_space_claim(to, QM_STORE_BLOBS, size);
+    if (status == QM_OK && !qm_blob_commit_file(to, path, hash)) {
+        qm_space_release(to, QM_STORE_BLOBS, size);
         status = QM_E_ARGUMENT;
     }
     if (status != QM_OK) unlink(path);

@@ -212,6 +212,71 @@ qm_status qm_result_file_read(const qm_result_file *file, uint64_t first, double
     return QM_OK;
 }
 
+qm_status qm_result_file_check(const qm_result_file *file)
+{
+    double block[QM_RESULT_BLOCK];
+    qm_status status = QM_OK;
+    for (uint64_t done = 0; status == QM_OK && done < file->array.count; done += QM_RESULT_BLOCK) {
+        uint64_t rest = file->array.count - done;
+        status =
+            qm_result_file_read(file, done, block, rest < QM_RESULT_BLOCK ? (size_t)rest : QM_RESULT_BLOCK);
+    }
+    return status;
+}
+
+/* ---- copies for another store ---- */
+
+/** From a file of results to a blob. */
+static qm_status copy_to_blob(qm_store *from, qm_store *to, const char *job_id, qm_store_array *array)
+{
+    qm_result_file *file;
+    qm_status status = qm_result_file_open(from, job_id, &file);
+    if (status == QM_OK) status = qm_result_file_check(file);
+    if (status == QM_OK) status = qm_blob_hash_file(file->file, file->array.hash);
+    if (status == QM_OK) status = qm_store_status(to->driver->put_blob(to, file->array.hash, file->file));
+    if (status == QM_OK) {
+        *array = file->array;
+        file->array.sums = NULL;
+    }
+    qm_result_file_close(file);
+    return status;
+}
+
+/** From a blob to a file of results. */
+static qm_status copy_to_file(qm_store *from, qm_store *to, const char *job_id, qm_store_array *array)
+{
+    char part[QM_STORE_PATH_SIZE], path[QM_STORE_PATH_SIZE];
+    make_path(to, job_id, ".part", part);
+    make_path(to, job_id, QM_RESULT_ENDING, path);
+    qm_result_file made = {.file = -1};
+    qm_status status = qm_store_status(qm_store_find_array(from, job_id, &made.array));
+    if (status != QM_OK) return status;
+    made.file = open(part, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+    if (made.file < 0) status = QM_E_ARGUMENT;
+    if (status == QM_OK) status = qm_store_status(from->driver->get_blob(from, made.array.hash, made.file));
+    if (status == QM_E_EMPTY) status = QM_E_FORMAT; /* its row is there */
+    if (status == QM_OK) status = qm_blob_check_file(made.file, made.array.hash);
+    uint64_t size = made.array.count * sizeof(double);
+    if (status == QM_OK && qm_space_size_of(part) != size) status = QM_E_FORMAT;
+    if (status == QM_OK) status = qm_result_file_check(&made);
+    if (status == QM_OK) status = qm_space_claim(to, QM_STORE_RESULTS, size);
+    if (status == QM_OK && rename(part, path) != 0) status = QM_E_ARGUMENT;
+    if (status != QM_OK) unlink(part);
+    if (made.file >= 0) close(made.file);
+    if (status == QM_OK)
+        *array = made.array;
+    else
+        free(made.array.sums);
+    return status;
+}
+
+qm_status qm_result_file_copy(qm_store *from, qm_store *to, const char *job_id, qm_store_array *array)
+{
+    QM_ASSERT(qm_store_is_shared(from) != qm_store_is_shared(to));
+    return qm_store_is_shared(to) ? copy_to_blob(from, to, job_id, array)
+                                  : copy_to_file(from, to, job_id, array);
+}
+
 /* ---- files of earlier versions ---- */
 
 /** Sums the file of a job. One that cannot be read, or has a part of a number, gets no sums: it is damaged. */

@@ -33,8 +33,18 @@ uint64_t qm_result_file_count(const qm_result_file *file);
 #define QM_RESULT_BLOCK 8192
 qm_status qm_result_file_read(const qm_result_file *file, uint64_t first, double *numbers, size_t count);
 
-/** Stores the array of a job; false after a fault. */
+/** Compares all numbers with their checksums: the first status of qm_result_file_read that is not QM_OK. */
+qm_status qm_result_file_check(const qm_result_file *file);
+
 struct qm_store_array;
+/**
+ * Copies the numbers of the array of a job between an embedded and a shared store, and writes what its row is to say, whose
+ * sums are on the heap. As qm_result_file_open; QM_E_FORMAT also when they are not those that were written, QM_E_CANCELED:
+ * the database is away.
+ */
+qm_status qm_result_file_copy(qm_store *from, qm_store *to, const char *job_id, struct qm_store_array *array);
+
+/** Stores the array of a job; false after a fault. */
 typedef bool qm_result_put_fn(qm_store *store, const char *job_id, const struct qm_store_array *array);
 
 /** Has length and checksums stored of the files that an earlier version has written without; false after a fault. */

@@ -288,6 +288,56 @@ void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction)
     *reconstruction = (qm_store_reconstruction){0};
 }
 
+/* ---- copies ---- */
+
+qm_stored qm_store_list_job_copies(qm_store *store, const qm_store_page *page, qm_store_job_copy *out,
+                                   size_t *count)
+{
+    return store->driver->list_job_copies(store, page, out, count);
+}
+
+qm_stored qm_store_put_job_copy(qm_store *store, const qm_store_job_copy *copy, const qm_store_event *events,
+                                size_t count, const qm_store_array *array)
+{
+    return store->driver->put_job_copy(store, copy, events, count, array);
+}
+
+void qm_store_job_copy_reset(qm_store_job_copy *copy)
+{
+    qm_store_job_reset(&copy->job);
+    free(copy->type);
+    free(copy->revisions);
+    *copy = (qm_store_job_copy){0};
+}
+
+qm_stored qm_store_list_layout_revisions(qm_store *store, const char *id, const qm_store_page *page,
+                                         qm_store_layout *out, size_t *count)
+{
+    return store->driver->list_layout_revisions(store, id, page, out, count);
+}
+
+qm_stored qm_store_put_layout_copy(qm_store *store, const qm_store_layout *revisions, size_t count,
+                                   int64_t current, const qm_store_idempotency *idempotency)
+{
+    QM_ASSERT(count > 0 && revisions[0].revision <= current && current <= revisions[count - 1].revision);
+    return store->driver->put_layout_copy(store, revisions, count, current, idempotency);
+}
+
+qm_stored qm_store_find_layout_origin(qm_store *store, const char *id, qm_store_origin *out)
+{
+    return store->driver->find_layout_origin(store, id, out);
+}
+
+qm_stored qm_store_find_reconstruction_origin(qm_store *store, const char *id, qm_store_origin *out)
+{
+    return store->driver->find_reconstruction_origin(store, id, out);
+}
+
+qm_stored qm_store_settle(qm_store *store)
+{
+    return store->driver->settle(store);
+}
+
 /* ---- nodes of a shared store ---- */
 
 qm_stored qm_store_beat(qm_store *store, size_t free_workers, qm_store_cluster *out,

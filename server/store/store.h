@@ -49,7 +49,9 @@ typedef struct qm_store qm_store;
 typedef enum qm_store_purpose {
     QM_STORE_SERVE, /* removes half-written files, and files without a row that are older than a day */
     QM_STORE_ADOPT, /* leaves files without a row, and makes a database when there is none */
-    QM_STORE_CHECK  /* leaves everything; refused when there is no database of this version */
+    QM_STORE_CHECK, /* leaves everything; refused when there is no database of this version */
+    QM_STORE_COPY,  /* leaves files without a row; refused when there is no database */
+    QM_STORE_FILL /* a new folder: what is written is on disk when the caller has synced the folder after its close */
 } qm_store_purpose;
 
 /**
@@ -496,5 +498,74 @@ qm_stored qm_store_list_reconstructions(qm_store *store, const qm_store_page *pa
 qm_stored qm_store_update_reconstruction(qm_store *store, const qm_store_effect *effect);
 qm_stored qm_store_delete_reconstruction(qm_store *store, const char *id);
 void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction);
+
+/* ---- copies of rows, for another store (store_copy.h) ---- */
+
+/**
+ * Opens a shared store without joining its nodes; the database shows the process by the name of self. To write: makes
+ * the tables when the database has none. To read: one snapshot of the database, from one thread; folder is the cache of
+ * blobs, or NULL when none is opened or checked. Returns as qm_store_open_shared does, and QM_STORED_NONE with a message
+ * when there are no tables to read.
+ */
+qm_stored qm_store_visit_to_read(const char *address, const qm_store_node *self, const char *folder,
+                                 qm_store **out, char message[QM_MESSAGE_SIZE]);
+qm_stored qm_store_visit_to_write(const char *address, const qm_store_node *self, bool is_unsafe,
+                                  qm_store **out, char message[QM_MESSAGE_SIZE]);
+
+/** All that a store has of a job but its events and its array. */
+typedef struct qm_store_job_copy {
+    qm_store_job job; /* without type and subjects; deaths as the next claim is to tell them */
+    char *type;
+    char subjects[2][QM_ID_SIZE]; /* "": none */
+    char *revisions;              /* of its meshes; "" when it answers no later request */
+    int64_t claims; /* how often it was claimed; of an embedded store, once by each process that had it */
+} qm_store_job_copy;
+
+qm_stored qm_store_list_job_copies(qm_store *store, const qm_store_page *page, qm_store_job_copy *out,
+                                   size_t *count);
+struct qm_store_array;
+/**
+ * Stores a job with its events and its array, or NULL for none, as they are; one that has not ended waits for a claim, and
+ * runs to its end whichever client leaves. All of it is stored, or nothing, and durably after qm_store_settle. QM_STORED
+ * also when the store has a job of this id, which stays as it is; QM_STORED_TAKEN when its idempotency key has another job.
+ */
+qm_stored qm_store_put_job_copy(qm_store *store, const qm_store_job_copy *copy, const qm_store_event *events,
+                                size_t count, const struct qm_store_array *array);
+void qm_store_job_copy_reset(qm_store_job_copy *copy);
+
+/** The kept revisions of a layout, as pages in their order; a page begins after a revision, -1 for the first. */
+qm_stored qm_store_list_layout_revisions(qm_store *store, const char *id, const qm_store_page *page,
+                                         qm_store_layout *out, size_t *count);
+/**
+ * Stores a layout with all its kept revisions, in their order, of which `current` is the current one. QM_STORED also
+ * when the store has a layout of this id, which stays as it is; QM_STORED_TAKEN when its idempotency key has another one.
+ */
+qm_stored qm_store_put_layout_copy(qm_store *store, const qm_store_layout *revisions, size_t count,
+                                   int64_t current, const qm_store_idempotency *idempotency);
+
+/** The idempotency key of the client that created a row, and the hash of its request. */
+typedef struct qm_store_origin {
+    char *key; /* on the heap; NULL: none */
+    char request[QM_HASH_SIZE];
+} qm_store_origin;
+qm_stored qm_store_find_layout_origin(qm_store *store, const char *id, qm_store_origin *out);
+qm_stored qm_store_find_reconstruction_origin(qm_store *store, const char *id, qm_store_origin *out);
+
+/** Makes all that was put before durable. */
+qm_stored qm_store_settle(qm_store *store);
+
+/* ---- a shared store, from outside ---- */
+
+/**
+ * Prints what a shared store is, without joining its nodes: a line "name: value" for each fact, and "fault: ..." for each
+ * reason why it does not serve: commits that are not durable, no node that lives, other tables. *faults is their number.
+ */
+qm_stored qm_store_print_status(const char *address, const qm_store_node *self, FILE *out, size_t *faults,
+                                char message[QM_MESSAGE_SIZE]);
+
+/** Compares the rows and blobs of a shared store as qm_store_check does those of a folder, and repairs nothing. Blobs
+ * that no row names count as orphans. */
+qm_stored qm_store_check_shared(const char *address, const qm_store_node *self, FILE *out,
+                                qm_store_findings *found, char message[QM_MESSAGE_SIZE]);
 
 #endif

@@ -71,6 +71,18 @@ typedef struct qm_store_driver {
     qm_stored (*update_reconstruction)(qm_store *store, const qm_store_effect *effect);
     qm_stored (*delete_reconstruction)(qm_store *store, const char *id);
 
+    qm_stored (*list_job_copies)(qm_store *store, const qm_store_page *page, qm_store_job_copy *out,
+                                 size_t *count);
+    qm_stored (*put_job_copy)(qm_store *store, const qm_store_job_copy *copy, const qm_store_event *events,
+                              size_t count, const qm_store_array *array);
+    qm_stored (*list_layout_revisions)(qm_store *store, const char *id, const qm_store_page *page,
+                                       qm_store_layout *out, size_t *count);
+    qm_stored (*put_layout_copy)(qm_store *store, const qm_store_layout *revisions, size_t count,
+                                 int64_t current, const qm_store_idempotency *idempotency);
+    qm_stored (*find_layout_origin)(qm_store *store, const char *id, qm_store_origin *out);
+    qm_stored (*find_reconstruction_origin)(qm_store *store, const char *id, qm_store_origin *out);
+    qm_stored (*settle)(qm_store *store);
+
     /* Of an embedded store, whose folder has all files; NULL in the driver of a shared one. */
     bool (*needs_blob)(qm_store *store, const char *hash); /* a mesh has it; true after a fault */
     bool (*has_job)(qm_store *store, const char *id);      /* true after a fault */
@@ -91,6 +103,9 @@ typedef struct qm_store_driver {
     /** Writes the bytes of a blob to an open file; the caller compares them with the hash. */
     qm_stored (*get_blob)(qm_store *store, const char *hash, int file);
     qm_stored (*clean_blobs)(qm_store *store, double delay_s);
+    /** Blobs that no row names, in the order of their hashes, up to limit after one. */
+    qm_stored (*list_orphans)(qm_store *store, const char *after, size_t limit, char (*hashes)[QM_HASH_SIZE],
+                              size_t *count);
 } qm_store_driver;
 
 struct qm_store {
@@ -109,6 +124,19 @@ qm_status qm_store_status(qm_stored stored);
 
 /** A store of a folder that is neither held nor opened, for qm_store_close; NULL with a message. */
 qm_store *qm_store_create(const char *folder, char message[QM_MESSAGE_SIZE]);
+
+/**
+ * Plans a data folder that is filled beside its place, under its name with an ending, so that one that is half filled
+ * looks like none: writes both names. False with a message when there is something in its place or beside it.
+ */
+bool qm_store_plan_folder(const char *folder, const char *ending, char name[QM_STORE_FOLDER_SIZE],
+                          char path[QM_STORE_FOLDER_SIZE], char message[QM_MESSAGE_SIZE]);
+
+/** Makes a file or folder durable, gives it its name, and makes that durable. */
+bool qm_store_put_in_place(const char *path, const char *name);
+
+/** Removes a folder with all that is in it. */
+void qm_store_remove_folder(const char *path);
 
 /** Takes the lock of the folder; or a status with a message. */
 qm_status qm_store_lock_folder(qm_store *store, char message[QM_MESSAGE_SIZE]);

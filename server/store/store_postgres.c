@@ -71,6 +71,14 @@ const qm_store_driver qm_postgres_driver = {
     .put_blob = qm_postgres_put_blob,
     .get_blob = qm_postgres_get_blob,
     .clean_blobs = qm_postgres_clean_blobs,
+    .list_orphans = qm_postgres_list_orphans,
+    .list_job_copies = qm_postgres_list_job_copies,
+    .put_job_copy = qm_postgres_put_job_copy,
+    .list_layout_revisions = qm_postgres_list_layout_revisions,
+    .put_layout_copy = qm_postgres_put_layout_copy,
+    .find_layout_origin = qm_postgres_find_layout_origin,
+    .find_reconstruction_origin = qm_postgres_find_reconstruction_origin,
+    .settle = qm_postgres_settle,
 };
 
 static bool create_postgres(qm_store *store, const qm_store_node *self)
@@ -117,7 +125,7 @@ static qm_stored check_durability(qm_store *store, bool is_unsafe, char message[
 static qm_stored open_database(qm_store *store, const char *address, bool is_unsafe,
                                char message[QM_MESSAGE_SIZE])
 {
-    qm_stored status = qm_postgres_open_pool(store, address, message);
+    qm_stored status = qm_postgres_open_pool(store, address, false, message);
     if (status == QM_STORED) status = check_durability(store, is_unsafe, message);
     if (status == QM_STORED) status = qm_postgres_set_up(store, message);
     if (status != QM_STORED) return status;
@@ -125,6 +133,76 @@ static qm_stored open_database(qm_store *store, const char *address, bool is_uns
     status = qm_postgres_join(store);
     if (status == QM_STORED) status = qm_postgres_beat(store, 0, &cluster, NULL, NULL);
     if (status != QM_STORED) snprintf(message, QM_MESSAGE_SIZE, "database: this node cannot join the others");
+    return status;
+}
+
+qm_stored qm_postgres_visit(const char *address, const qm_store_node *self, const char *folder,
+                            bool is_reader, qm_store **out, char message[QM_MESSAGE_SIZE])
+{
+    *out = NULL;
+    if (!qm_postgres_load_library(message)) return QM_STORED_AWAY;
+    qm_store *store = qm_store_create(folder, message);
+    if (!store) return QM_STORED_NO_MEMORY;
+    store->driver = &qm_postgres_driver;
+    qm_stored status = QM_STORED_NO_MEMORY;
+    if (create_postgres(store, self))
+        status = qm_postgres_open_pool(store, address, is_reader, message);
+    else
+        snprintf(message, QM_MESSAGE_SIZE, "%s", qm_status_text(QM_E_NO_MEMORY));
+    if (status == QM_STORED)
+        *out = store;
+    else
+        qm_store_close(store);
+    return status;
+}
+
+/** Takes a snapshot of tables of this version. */
+static qm_stored begin_reading(qm_store *store, char message[QM_MESSAGE_SIZE])
+{
+    int64_t version;
+    qm_stored status = qm_postgres_begin_snapshot(store);
+    if (status == QM_STORED) status = qm_postgres_find_version(store, &version);
+    if (status != QM_STORED)
+        snprintf(message, QM_MESSAGE_SIZE, "database: its tables cannot be read; the log has more");
+    else if (version == 0)
+        snprintf(message, QM_MESSAGE_SIZE, "database: it has no tables of quadmeshd");
+    else if (!qm_postgres_knows(version))
+        snprintf(message, QM_MESSAGE_SIZE,
+                 "database: tables of version %d were made by another version of quadmeshd", (int)version);
+    else
+        return QM_STORED;
+    return status == QM_STORED ? QM_STORED_NONE : status;
+}
+
+qm_stored qm_store_visit_to_read(const char *address, const qm_store_node *self, const char *folder,
+                                 qm_store **out, char message[QM_MESSAGE_SIZE])
+{
+    qm_store *store;
+    *out = NULL;
+    qm_stored status = qm_postgres_visit(address, self, folder ? folder : "", true, &store, message);
+    if (status != QM_STORED) return status;
+    bool has_folder = !folder || qm_blob_make_folders(folder, message);
+    status = has_folder ? begin_reading(store, message) : QM_STORED_FAULT;
+    if (status == QM_STORED)
+        *out = store;
+    else
+        qm_store_close(store);
+    return status;
+}
+
+qm_stored qm_store_visit_to_write(const char *address, const qm_store_node *self, bool is_unsafe,
+                                  qm_store **out, char message[QM_MESSAGE_SIZE])
+{
+    qm_store *store;
+    *out = NULL;
+    qm_stored status = qm_postgres_visit(address, self, "", false, &store, message);
+    if (status != QM_STORED) return status;
+    status = check_durability(store, is_unsafe, message);
+    if (status == QM_STORED) status = qm_postgres_set_up(store, message);
+    if (status == QM_STORED)
+        *out = store;
+    else
+        qm_store_close(store);
     return status;
 }
 

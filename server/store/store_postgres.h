@@ -145,6 +145,13 @@ qm_stored qm_postgres_execute(qm_postgres_connection *connection, qm_postgres_qu
 qm_stored qm_postgres_command(qm_postgres_connection *connection, const char *sql);
 
 /**
+ * Has all statements until the end of the snapshot read the database as it is at the first of them, on one connection:
+ * from one thread, and nothing is written. When the connection breaks, each statement returns QM_STORED_AWAY.
+ */
+qm_stored qm_postgres_begin_snapshot(qm_store *store);
+void qm_postgres_end_snapshot(qm_store *store);
+
+/**
  * Returns a status once all that was committed before is as durable as a commit can be. For answers that have found
  * a row and written nothing: a read waits for no standby, and the commit that wrote the row may still do so.
  */
@@ -172,12 +179,22 @@ struct qm_postgres {
 /** The id of this start of the process. */
 void qm_postgres_name_node(qm_store *store, char out[QM_NODE_NAME_SIZE + 16]);
 
-/** Opens the connections; the first one at once, so that a fault has a message. */
-qm_stored qm_postgres_open_pool(qm_store *store, const char *address, char message[QM_MESSAGE_SIZE]);
+/** Opens the connections; the first one at once, so that a fault has a message. A reader has that one alone. */
+qm_stored qm_postgres_open_pool(qm_store *store, const char *address, bool is_reader,
+                                char message[QM_MESSAGE_SIZE]);
 void qm_postgres_close_pool(qm_store *store);
 
 /** Name and version of the database, as of its last connection. */
 void qm_postgres_name_engine(qm_store *store, char out[64]);
+
+/** A store at an address that no node joins, with a pool, for qm_store_close; folder "" for none. */
+qm_stored qm_postgres_visit(const char *address, const qm_store_node *self, const char *folder,
+                            bool is_reader, qm_store **out, char message[QM_MESSAGE_SIZE]);
+
+/** Version of the tables; 0: there are none. */
+qm_stored qm_postgres_find_version(qm_store *store, int64_t *version);
+/** True for a version that this program uses. */
+bool qm_postgres_knows(int64_t version);
 
 /** Makes the tables when there are none, and refuses those of a newer version. */
 qm_stored qm_postgres_set_up(qm_store *store, char message[QM_MESSAGE_SIZE]);
@@ -210,7 +227,20 @@ void qm_postgres_add_mesh(qm_postgres_query *query, const qm_store_mesh *mesh);
 #define QM_POSTGRES_MESH_BLOBS                                                                               \
     "blobs AS (UPDATE quadmeshd.blobs SET unneeded = NULL WHERE hash IN ($2, $8) AND unneeded IS NOT NULL)"
 
-/** Reads a row of the columns of a job, which store_postgres_jobs.c lists. */
+/** A time by the clock of this process, as one by that of the database: equally far from now. */
+#define QM_POSTGRES_TIME(time, now)                                                                          \
+    "clock_timestamp() + make_interval(secs =>"                                                              \
+    "  extract(epoch FROM " time "::timestamptz - " now "::timestamptz)::float8)"
+
+/** The columns of a job, of the tables below, and how they are read into a qm_store_job. The state of a job that has not
+ * ended is told by where it is. */
+#define QM_POSTGRES_JOB_COLUMNS                                                                              \
+    "j.id, j.key, j.idempotency_key, j.body, j.created,"                                                     \
+    " CASE WHEN r.sequence IS NULL THEN j.state ELSE 1 END, j.sequence, j.document,"                         \
+    " coalesce(r.epoch - 1, q.epoch, j.restarts), j.result, coalesce(r.deaths, q.deaths, 0), r.progress"
+#define QM_POSTGRES_JOB_PLACES                                                                               \
+    " LEFT JOIN quadmeshd.job_runs r ON r.sequence = j.sequence"                                             \
+    " LEFT JOIN quadmeshd.job_queue q ON q.sequence = j.sequence"
 bool qm_postgres_read_job(const qm_postgres_rows *rows, int row, void *out);
 
 /** Adds the parameters 1 to 18: an effect, or nulls. Members of WITH, which need rows of `ready` to be done once:
@@ -225,6 +255,21 @@ void qm_postgres_add_effect(qm_postgres_query *query, const qm_store_effect *eff
                            " applied AS (UPDATE quadmeshd.reconstructions r SET mesh = $14, layout = $15,"   \
                            "  steps = $16, records = $17, state = $18, revision = $13::bigint FROM ready"    \
                            "  WHERE r.id = $12::text)"
+
+/** Events as three arrays, of their numbers, names and members, which live until the statement has run. */
+typedef struct qm_postgres_events {
+    qm_text seqs, names, members;
+} qm_postgres_events;
+void qm_postgres_write_events(qm_postgres_events *arrays, const qm_store_event *events, size_t count);
+/** Adds three parameters. */
+void qm_postgres_add_events(qm_postgres_query *query, qm_postgres_events *arrays);
+void qm_postgres_events_reset(qm_postgres_events *arrays);
+
+/** The columns of the current revision of a layout, of l and r, and how they are read into a qm_store_layout. */
+#define QM_POSTGRES_LAYOUT_COLUMNS                                                                           \
+    "l.id, l.mesh, l.created, r.layout, r.issues, r.revision, r.next_curve, l.sequence, l.first, l.latest,"  \
+    " r.is_complete"
+bool qm_postgres_read_layout(const qm_postgres_rows *rows, int row, void *out);
 
 /**
  * The claims that this process knows of (store_postgres_claims.c). The answer to a claim may get lost: the next one
@@ -303,5 +348,18 @@ qm_stored qm_postgres_look_at_jobs(qm_store *store, qm_store_look *looks, size_t
 qm_stored qm_postgres_put_blob(qm_store *store, const char *hash, int file);
 qm_stored qm_postgres_get_blob(qm_store *store, const char *hash, int file);
 qm_stored qm_postgres_clean_blobs(qm_store *store, double delay_s);
+qm_stored qm_postgres_list_orphans(qm_store *store, const char *after, size_t limit,
+                                   char (*hashes)[QM_HASH_SIZE], size_t *count);
+qm_stored qm_postgres_list_job_copies(qm_store *store, const qm_store_page *page, qm_store_job_copy *out,
+                                      size_t *count);
+qm_stored qm_postgres_put_job_copy(qm_store *store, const qm_store_job_copy *copy,
+                                   const qm_store_event *events, size_t count, const qm_store_array *array);
+qm_stored qm_postgres_list_layout_revisions(qm_store *store, const char *id, const qm_store_page *page,
+                                            qm_store_layout *out, size_t *count);
+qm_stored qm_postgres_put_layout_copy(qm_store *store, const qm_store_layout *revisions, size_t count,
+                                      int64_t current, const qm_store_idempotency *idempotency);
+qm_stored qm_postgres_find_layout_origin(qm_store *store, const char *id, qm_store_origin *out);
+qm_stored qm_postgres_find_reconstruction_origin(qm_store *store, const char *id, qm_store_origin *out);
+qm_stored qm_postgres_settle(qm_store *store);
 
 #endif

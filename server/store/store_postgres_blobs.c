@@ -219,3 +219,19 @@ qm_stored qm_postgres_clean_blobs(qm_store *store, double delay_s)
     }
     return status;
 }
+
+qm_stored qm_postgres_list_orphans(qm_store *store, const char *after, size_t limit,
+                                   char (*hashes)[QM_HASH_SIZE], size_t *count)
+{
+    qm_postgres_query query = {.sql = "SELECT hash FROM quadmeshd.blobs b WHERE hash > $1 AND NOT " IS_NEEDED
+                                      " ORDER BY hash LIMIT $2::bigint"};
+    qm_postgres_add_text(&query, after);
+    qm_postgres_add_integer(&query, (int64_t)limit);
+    qm_postgres_rows rows;
+    *count = 0;
+    qm_stored status = qm_postgres_run(store, &query, &rows);
+    for (int i = 0; i < rows.count; i++)
+        qm_postgres_read(&rows, i, 0, hashes[(*count)++], QM_HASH_SIZE);
+    qm_postgres_free(&rows);
+    return status;
+}

@@ -6,15 +6,7 @@
 
 #include "store_postgres.h"
 
-/* The state of a job that has not ended is told by where it is. */
-#define COLUMNS                                                                                              \
-    "j.id, j.key, j.idempotency_key, j.body, j.created,"                                                     \
-    " CASE WHEN r.sequence IS NULL THEN j.state ELSE 1 END, j.sequence, j.document,"                         \
-    " coalesce(r.epoch - 1, q.epoch, j.restarts), j.result, coalesce(r.deaths, q.deaths, 0), r.progress"
-#define PLACES                                                                                               \
-    " LEFT JOIN quadmeshd.job_runs r ON r.sequence = j.sequence"                                             \
-    " LEFT JOIN quadmeshd.job_queue q ON q.sequence = j.sequence"
-#define SELECT "SELECT " COLUMNS " FROM quadmeshd.jobs j" PLACES
+#define SELECT "SELECT " QM_POSTGRES_JOB_COLUMNS " FROM quadmeshd.jobs j" QM_POSTGRES_JOB_PLACES
 
 /* Of the cleaner, among nodes: any number that nobody else in the database uses. */
 #define LOCK "7019267140411326"
@@ -78,8 +70,8 @@ qm_stored qm_postgres_list_jobs(qm_store *store, const qm_store_page *page, cons
     qm_postgres_listing listing = {
         .select = SELECT, .sequence = "j.sequence", .conditions = {"j.type = $"}, .values = {filter->type}};
     if (filter->subject) { /* in the order of its index */
-        listing.select = "SELECT " COLUMNS " FROM quadmeshd.job_subjects s"
-                         " JOIN quadmeshd.jobs j ON j.sequence = s.sequence" PLACES;
+        listing.select = "SELECT " QM_POSTGRES_JOB_COLUMNS " FROM quadmeshd.job_subjects s"
+                         " JOIN quadmeshd.jobs j ON j.sequence = s.sequence" QM_POSTGRES_JOB_PLACES;
         listing.sequence = "s.sequence";
         listing.conditions[1] = "s.subject = $";
         listing.values[1] = filter->subject;

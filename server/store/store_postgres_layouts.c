@@ -9,8 +9,7 @@
 
 #define KEPT_REVISIONS "100" /* of a layout, to go back to */
 #define SELECT                                                                                               \
-    "SELECT l.id, l.mesh, l.created, r.layout, r.issues, l.revision, r.next_curve, l.sequence, l.first,"     \
-    "  l.latest, r.is_complete FROM quadmeshd.layouts l"                                                     \
+    "SELECT " QM_POSTGRES_LAYOUT_COLUMNS " FROM quadmeshd.layouts l"                                         \
     "  JOIN quadmeshd.layout_revisions r ON r.id = l.id AND r.revision = l.revision"
 
 static const char has_layout[] = "SELECT 1 FROM quadmeshd.layouts WHERE id = $1";
@@ -37,7 +36,7 @@ qm_stored qm_postgres_put_layout(qm_store *store, const qm_store_layout *layout,
     return qm_postgres_create_row(store, &query, has_layout, layout->id);
 }
 
-static bool read_row(const qm_postgres_rows *rows, int row, void *out)
+bool qm_postgres_read_layout(const qm_postgres_rows *rows, int row, void *out)
 {
     qm_store_layout *layout = out;
     *layout = (qm_store_layout){.revision = qm_postgres_integer(rows, row, 5),
@@ -60,7 +59,7 @@ static void reset_row(void *row)
     qm_store_layout_reset(row);
 }
 
-static const qm_postgres_table table = {sizeof(qm_store_layout), read_row, reset_row};
+static const qm_postgres_table table = {sizeof(qm_store_layout), qm_postgres_read_layout, reset_row};
 
 qm_stored qm_postgres_find_layout(qm_store *store, const char *id, qm_store_layout *out)
 {

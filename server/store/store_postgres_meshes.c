@@ -10,11 +10,6 @@
     "id, hash, options, name, document, format, sequence, revision, positions, created,"                     \
     " to_char(expires AT TIME ZONE 'UTC', 'YYYY-MM-DD\"T\"HH24:MI:SS.MS\"Z\"')"
 
-/** A time by the clock of this process, as one by that of the database: equally far from now. */
-#define DATABASE_TIME(time, now)                                                                             \
-    "clock_timestamp() + make_interval(secs =>"                                                              \
-    "  extract(epoch FROM " time "::timestamptz - " now "::timestamptz)::float8)"
-
 void qm_postgres_add_mesh(qm_postgres_query *query, const qm_store_mesh *mesh)
 {
     const qm_store_mesh none = {0};
@@ -136,7 +131,7 @@ qm_stored qm_postgres_revise_mesh(qm_store *store, const qm_store_mesh *mesh)
 
 qm_stored qm_postgres_set_expiry(qm_store *store, const char *id, const char *expires)
 {
-    qm_postgres_query query = {.sql = "UPDATE quadmeshd.meshes SET expires = " DATABASE_TIME(
+    qm_postgres_query query = {.sql = "UPDATE quadmeshd.meshes SET expires = " QM_POSTGRES_TIME(
                                    "nullif($2::text, '')", "$3::text") " WHERE id = $1 RETURNING 1"};
     qm_postgres_add_text(&query, id);
     qm_postgres_add_text(&query, expires);
@@ -147,7 +142,7 @@ qm_stored qm_postgres_set_expiry(qm_store *store, const char *id, const char *ex
 qm_stored qm_postgres_find_expired_mesh(qm_store *store, const char *before, qm_store_mesh *out)
 {
     qm_postgres_query query = {
-        .sql = "SELECT " COLUMNS " FROM quadmeshd.meshes m WHERE expires < " DATABASE_TIME(
+        .sql = "SELECT " COLUMNS " FROM quadmeshd.meshes m WHERE expires < " QM_POSTGRES_TIME(
             "$1::text",
             "$2::text") "  AND NOT EXISTS (SELECT FROM quadmeshd.job_subjects s JOIN quadmeshd.jobs j USING "
                         "(sequence)"

@@ -57,6 +57,8 @@ typedef struct qm_postgres_pool {
     bool is_away;        /* the last attempt to connect has failed */
     bool is_closing, has_thread;
     pthread_t thread;
+    qm_postgres_connection *snapshot; /* all statements run on it, of one thread; or NULL */
+    bool is_reader; /* one connection, which is not opened again, and may show what is not durable */
     char *address;
     char application[QM_NODE_NAME_SIZE + 16];
     char engine[64];
@@ -248,7 +250,8 @@ static const char confirmation[] = CONFIRMATION;
 
 /* PostgreSQL would plan statements with arrays anew each time, as it takes longer ones for likely: that takes longer
  * than to run them. Behind a proxy the setting may get lost, and only time with it. */
-static const char first_statements[] = "SET plan_cache_mode = force_generic_plan; " CONFIRMATION;
+#define SETTINGS "SET plan_cache_mode = force_generic_plan; "
+static const char first_statements[] = SETTINGS CONFIRMATION, first_statements_of_reader[] = SETTINGS;
 
 /* ---- opening ---- */
 
@@ -307,7 +310,8 @@ static bool open_connection(qm_postgres_pool *pool, qm_postgres_connection *conn
         close_link(connection);
         return false;
     }
-    if (command(connection, first_statements, next_deadline()) != QM_STORED) {
+    const char *first = pool->is_reader ? first_statements_of_reader : first_statements;
+    if (command(connection, first, next_deadline()) != QM_STORED) {
         snprintf(message, QM_MESSAGE_SIZE, "database: it does not confirm a commit");
         close_link(connection);
         return false;
@@ -458,6 +462,8 @@ qm_stored qm_postgres_run(qm_store *store, qm_postgres_query *query, qm_postgres
     qm_postgres_pool *pool = store->postgres->pool;
     *rows = (qm_postgres_rows){0};
     if (query->failed) return QM_STORED_NO_MEMORY;
+    if (pool->snapshot)
+        return pool->snapshot->is_broken ? QM_STORED_AWAY : qm_postgres_execute(pool->snapshot, query, rows);
     double wait_ms = query->use == QM_POSTGRES_TRANSFERS ? TRANSFER_WAIT_MS : DEADLINE_MS - LEAST_MS;
     double deadline_ms = next_deadline(), wait_until_ms = qm_clock_now_ms() + wait_ms;
     qm_stored status = QM_STORED_AWAY;
@@ -493,6 +499,30 @@ qm_stored qm_postgres_transact(qm_store *store, qm_postgres_body *body, void *us
         if (!repeats) break;
     }
     return status;
+}
+
+qm_stored qm_postgres_begin_snapshot(qm_store *store)
+{
+    qm_postgres_pool *pool = store->postgres->pool;
+    qm_postgres_connection *connection = take(pool, QM_POSTGRES_REQUESTS, next_deadline());
+    if (!connection) return QM_STORED_AWAY;
+    qm_stored status = qm_postgres_command(connection, "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY;"
+                                                       " SET LOCAL idle_in_transaction_session_timeout = 0");
+    if (status == QM_STORED)
+        pool->snapshot = connection;
+    else
+        give_back(pool, connection, false);
+    return status;
+}
+
+void qm_postgres_end_snapshot(qm_store *store)
+{
+    qm_postgres_pool *pool = store->postgres->pool;
+    qm_postgres_connection *connection = pool->snapshot;
+    if (!connection) return;
+    pool->snapshot = NULL;
+    if (!connection->is_broken) qm_postgres_command(connection, "ROLLBACK");
+    give_back(pool, connection, false);
 }
 
 qm_stored qm_postgres_confirm(qm_store *store, qm_stored status)
@@ -534,7 +564,8 @@ static qm_postgres_pool *create_pool(const char *address, const char *node)
     return pool;
 }
 
-qm_stored qm_postgres_open_pool(qm_store *store, const char *address, char message[QM_MESSAGE_SIZE])
+qm_stored qm_postgres_open_pool(qm_store *store, const char *address, bool is_reader,
+                                char message[QM_MESSAGE_SIZE])
 {
     qm_postgres_pool *pool = create_pool(address, store->postgres->self.name);
     if (!pool) {
@@ -542,12 +573,16 @@ qm_stored qm_postgres_open_pool(qm_store *store, const char *address, char messa
         return QM_STORED_NO_MEMORY;
     }
     store->postgres->pool = pool;
+    pool->is_reader = is_reader;
+    pool->is_unprepared =
+        is_reader; /* behind a proxy a statement that is prepared already ends the snapshot */
     qm_postgres_connection *first = &pool->connections[0];
     if (!open_connection(pool, first, message)) return QM_STORED_AWAY;
     const char *version = qm_pq.parameterStatus(first->link, "server_version");
     snprintf(pool->engine, sizeof pool->engine, "PostgreSQL %.*s", version ? (int)strcspn(version, " ") : 0,
              version ? version : "");
     first->state = FREE;
+    if (is_reader) return QM_STORED;
     pool->has_thread = pthread_create(&pool->thread, NULL, keep_open, pool) == 0;
     if (pool->has_thread) return QM_STORED;
     snprintf(message, QM_MESSAGE_SIZE, "database: there is no thread for its connections");

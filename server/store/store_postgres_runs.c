@@ -18,12 +18,7 @@
 #define STRING(x) #x
 #define PAGE_TEXT(x) STRING(x)
 
-/** Events as three arrays, of their numbers, names and members. */
-typedef struct event_arrays {
-    qm_text seqs, names, members;
-} event_arrays;
-
-static void write_events(event_arrays *arrays, const qm_store_event *events, size_t count)
+void qm_postgres_write_events(qm_postgres_events *arrays, const qm_store_event *events, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
         qm_postgres_write_integer(&arrays->seqs, (int64_t)events[i].seq);
@@ -32,14 +27,14 @@ static void write_events(event_arrays *arrays, const qm_store_event *events, siz
     }
 }
 
-static void add_events(qm_postgres_query *query, event_arrays *arrays)
+void qm_postgres_add_events(qm_postgres_query *query, qm_postgres_events *arrays)
 {
     qm_postgres_add_array(query, &arrays->seqs);
     qm_postgres_add_array(query, &arrays->names);
     qm_postgres_add_array(query, &arrays->members);
 }
 
-static void reset_events(event_arrays *arrays)
+void qm_postgres_events_reset(qm_postgres_events *arrays)
 {
     qm_text_reset(&arrays->seqs);
     qm_text_reset(&arrays->names);
@@ -261,7 +256,7 @@ qm_stored qm_postgres_append_events(qm_store *store, qm_store_run *runs, size_t 
         .use = QM_POSTGRES_PULSE};
     char node[QM_NODE_NAME_SIZE + 16];
     qm_text ids = {0}, epochs = {0}, progress = {0}, jobs = {0};
-    event_arrays arrays = {0};
+    qm_postgres_events arrays = {0};
     qm_postgres_name_node(store, node);
     for (size_t i = 0; i < run_count; i++) {
         qm_postgres_write_text(&ids, runs[i].job);
@@ -270,13 +265,13 @@ qm_stored qm_postgres_append_events(qm_store *store, qm_store_run *runs, size_t 
     }
     for (size_t i = 0; i < count; i++)
         qm_postgres_write_text(&jobs, events[i].job);
-    write_events(&arrays, events, count);
+    qm_postgres_write_events(&arrays, events, count);
     qm_postgres_add_text(&query, node);
     qm_postgres_add_array(&query, &ids);
     qm_postgres_add_array(&query, &epochs);
     qm_postgres_add_array(&query, &progress);
     qm_postgres_add_array(&query, &jobs);
-    add_events(&query, &arrays);
+    qm_postgres_add_events(&query, &arrays);
     qm_postgres_rows rows;
     qm_stored status = qm_postgres_run(store, &query, &rows);
     if (status == QM_STORED) read_runs(store, &rows, runs, run_count);
@@ -285,7 +280,7 @@ qm_stored qm_postgres_append_events(qm_store *store, qm_store_run *runs, size_t 
     qm_text_reset(&epochs);
     qm_text_reset(&progress);
     qm_text_reset(&jobs);
-    reset_events(&arrays);
+    qm_postgres_events_reset(&arrays);
     return status;
 }
 
@@ -336,9 +331,9 @@ qm_stored qm_postgres_finish_job(qm_store *store, const qm_store_job *end, const
             "   revisions = $25, restarts = $21::int FROM ready WHERE j.sequence = ready.sequence)"
             " SELECT EXISTS (SELECT FROM lease), EXISTS (SELECT FROM ready)"};
     char node[QM_NODE_NAME_SIZE + 16];
-    event_arrays arrays = {0};
+    qm_postgres_events arrays = {0};
     qm_postgres_name_node(store, node);
-    write_events(&arrays, events, count);
+    qm_postgres_write_events(&arrays, events, count);
     qm_postgres_add_effect(&query, effect);
     qm_postgres_add_text(&query, end->id);
     qm_postgres_add_text(&query, node);
@@ -347,9 +342,9 @@ qm_stored qm_postgres_finish_job(qm_store *store, const qm_store_job *end, const
     qm_postgres_add_text(&query, end->document);
     qm_postgres_add_text(&query, end->result);
     qm_postgres_add_text(&query, revisions);
-    add_events(&query, &arrays);
+    qm_postgres_add_events(&query, &arrays);
     qm_stored status = finish(store, &query, end);
-    reset_events(&arrays);
+    qm_postgres_events_reset(&arrays);
     if (status == QM_STORED || status == QM_STORED_LOST) qm_postgres_remove_claim(store, end->id);
     return status;
 }

@@ -162,6 +162,19 @@ static qm_stored make_tables(qm_postgres_connection *connection, void *user)
     return qm_postgres_command(connection, sql);
 }
 
+bool qm_postgres_knows(int64_t version)
+{
+    return version == VERSION;
+}
+
+qm_stored qm_postgres_find_version(qm_store *store, int64_t *version)
+{
+    facts found = {0};
+    qm_stored status = read_facts(store, &found);
+    *version = found.version;
+    return status;
+}
+
 qm_stored qm_postgres_set_up(qm_store *store, char message[QM_MESSAGE_SIZE])
 {
     facts found = {0};
@@ -177,7 +190,7 @@ qm_stored qm_postgres_set_up(qm_store *store, char message[QM_MESSAGE_SIZE])
                  OLDEST_SERVER / 10000);
     else if (!found.is_utf8)
         snprintf(message, QM_MESSAGE_SIZE, "database: its encoding is not UTF8");
-    else if (found.version != VERSION)
+    else if (!qm_postgres_knows(found.version))
         snprintf(message, QM_MESSAGE_SIZE,
                  "database: tables of version %d were made by another version of quadmeshd; this one has %d",
                  (int)found.version, VERSION);

@@ -206,6 +206,8 @@ static qm_status set_up(qm_store *store, qm_store_purpose purpose, char message[
         qm_log(QM_LOG_INFO, "database: schema %d becomes %d", version, version + 1);
         good = change_schema(store, &migrations[version - OLDEST_SCHEMA], version + 1);
     }
+    if (good && purpose == QM_STORE_FILL)
+        good = sqlite3_exec(database, "PRAGMA synchronous = OFF", NULL, NULL, NULL) == SQLITE_OK;
     return good ? QM_OK : fail_to_open(database, message);
 }
 
@@ -313,6 +315,13 @@ const qm_store_driver qm_sqlite_driver = {
     .list_reconstructions = qm_sqlite_list_reconstructions,
     .update_reconstruction = qm_sqlite_update_reconstruction,
     .delete_reconstruction = qm_sqlite_delete_reconstruction,
+    .list_job_copies = qm_sqlite_list_job_copies,
+    .put_job_copy = qm_sqlite_put_job_copy,
+    .list_layout_revisions = qm_sqlite_list_layout_revisions,
+    .put_layout_copy = qm_sqlite_put_layout_copy,
+    .find_layout_origin = qm_sqlite_find_layout_origin,
+    .find_reconstruction_origin = qm_sqlite_find_reconstruction_origin,
+    .settle = qm_sqlite_settle,
     .needs_blob = qm_sqlite_needs_blob,
     .has_job = qm_sqlite_has_job,
 };

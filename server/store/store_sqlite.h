@@ -122,6 +122,23 @@ bool qm_sqlite_has_row(qm_store *store, const char *sql, const char *text);
 qm_stored qm_sqlite_add_mesh(qm_store *store, const qm_store_mesh *mesh);
 qm_stored qm_sqlite_apply_effect(qm_store *store, const qm_store_effect *effect);
 bool qm_sqlite_add_array(qm_store *store, const char *job_id, const qm_store_array *array);
+/** The same: what the request of a job names; NULL and "" are nothing. */
+bool qm_sqlite_add_subjects(qm_store *store, const char *job_id, const char *const subjects[2]);
+
+/** The columns of a job, and how they are read into a qm_store_job. */
+#define QM_SQLITE_JOB_COLUMNS                                                                                \
+    "id, key, idempotency_key, body, created, state, sequence, document, restarts, result, begun"
+bool qm_sqlite_read_job(sqlite3_stmt *statement, void *row);
+
+/** The columns of a layout l at its revision r, and how they are read into a qm_store_layout. */
+#define QM_SQLITE_LAYOUT_COLUMNS                                                                             \
+    "l.id, l.mesh, l.created, r.layout, r.issues, r.revision, r.next_curve, l.sequence,"                     \
+    " (SELECT min(revision) FROM layout_revisions WHERE id = l.id),"                                         \
+    " (SELECT max(revision) FROM layout_revisions WHERE id = l.id), r.is_complete"
+bool qm_sqlite_read_layout(sqlite3_stmt *statement, void *row);
+
+/** Part of a transaction: a revision of a layout. */
+bool qm_sqlite_add_revision(qm_store *store, const qm_store_layout *layout, int64_t revision);
 
 /** The idempotency record that a statement with one string finds. */
 qm_stored qm_sqlite_find_idempotency_record(qm_store *store, const char *sql, const char *key,
@@ -189,6 +206,17 @@ qm_stored qm_sqlite_list_reconstructions(qm_store *store, const qm_store_page *p
                                          qm_store_reconstruction *out, size_t *count);
 qm_stored qm_sqlite_update_reconstruction(qm_store *store, const qm_store_effect *effect);
 qm_stored qm_sqlite_delete_reconstruction(qm_store *store, const char *id);
+qm_stored qm_sqlite_list_job_copies(qm_store *store, const qm_store_page *page, qm_store_job_copy *out,
+                                    size_t *count);
+qm_stored qm_sqlite_put_job_copy(qm_store *store, const qm_store_job_copy *copy, const qm_store_event *events,
+                                 size_t count, const qm_store_array *array);
+qm_stored qm_sqlite_list_layout_revisions(qm_store *store, const char *id, const qm_store_page *page,
+                                          qm_store_layout *out, size_t *count);
+qm_stored qm_sqlite_put_layout_copy(qm_store *store, const qm_store_layout *revisions, size_t count,
+                                    int64_t current, const qm_store_idempotency *idempotency);
+qm_stored qm_sqlite_find_layout_origin(qm_store *store, const char *id, qm_store_origin *out);
+qm_stored qm_sqlite_find_reconstruction_origin(qm_store *store, const char *id, qm_store_origin *out);
+qm_stored qm_sqlite_settle(qm_store *store);
 bool qm_sqlite_needs_blob(qm_store *store, const char *hash);
 bool qm_sqlite_has_job(qm_store *store, const char *id);
 

@@ -6,10 +6,8 @@
  * checksums and SQLite's own shell can look at it. It begins as a snapshot of the folder's database. A blob that
  * the daemon has removed since then belongs to a mesh that was deleted or moved on: its row in the copy follows.
  */
-#include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <ftw.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -21,7 +19,6 @@
 #define PART_SIZE (1u << 20) /* bytes of a blob in a row */
 #define TRIES 100            /* how often the row of a mesh may move on while its blob is looked for */
 #define SCALAR_SIZE 256
-#define OPEN_FOLDERS 8
 
 static const char parts_table[] =
     "PRAGMA journal_mode = OFF; PRAGMA synchronous = OFF; PRAGMA foreign_keys = ON;"
@@ -219,22 +216,6 @@ static bool copy_files(backup *work)
                     copy_array, &work->found.jobs);
 }
 
-/** Makes a file durable, gives it its name, and makes that durable. */
-static bool put_in_place(const char *path, const char *name)
-{
-    char parent[QM_STORE_PATH_SIZE];
-    snprintf(parent, sizeof parent, "%s", name);
-    char *slash = strrchr(parent, '/');
-    if (slash)
-        slash[slash == parent] = '\0';
-    else
-        snprintf(parent, sizeof parent, ".");
-    int file = open(path, O_RDONLY | O_CLOEXEC);
-    bool synced = file >= 0 && fsync(file) == 0;
-    if (file >= 0) close(file);
-    return synced && rename(path, name) == 0 && qm_blob_sync_folder(parent);
-}
-
 static bool write_backup(backup *work, const char *path, char message[QM_MESSAGE_SIZE])
 {
     bool good = run_text(work->store->sqlite->database, "VACUUM INTO ?", path);
@@ -263,7 +244,7 @@ qm_status qm_store_backup(const char *folder, const char *file, FILE *out, qm_st
     if (!work.store) return QM_E_NO_MEMORY;
     qm_status status = qm_sqlite_open_database(work.store, QM_STORE_CHECK, message);
     if (status == QM_OK && !write_backup(&work, path, message)) status = QM_E_ARGUMENT;
-    if (status == QM_OK && !put_in_place(path, file)) {
+    if (status == QM_OK && !qm_store_put_in_place(path, file)) {
         snprintf(message, QM_MESSAGE_SIZE, "cannot write %.200s: %s", file, strerror(errno));
         status = QM_E_ARGUMENT;
     }
@@ -274,18 +255,6 @@ qm_status qm_store_backup(const char *folder, const char *file, FILE *out, qm_st
 }
 
 /* ---- a restoration ---- */
-
-/** True when there is nothing of this name, or an empty folder. */
-static bool is_free(const char *path)
-{
-    DIR *folder = opendir(path);
-    if (!folder) return errno == ENOENT;
-    size_t entries = 0;
-    for (struct dirent *entry; (entry = readdir(folder));)
-        entries += strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0;
-    closedir(folder);
-    return entries == 0;
-}
 
 /** Makes the tables, or the indices, of the backup in the new database, and copies the rows of tables. Only what
  * begins like a statement of the schema is run, and nothing after it. */
@@ -450,37 +419,24 @@ static bool restore(backup *work, const char *path, const char *folder, const ch
         work->found.jobs = strtoul(count[0], NULL, 10);
     char results[QM_STORE_PATH_SIZE];
     snprintf(results, sizeof results, "%s/results", path);
-    if (qm_blob_sync_folder(results) && put_in_place(database, database) && put_in_place(path, folder))
+    if (qm_blob_sync_folder(results) && qm_store_put_in_place(database, database) &&
+        qm_store_put_in_place(path, folder))
         return true;
     snprintf(message, QM_MESSAGE_SIZE, "cannot name %.200s: %s", folder, strerror(errno));
     return false;
 }
 
-static int remove_entry(const char *path, const struct stat *facts, int type, struct FTW *at)
-{
-    (void)facts, (void)type, (void)at;
-    return remove(path);
-}
-
 qm_status qm_store_restore(const char *file, const char *folder, FILE *out, qm_store_findings *found,
                            char message[QM_MESSAGE_SIZE])
 {
-    char name[QM_STORE_FOLDER_SIZE], path[QM_STORE_FOLDER_SIZE + 16];
+    char name[QM_STORE_FOLDER_SIZE], path[QM_STORE_FOLDER_SIZE];
     backup work = {.out = out};
     *found = work.found;
-    snprintf(name, sizeof name, "%s", folder);
-    for (size_t length = strlen(name); length > 1 && name[length - 1] == '/';)
-        name[--length] = '\0';
-    snprintf(path, sizeof path, "%s.restoring", name);
-    if (!is_free(name) || access(path, F_OK) == 0) {
-        snprintf(message, QM_MESSAGE_SIZE, "%.200s is not empty: a backup is restored to a new folder",
-                 is_free(name) ? path : name);
-        return QM_E_ARGUMENT;
-    }
+    if (!qm_store_plan_folder(folder, ".restoring", name, path, message)) return QM_E_ARGUMENT;
     bool good = open_backup(&work, file, message);
     if (good) work.store = qm_store_create(path, message);
     good = work.store && restore(&work, path, name, file, message);
-    if (!good && work.store) nftw(path, remove_entry, OPEN_FOLDERS, FTW_DEPTH | FTW_PHYS);
+    if (!good && work.store) qm_store_remove_folder(path);
     sqlite3_close(work.copy);
     qm_store_close(work.store);
     *found = work.found;

@@ -8,9 +8,21 @@
 #include "base/log.h"
 #include "store_sqlite.h"
 
-#define COLUMNS "id, key, idempotency_key, body, created, state, sequence, document, restarts, result, begun"
-
 static const char has_job[] = "SELECT 1 FROM jobs WHERE id = ?";
+
+bool qm_sqlite_add_subjects(qm_store *store, const char *job_id, const char *const subjects[2])
+{
+    sqlite3_stmt *statement = qm_sqlite_prepare(store, "INSERT OR IGNORE INTO job_subjects (job, subject)"
+                                                       " SELECT sequence, ? FROM jobs WHERE id = ?");
+    bool added = statement;
+    for (int i = 0; added && i < 2; i++) {
+        if (!subjects[i] || !subjects[i][0]) continue;
+        qm_sqlite_bind_text(statement, 1, subjects[i]);
+        qm_sqlite_bind_text(statement, 2, job_id);
+        added = qm_sqlite_run(store, statement);
+    }
+    return added;
+}
 
 /** In a transaction. */
 static qm_stored submit(qm_store *store, const qm_store_job *job)
@@ -18,9 +30,7 @@ static qm_stored submit(qm_store *store, const qm_store_job *job)
     sqlite3_stmt *row = qm_sqlite_prepare(
         store, "INSERT INTO jobs (id, key, idempotency_key, body, created, state, revisions, type)"
                " VALUES (?, ?, ?, ?, ?, ?, '', ?) ON CONFLICT DO NOTHING");
-    sqlite3_stmt *subject = qm_sqlite_prepare(store, "INSERT OR IGNORE INTO job_subjects (job, subject)"
-                                                     " SELECT sequence, ? FROM jobs WHERE id = ?");
-    if (!row || !subject) return QM_STORED_FAULT;
+    if (!row) return QM_STORED_FAULT;
     qm_sqlite_bind_text(row, 1, job->id);
     qm_sqlite_bind_text(row, 2, job->key);
     qm_sqlite_bind_text(row, 3, job->idempotency_key);
@@ -31,13 +41,7 @@ static qm_stored submit(qm_store *store, const qm_store_job *job)
     if (!qm_sqlite_run(store, row)) return QM_STORED_FAULT;
     if (!qm_sqlite_has_changed(store))
         return qm_sqlite_has_row(store, has_job, job->id) ? QM_STORED : QM_STORED_TAKEN;
-    for (int i = 0; i < 2; i++) {
-        if (!job->subjects[i] || !job->subjects[i][0]) continue;
-        qm_sqlite_bind_text(subject, 1, job->subjects[i]);
-        qm_sqlite_bind_text(subject, 2, job->id);
-        if (!qm_sqlite_run(store, subject)) return QM_STORED_FAULT;
-    }
-    return QM_STORED;
+    return qm_sqlite_add_subjects(store, job->id, job->subjects) ? QM_STORED : QM_STORED_FAULT;
 }
 
 qm_stored qm_sqlite_submit_job(qm_store *store, const qm_store_submission *submission)
@@ -132,7 +136,7 @@ qm_stored qm_sqlite_read_events(qm_store *store, const char *id, uint64_t after,
     return !taken ? QM_STORED_NO_MEMORY : failed ? QM_STORED_FAULT : QM_STORED;
 }
 
-static bool read_row(sqlite3_stmt *statement, void *row)
+bool qm_sqlite_read_job(sqlite3_stmt *statement, void *row)
 {
     qm_store_job *out = row;
     *out = (qm_store_job){
@@ -155,18 +159,19 @@ static void reset_row(void *row)
     qm_store_job_reset(row);
 }
 
-static const qm_sqlite_table table = {sizeof(qm_store_job), read_row, reset_row};
+static const qm_sqlite_table table = {sizeof(qm_store_job), qm_sqlite_read_job, reset_row};
 
 qm_stored qm_sqlite_find_job(qm_store *store, const char *id, qm_store_job *out)
 {
-    return qm_sqlite_find_row_by(store, "SELECT " COLUMNS " FROM jobs WHERE id = ?", id, &table, out);
+    return qm_sqlite_find_row_by(store, "SELECT " QM_SQLITE_JOB_COLUMNS " FROM jobs WHERE id = ?", id, &table,
+                                 out);
 }
 
 qm_stored qm_sqlite_find_job_by_key(qm_store *store, const char *key, const char *revisions,
                                     qm_job_state state, qm_store_job *out)
 {
     sqlite3_stmt *statement =
-        qm_sqlite_begin(store, "SELECT " COLUMNS " FROM jobs WHERE key = ? AND revisions = ?"
+        qm_sqlite_begin(store, "SELECT " QM_SQLITE_JOB_COLUMNS " FROM jobs WHERE key = ? AND revisions = ?"
                                " AND state = ? ORDER BY sequence DESC LIMIT 1");
     if (!statement) return QM_STORED_NO_MEMORY;
     qm_sqlite_bind_text(statement, 1, key);
@@ -177,20 +182,21 @@ qm_stored qm_sqlite_find_job_by_key(qm_store *store, const char *key, const char
 
 qm_stored qm_sqlite_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out)
 {
-    return qm_sqlite_find_row_by(store, "SELECT " COLUMNS " FROM jobs WHERE idempotency_key = ?", key, &table,
-                                 out);
+    return qm_sqlite_find_row_by(
+        store, "SELECT " QM_SQLITE_JOB_COLUMNS " FROM jobs WHERE idempotency_key = ?", key, &table, out);
 }
 
 qm_stored qm_sqlite_list_jobs(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
                               qm_store_job *out, size_t *count)
 {
     static const char *const states[] = {"0", "0", "2", "3", "4"}; /* one that runs is stored as queued */
-    qm_sqlite_listing listing = {"SELECT " COLUMNS " FROM jobs",
+    qm_sqlite_listing listing = {"SELECT " QM_SQLITE_JOB_COLUMNS " FROM jobs",
                                  "sequence",
                                  {"type = ?", "state = ?", NULL},
                                  {filter->type, filter->state ? states[*filter->state] : NULL, NULL}};
     if (filter->subject) { /* in the order of its index */
-        listing.select = "SELECT " COLUMNS " FROM job_subjects CROSS JOIN jobs ON sequence = job";
+        listing.select =
+            "SELECT " QM_SQLITE_JOB_COLUMNS " FROM job_subjects CROSS JOIN jobs ON sequence = job";
         listing.sequence = "job";
         listing.conditions[2] = "subject = ?";
         listing.values[2] = filter->subject;

@@ -7,14 +7,12 @@
 
 #define KEPT_REVISIONS 100 /* of a layout, to go back to */
 #define SELECT                                                                                               \
-    "SELECT l.id, l.mesh, l.created, r.layout, r.issues, l.revision, r.next_curve, l.sequence,"              \
-    "  (SELECT min(revision) FROM layout_revisions WHERE id = l.id),"                                        \
-    "  (SELECT max(revision) FROM layout_revisions WHERE id = l.id), r.is_complete"                          \
+    "SELECT " QM_SQLITE_LAYOUT_COLUMNS                                                                       \
     " FROM layouts l JOIN layout_revisions r ON r.id = l.id AND r.revision = l.revision "
 
 /* The functions up to the verbs run in a transaction. */
 
-static bool add_revision(qm_store *store, const qm_store_layout *layout, int64_t revision)
+bool qm_sqlite_add_revision(qm_store *store, const qm_store_layout *layout, int64_t revision)
 {
     sqlite3_stmt *statement =
         qm_sqlite_prepare(store, "INSERT INTO layout_revisions (id, revision, layout, issues, next_curve, "
@@ -42,7 +40,8 @@ static qm_stored add_layout(qm_store *store, const qm_store_layout *layout,
     qm_sqlite_bind_text(statement, 4, idempotency->key);
     qm_sqlite_bind_text(statement, 5, idempotency->request);
     if (!qm_sqlite_run(store, statement)) return QM_STORED_FAULT;
-    if (qm_sqlite_has_changed(store)) return add_revision(store, layout, 0) ? QM_STORED : QM_STORED_FAULT;
+    if (qm_sqlite_has_changed(store))
+        return qm_sqlite_add_revision(store, layout, 0) ? QM_STORED : QM_STORED_FAULT;
     return qm_sqlite_has_row(store, "SELECT 1 FROM layouts WHERE id = ?", layout->id) ? QM_STORED
                                                                                       : QM_STORED_TAKEN;
 }
@@ -86,7 +85,8 @@ qm_stored qm_sqlite_edit_layout(qm_store *store, const qm_store_layout *layout)
     if (!qm_sqlite_begin_transaction(store)) return QM_STORED_FAULT;
     int64_t next = layout->revision + 1;
     qm_stored stored = move(store, layout->id, layout->revision, next);
-    if (stored == QM_STORED && (!drop_revisions(store, layout) || !add_revision(store, layout, next)))
+    if (stored == QM_STORED &&
+        (!drop_revisions(store, layout) || !qm_sqlite_add_revision(store, layout, next)))
         stored = QM_STORED_FAULT;
     return qm_sqlite_end_transaction(store, stored);
 }
@@ -97,7 +97,7 @@ qm_stored qm_sqlite_move_layout(qm_store *store, const char *id, int64_t from, i
     return qm_sqlite_end_transaction(store, move(store, id, from, to));
 }
 
-static bool read_row(sqlite3_stmt *statement, void *row)
+bool qm_sqlite_read_layout(sqlite3_stmt *statement, void *row)
 {
     qm_store_layout *out = row;
     *out = (qm_store_layout){.revision = sqlite3_column_int64(statement, 5),
@@ -120,7 +120,7 @@ static void reset_row(void *row)
     qm_store_layout_reset(row);
 }
 
-static const qm_sqlite_table table = {sizeof(qm_store_layout), read_row, reset_row};
+static const qm_sqlite_table table = {sizeof(qm_store_layout), qm_sqlite_read_layout, reset_row};
 
 qm_stored qm_sqlite_find_layout(qm_store *store, const char *id, qm_store_layout *out)
 {

@@ -16,8 +16,10 @@ import shapes
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BUILD = ROOT / os.environ.get("QM_BUILD", "build")
 DATA = pathlib.Path(os.environ.get("QM_TEST_DATA", ROOT / "../shared/data"))
-# What is about the folder of collected meshes is there when the folder is.
+# What is about the folder of collected meshes is there when the folder is, and what needs a database when a server is.
 collect_ignore = [] if DATA.is_dir() else ["test_collection.py"]
+if not os.environ.get("QM_TEST_POSTGRES"):
+    collect_ignore.append("test_moving.py")
 # Seconds. Sanitized builds need several times the time of a release; 600 are what the daemon would wait for at most.
 PATIENCE = float(os.environ.get("QM_PATIENCE", 60))
 WAIT = f"wait={PATIENCE:.0f}"

@@ -4,7 +4,6 @@ QM_TEST_LONG=1 runs the long forms. QM_TEST_SEED moves what is left to chance; a
 """
 import importlib.util
 import pathlib
-import subprocess
 import sys
 
 import pytest
@@ -19,11 +18,6 @@ spec.loader.exec_module(api_conftest)
 globals().update({name: value for name, value in vars(api_conftest).items() if not name.startswith(("__", "pytest_"))})
 
 from cluster import Cluster  # noqa: E402 (needs api_conftest)
-
-# What needs a setting of the daemon is there when the daemon has it.
-NEEDS = {"--export": ("moves",)}
-HELP = subprocess.run([BUILD / "quadmeshd", "--help"], capture_output=True, text=True, check=True).stdout.split()  # noqa: F821
-collect_ignore = [f"test_{name}.py" for setting, names in NEEDS.items() if setting not in HELP for name in names]
 
 
 @pytest.fixture
