@@ -95,15 +95,22 @@ class Instance:
     def start(self, **settings):
         """Starts the server and waits until it answers."""
         options = {**SETTINGS, "unix_socket_directories": self.folder.parent, "port": self.port, **settings}
+        self._launch(options)
+        end = time.monotonic() + PATIENCE
+        while not self.answers():
+            if self.process.poll() is not None:
+                # A process of a server that was killed may have been born too late to be killed as well: it ends by itself.
+                assert "is still in use" in self.log()[-1000:], f"the server ended at once:\n{self.log()[-5000:]}"
+                time.sleep(0.1)
+                self._launch(options)
+            assert time.monotonic() < end, f"the server is not ready:\n{self.log()[-5000:]}"
+            time.sleep(0.02)
+
+    def _launch(self, options):
         with open(self.log_path, "ab") as log:
             self.process = subprocess.Popen(
                 [*self.prefix, find_program("postgres"), "-D", self.folder, *(f"--{name}={value}" for name, value in options.items())],
                 stdout=log, stderr=log, cwd=self.folder.parent, **server_user())
-        end = time.monotonic() + PATIENCE
-        while not self.answers():
-            assert self.process.poll() is None, f"the server ended at once:\n{self.log()}"
-            assert time.monotonic() < end, f"the server is not ready:\n{self.log()}"
-            time.sleep(0.02)
 
     @property
     def log_path(self):
