@@ -10,7 +10,7 @@
 #include "deviation/deviation_sum.h"
 #include "random.h"
 
-enum { GRID = 64, PLACES = 12 };
+enum { GRID = 64, PLACES = 12, FINE = 300 };
 
 #define SPARE 0.02 /* what a sum over the grid is off by is less */
 
@@ -197,10 +197,45 @@ static void heights_that_bend_hold(void **state)
     }
 }
 
+/** The greatest values of single terms are known to five digits: no bound is below, or far above. */
+static void bounds_of_single_terms_are_tight(void **state)
+{
+    (void)state;
+    double most[4] = {0.0, 0.0, 0.0, 0.0}, off[3] = {0.0, 0.0, 0.0}, bound, open[2];
+    for (int i = 0; i <= FINE; i++)
+        for (int j = 0; i + j <= FINE; j++) {
+            const double l[3] = {(double)i / FINE, (double)j / FINE, (double)(FINE - i - j) / FINE};
+            for (int k = 0; k < 4; k++) {
+                double cubic[4] = {0.0, 0.0, 0.0, 0.0};
+                cubic[k] = 1.0;
+                most[k] = fmax(most[k], fabs(cubic_at(cubic, l)));
+            }
+            off[0] = fmax(off[0], 2.0 * l[0] * l[1]);
+            off[1] = fmax(off[1], 2.0 * (l[0] * l[1] + l[1] * l[2]));
+            off[2] = fmax(off[2], 2.0 * (l[0] * l[1] + l[1] * l[2] + l[2] * l[0]));
+        }
+    for (int k = 0; k < 4; k++) {
+        double cubic[4] = {0.0, 0.0, 0.0, 0.0};
+        cubic[k] = -1.0;
+        bound = qm_quadratic_cubic_most(cubic);
+        QM_CHECK(bound >= most[k] && bound <= most[k] + 2e-4, "term %d: %.17g, bound %.17g", k, most[k],
+                 bound);
+    }
+    for (int count = 1; count <= 3; count++) {
+        double value[6] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+        for (int k = 0; k < count; k++)
+            value[3 + k] = 1.0;
+        qm_quadratic_linear_error(value, open);
+        QM_CHECK(open[1] >= off[count - 1] - 1e-12 && open[0] == 0.0, "%d edges: %.17g, bound %.17g", count,
+                 off[count - 1], open[1]);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(heights_that_bend_hold),
+        cmocka_unit_test(bounds_of_single_terms_are_tight),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

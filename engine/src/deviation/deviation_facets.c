@@ -131,16 +131,16 @@ static void add_triangle(near_work *work, const qm_triangle *t, double slack, in
 
 /* ---- patches ---- */
 
-/** True when a rectangle, which lies within the ball round its centroid through its farthest corner, may come
- * within reach. */
+/** True when a rectangle, which lies behind the plane across the line to its centroid through the corner that
+ * is nearest along it, may come within reach. Roundings of 12 u S are covered by the eta to spare in reach. */
 static bool is_near(const near_work *work, const qm_vec corner[4])
 {
     qm_vec ends = qm_vec_add(corner[0], corner[2]), others = qm_vec_add(corner[1], corner[3]);
-    qm_vec centre = qm_vec_scale(0.25, qm_vec_add(ends, others));
-    double radius2 = 0.0;
+    qm_vec way = qm_vec_sub(qm_vec_scale(0.25, qm_vec_add(ends, others)), work->centre);
+    double length = qm_vec_norm(way), nearest = INFINITY;
     for (int i = 0; i < 4; i++)
-        radius2 = fmax(radius2, qm_vec_norm2(qm_vec_sub(corner[i], centre)));
-    return qm_vec_distance(work->centre, centre) - sqrt(radius2) <= work->reach;
+        nearest = qm_min(nearest, qm_vec_dot(way, qm_vec_sub(corner[i], work->centre)));
+    return nearest <= work->reach * length;
 }
 
 /** True when a match with the rectangle holds, but for what the piece adds to it: r and g k of
@@ -169,23 +169,11 @@ static rectangle make_rectangle(const near_work *work, const qm_vec corner[4], q
     return made;
 }
 
-/** True when one of its triangles, of which the rectangle is within its slack, is within reach. */
-static bool is_within_reach(const near_work *work, const rectangle *part)
-{
-    const qm_vec *c = part->halves.corner;
-    for (int k = 0; k < 2; k++) {
-        qm_triangle half = qm_triangle_make(c[0], c[1 + k], c[2 + k]);
-        if (sqrt(qm_triangle_distance2(&half, work->centre)) - part->halves.slack <= work->reach) return true;
-    }
-    return false;
-}
-
 /** Adds a rectangle that may come within reach. */
 static void add_rectangle(near_work *work, const qm_vec corner[4], qm_deviation_rectangle of)
 {
     if (!is_near(work, corner)) return;
     rectangle part = make_rectangle(work, corner, &of);
-    if (!is_within_reach(work, &part)) return;
     int slot = work->near->rectangle_count;
     work->near->is_complete &= slot < QM_MAX_RECTANGLES;
     if (slot == QM_MAX_RECTANGLES) return;
@@ -238,7 +226,7 @@ static void cut_rectangles(near_work *work)
     }
 }
 
-/** Lists the triangles of the rectangles. */
+/** Lists the triangles of the rectangles that may come within reach. */
 static void add_rectangles(near_work *work)
 {
     for (int i = 0; i < work->near->rectangle_count; i++) {

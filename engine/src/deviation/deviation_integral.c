@@ -224,14 +224,14 @@ void qm_deviation_integrate_signed(const qm_deviation_shape *w, qm_positive_part
 }
 
 /**
- * Adds the means over a triangle of f w and f^2 w for a cubic f and a linear w, by a rule of 12 points that is
- * exact up to degree seven; all terms are positive. f is side times the quadratic function and its cubic part, less
- * open; the triangle is the part of the piece with corners of these weights.
+ * Adds the integrals over a triangle of a height of one sign, from below and above, by a rule of 12 points that is
+ * exact up to degree seven; all terms are positive. The height is side times the quadratic function and its
+ * cubic part, less below or with above; the triangle is the part of the piece with corners of these weights.
  *
  * Source: K. Gatermann, The construction of symmetric cubature formulas for the square and the triangle, 1988.
  */
-static void mean_cubic(const qm_quadratic *bend, const double corner[3][3], double side, double open,
-                       const double w[3], double *mean, double *square)
+static void add_cubic(const qm_quadratic *bend, const double corner[3][3], double side, double below,
+                      double above, const qm_deviation_shape *w, qm_deviation_bounds *sum)
 {
     static const double rule[4][4] = {
         {0.062382265094402117, 0.067517867073916091, 0.87009986783168181, 0.053034056314872506},
@@ -249,10 +249,14 @@ static void mean_cubic(const qm_quadratic *bend, const double corner[3][3], doub
                     at[k] = l[0] * corner[0][k] + l[1] * corner[1][k] + l[2] * corner[2][k];
                 value += qm_quadratic_cubic_at(bend->cubic, at);
             }
-            value = qm_max(0.0, side * value - open);
-            double part = rule[ring][3] * value * (l[0] * w[0] + l[1] * w[1] + l[2] * w[2]);
-            *mean += part;
-            *square += part * value;
+            double low = qm_max(0.0, side * value - below), high = qm_max(0.0, side * value + above);
+            double low_part = rule[ring][3] * low * (l[0] * w->low[0] + l[1] * w->low[1] + l[2] * w->low[2]);
+            double high_part =
+                rule[ring][3] * high * (l[0] * w->high[0] + l[1] * w->high[1] + l[2] * w->high[2]);
+            sum->mean_low += low_part;
+            sum->square_low += low_part * low;
+            sum->mean_high += high_part;
+            sum->square_high += high_part * high;
         }
 }
 
@@ -273,8 +277,7 @@ static bool add_sided(const qm_quadratic *bend, const double corner[3][3], doubl
     double low = side > 0.0 ? min6(bend->value) : -max6(bend->value);
     double below = side > 0.0 ? bend->below : bend->above, above = side > 0.0 ? bend->above : bend->below;
     if (low - below < 0.0) return false;
-    mean_cubic(bend, corner, side, below - bend->cubic_most, w->low, &sum->mean_low, &sum->square_low);
-    mean_cubic(bend, corner, side, bend->cubic_most - above, w->high, &sum->mean_high, &sum->square_high);
+    add_cubic(bend, corner, side, below - bend->cubic_most, above - bend->cubic_most, w, sum);
     return true;
 }
 

@@ -6,11 +6,11 @@
 
 #include "core/rounding.h"
 
-#define STEPS 8                  /* of Newton's method for one foot */
-#define BEYOND 0.5               /* of the parameters: how far a match may leave the unit square */
-#define CLOSE_STEP 0x1p-30       /* a step that is shorter is the last one */
-#define CLEAR 0.125              /* least m that is worth a bound */
-#define LEAST_SINE 0x1p-10       /* of a frame: between a and the length of its columns */
+#define STEPS 8            /* of Newton's method for one foot */
+#define BEYOND 0.5         /* of the parameters: how far a match may leave the unit square */
+#define CLOSE_STEP 0x1p-16 /* a step that is shorter is the last one: what it is off by falls to its square */
+#define CLEAR 0.125        /* least m that is worth a bound */
+#define LEAST_SINE 0x1p-10 /* of a frame: between a and the length of its columns */
 #define RELATIVE (1.0 + 0x1p-40) /* for the roundings of a few dozen operations on positive terms */
 #define LEAST_NORMAL 0.5         /* of the longest normal: heights are along normals that are no shorter */
 #define FOOT_ROUNDING 0x1p-50    /* of the parameters b + z */

@@ -23,8 +23,10 @@
 #define CROSS_ROUNDINGS 40.0
 
 /** Of a determinant of parameters: each of four differences by u, both products and their difference. */
-#define POOR_WIDTH 0.25 /* of the radius: bounds of a small piece are far narrower */
 #define PARAMETER_ROUNDINGS 4.0
+
+#define WIDE 4.0        /* of what a cut is worth: halves with wider bounds are halved again */
+#define POOR_WIDTH 0.25 /* of the radius: bounds of a small piece are far narrower */
 
 #define OUTSIDE 0x1p-20 /* relative: corners of pieces may lie outside of the face by far less */
 
@@ -339,6 +341,39 @@ static void bound_by_cut_patches(const qm_deviation_setup *setup, const qm_devia
     }
 }
 
+/** Bounds a part of a piece, by the list of the piece or, without one that is complete, by its own. */
+static void bound_part(const qm_deviation_setup *setup, const qm_deviation_face *face,
+                       const qm_deviation_piece *part, bool has_list, qm_deviation_workspace *workspace,
+                       qm_deviation_bounds *bounds)
+{
+    qm_deviation_shape here = qm_deviation_shape_make(setup, face, part);
+    if (!has_list) qm_deviation_list_facets(setup, &here, false, workspace);
+    qm_deviation_piece_bound_near(setup, face, part, &here, workspace, bounds);
+}
+
+/** Halves both halves of a piece once more where their bounds are far too wide: the list, which costs most where
+ * patches bend, serves for all of them. Returns how many parts there are; adds to *leak. */
+static int halve_wide_parts(const qm_deviation_setup *setup, const qm_deviation_face *face,
+                            qm_deviation_piece part[QM_DEVIATION_PARTS], qm_deviation_workspace *workspace,
+                            qm_deviation_bounds bounds[QM_DEVIATION_PARTS], double *leak)
+{
+    int count = 2;
+    for (int i = 0; i < 2; i++) {
+        double width = bounds[i].mean_high - bounds[i].mean_low;
+        if (part[i].depth == QM_DEVIATION_DEPTH || !(width > WIDE * setup->worth * bounds[i].area_high))
+            continue;
+        qm_deviation_shape whole = qm_deviation_shape_make(setup, face, &part[i]);
+        qm_deviation_piece half[2];
+        qm_deviation_piece_halve(&whole, &part[i], half, leak);
+        part[i] = half[0];
+        part[count] = half[1];
+        bound_part(setup, face, &part[i], true, workspace, &bounds[i]);
+        bound_part(setup, face, &part[count], true, workspace, &bounds[count]);
+        count++;
+    }
+    return count;
+}
+
 int qm_deviation_piece_split(const qm_deviation_setup *setup, const qm_deviation_piece *piece,
                              qm_deviation_workspace *workspace, qm_deviation_piece part[QM_DEVIATION_PARTS],
                              qm_deviation_bounds bounds[QM_DEVIATION_PARTS], double *leak)
@@ -347,22 +382,21 @@ int qm_deviation_piece_split(const qm_deviation_setup *setup, const qm_deviation
     qm_deviation_shape shape = qm_deviation_shape_make(setup, &face, piece);
     qm_deviation_list_facets(setup, &shape, false, workspace);
     QM_ASSERT(piece->depth < QM_DEVIATION_DEPTH);
-    bool is_complete = workspace->near.is_complete;
+    bool is_complete = workspace->near.is_complete, has_cuts = has_borders(&workspace->near);
     int count = 1;
     *leak = 0.0;
-    if (is_complete && has_borders(&workspace->near) && piece->depth % HALVED_LEVELS != HALVED_LEVELS - 1)
+    if (is_complete && has_cuts && piece->depth % HALVED_LEVELS != HALVED_LEVELS - 1)
         count = qm_deviation_piece_cut(setup, &face, piece, &workspace->near, part, leak);
     if (count == 1) {
         qm_deviation_piece_halve(&shape, piece, part, leak);
         count = 2;
     }
+    for (int i = 0; i < count; i++)
+        bound_part(setup, &face, &part[i], is_complete, workspace, &bounds[i]);
+    if (is_complete && !has_cuts && setup->part_limit >= 4)
+        count = halve_wide_parts(setup, &face, part, workspace, bounds, leak);
     QM_ASSERT(count >= 2 && count <= QM_DEVIATION_PARTS);
     *leak *= qm_deviation_face_density(setup, &face);
-    for (int i = 0; i < count; i++) {
-        qm_deviation_shape here = qm_deviation_shape_make(setup, &face, &part[i]);
-        if (!is_complete) qm_deviation_list_facets(setup, &here, false, workspace);
-        qm_deviation_piece_bound_near(setup, &face, &part[i], &here, workspace, &bounds[i]);
-    }
     if (setup->target_patches) bound_by_cut_patches(setup, &face, count, part, workspace, bounds);
     return count;
 }

@@ -127,6 +127,13 @@ qm_bilinear_footpoint qm_bilinear_project(const qm_bilinear *patch, qm_vec p, do
                                           double stop_above);
 
 /**
+ * True where the patch is proven to lie at least this far from p: with the roundings of a certified distance,
+ * and a few more of both lengths, so that distances short of the true one by a hundred roundings of the
+ * coordinates are proven but on patches whose segments shrink to nearly a point both ways.
+ */
+bool qm_bilinear_is_beyond(const qm_bilinear *patch, qm_vec p, double distance);
+
+/**
  * Finds a good candidate for the footpoint by minimising in each local minimum, or in the only one that there
  * is: distance is valid, lower is 0. Where f may have several, the patch is a family of segments, and the
  * local minima of the distance to their lines are roots of a quintic. Returns any point of a patch that it

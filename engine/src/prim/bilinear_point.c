@@ -457,7 +457,9 @@ qm_bilinear_footpoint qm_bilinear_project(const qm_bilinear *patch, qm_vec p, do
     if (curvature > 0.0) lower = minimise_convex(&q, &square, curvature, stop_above, &best);
     if (!(best.distance - lower <= error) && lower < stop_above) {
         best = qm_bilinear_minimise(patch, p, stop_above);
-        lower = fmax(lower, minimise_parts(&q, &best, stop_above));
+        double enough = fmin(best.distance, stop_above) - 0.25 * error;
+        lower = fmax(lower, qm_bilinear_is_beyond(patch, p, enough) ? enough
+                                                                    : minimise_parts(&q, &best, stop_above));
     }
     best.lower = fmin(lower, best.distance);
     QM_ASSERT(!(best.lower > best.distance));
