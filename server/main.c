@@ -191,6 +191,8 @@ static bool open_store(qm_app *app, const qm_config *config)
     app->node.version = QM_VERSION;
     app->node.workers = (int)config->workers;
     app->node.memory = config->memory_budget > 0 ? (uint64_t)config->memory_budget : qm_host_default_budget();
+    app->node.blobs = config->blobs;
+    app->node.blobs_keys = config->blobs_keys;
     bool is_unsafe = config->store_unsafe > 0.0;
     qm_stored stored =
         qm_store_open_shared(config->store, config->data_dir, &app->node, is_unsafe, &app->store, message);

@@ -576,10 +576,10 @@ static qm_stored put_alone(void *user, const qm_store_mesh *mesh, bool is_new, q
     return stored;
 }
 
-/** Makes a blob of the upload; false with a problem. */
-static bool keep_upload(upload_task *task)
+/** Makes a blob of the upload with one of the two functions; false with a problem. */
+static bool keep_upload(upload_task *task, qm_status (*keep)(qm_blob_writer *writer))
 {
-    qm_status status = task->upload ? qm_blob_keep(task->upload) : QM_OK;
+    qm_status status = task->upload ? keep(task->upload) : QM_OK;
     task->upload = NULL;
     if (status != QM_OK) *task->problem = qm_problem_from_write(status, "the mesh");
     return status == QM_OK;
@@ -589,7 +589,7 @@ static bool keep_upload(upload_task *task)
 static qm_stored store_new(upload_task *task, const qm_store_mesh *row)
 {
     QM_ASSERT(is_locked(&task->meshes->store_lock));
-    if (!keep_upload(task)) return QM_STORED_FAULT;
+    if (!keep_upload(task, qm_blob_keep)) return QM_STORED_FAULT;
     qm_stored stored = task->put(task->user, row, true, task->problem);
     if (stored != QM_STORED) qm_blob_remove(task->meshes->store, row->hash);
     return stored;
@@ -699,12 +699,14 @@ static bool give_to_same(upload_task *task, qm_store_mesh *row)
             qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh has just been removed: upload it again");
     bool stored = exists && store_same(task, row) == QM_STORED;
     uv_mutex_unlock(&meshes->store_lock);
-    if (!stored || !is_damaged(qm_blob_check(meshes->store, hash))) {
+    qm_status status = stored ? qm_blob_check(meshes->store, hash) : QM_OK;
+    if (!is_damaged(status)) {
         qm_blob_abort(task->upload);
-        return stored;
+        if (status == QM_E_CANCELED) *task->problem = qm_problem_from_write(status, "the mesh");
+        return stored && status != QM_E_CANCELED;
     }
     uv_mutex_lock(&meshes->store_lock);
-    bool kept = keep_upload(task);
+    bool kept = keep_upload(task, qm_blob_repair);
     if (kept) qm_blob_remove(meshes->store, hash); /* the mesh may have been deleted meanwhile */
     uv_mutex_unlock(&meshes->store_lock);
     if (kept) {

@@ -278,6 +278,7 @@ qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, 
 qm_status qm_blob_check(qm_store *store, const char *hash)
 {
     int file;
+    if (qm_store_is_shared(store)) return qm_blob_fetch(store, hash);
     qm_status status = qm_blob_open(store, hash, &file);
     if (status == QM_OK) close(file);
     return status;

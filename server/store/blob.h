@@ -46,7 +46,7 @@ qm_status qm_blob_check_file(int file, const char *hash);
 /** Opens a blob whose bytes have its hash, which a shared store fetches when it is not in the folder. As qm_blob_map. */
 qm_status qm_blob_open(qm_store *store, const char *hash, int *file);
 
-/** Copies a blob of a shared store to the folder. */
+/** Copies a blob of a shared store to the folder, in place of a copy that is there. */
 qm_status qm_blob_fetch(qm_store *store, const char *hash);
 
 /** Maps a whole open file for reading. */

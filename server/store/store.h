@@ -69,6 +69,9 @@ typedef struct qm_store_node {
     const char *version;
     int workers;
     uint64_t memory; /* bytes of its budget */
+    /* Where the blobs are, as place.h has it, and the file with its keys; NULL: in the database. They live until the
+     * store is open. */
+    const char *blobs, *blobs_keys;
 } qm_store_node;
 
 /** How far a shared store keeps what it has acknowledged. */
@@ -158,6 +161,8 @@ qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes
 /** Gives a sealed blob the name of its hash: it is on disk afterwards, or in the database that is shared. Frees the
  * writer, also after an error. */
 qm_status qm_blob_keep(qm_blob_writer *writer);
+/** The same in place of a blob that qm_blob_check has found damaged or missing. */
+qm_status qm_blob_repair(qm_blob_writer *writer);
 /** Bytes written so far, and reading them back from an offset: all of size, or not QM_OK. */
 uint64_t qm_blob_size(const qm_blob_writer *writer);
 qm_status qm_blob_read(const qm_blob_writer *writer, uint64_t offset, void *bytes, size_t size);
@@ -169,7 +174,7 @@ void qm_blob_abort(qm_blob_writer *writer);
  * give them; QM_E_NO_MEMORY or QM_E_ARGUMENT after a fault.
  */
 qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size);
-/** The status that qm_blob_map would return. */
+/** The status that qm_blob_map would return; of a shared store, at a node that has no copy of the blob. */
 qm_status qm_blob_check(qm_store *store, const char *hash);
 void qm_blob_unmap(const uint8_t *bytes, size_t size);
 /**

@@ -12,6 +12,7 @@ static void close_database(qm_store *store)
 {
     struct qm_postgres *postgres = store->postgres;
     if (!postgres) return;
+    qm_place_close(postgres->place);
     qm_postgres_close_pool(store);
     pthread_mutex_destroy(&postgres->lock);
     free((char *)postgres->self.version);
@@ -120,6 +121,7 @@ static qm_stored open_database(qm_store *store, const char *address, bool is_uns
     qm_stored status = qm_postgres_open_pool(store, address, message);
     if (status == QM_STORED) status = check_durability(store, is_unsafe, message);
     if (status == QM_STORED) status = qm_postgres_set_up(store, message);
+    if (status == QM_STORED) status = qm_postgres_open_place(store, message);
     if (status != QM_STORED) return status;
     qm_store_cluster cluster;
     status = qm_postgres_join(store);

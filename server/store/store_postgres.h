@@ -9,6 +9,7 @@
 
 #include <pthread.h>
 
+#include "place.h"
 #include "store_driver.h"
 #include "store_postgres_library.h"
 
@@ -160,6 +161,7 @@ typedef struct qm_postgres_home {
 
 struct qm_postgres {
     struct qm_postgres_pool *pool;
+    qm_place *place;      /* of the blobs */
     qm_store_node self;   /* its version is a copy */
     pthread_mutex_t lock; /* guards what follows */
     char node[QM_NODE_NAME_SIZE + 16];
@@ -181,6 +183,15 @@ void qm_postgres_name_engine(qm_store *store, char out[64]);
 
 /** Makes the tables when there are none, and refuses those of a newer version. */
 qm_stored qm_postgres_set_up(qm_store *store, char message[QM_MESSAGE_SIZE]);
+
+/**
+ * Opens the place of the blobs that the node is to use (store_postgres_places.c). The first node decides for the store;
+ * another place is refused, with a message.
+ */
+qm_stored qm_postgres_open_place(qm_store *store, char message[QM_MESSAGE_SIZE]);
+
+/** The place that is the database (store_postgres_chunks.c). */
+qm_stored qm_postgres_open_chunks(qm_store *store, qm_place **out, char message[QM_MESSAGE_SIZE]);
 
 /** An SQL expression: how durable a commit is, as a number of qm_store_durability. */
 #define QM_POSTGRES_DURABILITY                                                                               \
@@ -299,7 +310,7 @@ qm_stored qm_postgres_cancel_job(qm_store *store, const char *id, const char *do
 qm_stored qm_postgres_hold_job(qm_store *store, const char *id, int owners, bool is_kept, bool *is_unwanted);
 qm_stored qm_postgres_look_at_jobs(qm_store *store, qm_store_look *looks, size_t count,
                                    qm_store_event_fn *take, void *user);
-qm_stored qm_postgres_put_blob(qm_store *store, const char *hash, int file);
+qm_stored qm_postgres_put_blob(qm_store *store, const char *hash, int file, bool is_repair);
 qm_stored qm_postgres_get_blob(qm_store *store, const char *hash, int file);
 qm_stored qm_postgres_clean_blobs(qm_store *store, double delay_s);
 
