@@ -89,8 +89,7 @@ qm_stored qm_postgres_open_place(qm_store *store, char message[QM_MESSAGE_SIZE])
         return status;
     }
     if (strcmp(chosen.kind, chosen.place->kind->name) != 0) {
-        snprintf(message, QM_MESSAGE_SIZE,
-                 "blobs: those of this store are in the place \"%s\", and --blobs is of the kind \"%s\"",
+        snprintf(message, QM_MESSAGE_SIZE, "blobs: those of this store are of the kind %s, and --blobs is %s",
                  chosen.kind, chosen.place->kind->name);
         return QM_STORED_FAULT;
     }
