@@ -343,11 +343,19 @@ void qm_job_set_context(qm_job *job, qm_context *ctx)
 }
 
 /** Stores the long array of a result, if it has one, beside the job, for GET .../result. */
-static qm_status store_array(const qm_job *job, const qm_job_result *result)
+static qm_stored store_array(const qm_job *job, const qm_job_result *result)
 {
     size_t count;
     const double *numbers = job->on_end ? NULL : qm_job_result_array(result, &count);
-    return numbers ? qm_result_file_write(job->jobs->store, job->id, numbers, count) : QM_OK;
+    qm_stored stored = QM_STORED;
+    unsigned wait = MIN_WAIT_MS;
+    while (numbers) {
+        stored = qm_result_file_write(job->jobs->store, job->id, numbers, count);
+        if (stored != QM_STORED_AWAY || atomic_load(&job->jobs->closed)) break;
+        uv_sleep(wait);
+        wait = wait < MAX_WAIT_MS ? 2 * wait : wait;
+    }
+    return stored;
 }
 
 static void write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE])
@@ -416,9 +424,11 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
     } else if (canceled && !qm_job_is_canceled(job)) {
         qm_job_interrupt(job);
     } else if (status == QM_OK) {
-        qm_status stored = store_array(job, &result);
-        qm_problem problem = qm_problem_from_write(stored, "the result");
-        if (stored == QM_OK)
+        qm_stored stored = store_array(job, &result);
+        qm_problem problem = qm_store_write_problem(stored, "the result");
+        if (stored == QM_STORED_AWAY)
+            qm_job_interrupt(job);
+        else if (stored == QM_STORED)
             qm_job_finish_with_result(job, canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED, &result);
         else
             qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);

@@ -53,7 +53,7 @@ qm_stored qm_place_write(int file, const void *bytes, size_t size)
         if (put < 0 && errno == EINTR) continue;
         if (put <= 0) {
             qm_log(QM_LOG_ERROR, "a blob cannot be copied to the data folder: %s", strerror(errno));
-            return errno == ENOSPC || errno == EDQUOT ? QM_STORED_FULL : QM_STORED_FAULT;
+            return QM_STORED_FAULT;
         }
         next += put;
         size -= (size_t)put;

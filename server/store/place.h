@@ -24,7 +24,7 @@ typedef struct qm_place_object {
 
 /**
  * The functions of a kind of place. QM_STORED_AWAY: the place does not answer or refuses, which is logged;
- * QM_STORED_FULL: it has no room.
+ * QM_STORED_NO_ROOM: its disk is full.
  */
 typedef struct qm_place_kind {
     const char *name;      /* as the database and messages have it */
@@ -74,8 +74,8 @@ qm_stored qm_place_open_s3(const char *url, const char *keys, qm_place **out, ch
 /** Tells of a fault of the place. Returns QM_STORED_AWAY. */
 qm_stored qm_place_fail(qm_place *place, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-/** Appends bytes to the file that a blob is copied to, which lies in the data folder. QM_STORED_FULL and QM_STORED_FAULT
- * are those of its disk. */
+/** Appends bytes to the file that a blob is copied to, which lies in the data folder. QM_STORED_FAULT: its disk takes no
+ * more. */
 qm_stored qm_place_write(int file, const void *bytes, size_t size);
 
 /** Makes that file empty, to copy anew; false after a fault. */

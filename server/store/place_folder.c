@@ -29,7 +29,7 @@ static qm_stored fail(qm_place *place, const char *step)
     const folder_place *self = (const folder_place *)place;
     bool is_full = errno == ENOSPC || errno == EDQUOT;
     qm_place_fail(place, "%s in %.100s: %s", step, self->path, strerror(errno));
-    return is_full ? QM_STORED_FULL : QM_STORED_AWAY;
+    return is_full ? QM_STORED_NO_ROOM : QM_STORED_AWAY;
 }
 
 /** Opens the folder for work with an object. -1 with *status. */

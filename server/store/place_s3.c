@@ -307,7 +307,7 @@ static qm_stored status_of(s3_place *self, s3_request *request, CURLcode result)
         strcmp(code, "NoSuchKey") == 0 || (strcmp(request->method, "HEAD") == 0 && request->code == 404);
     if (is_missing) return QM_STORED_NONE;
     qm_place_fail(&self->base, "the bucket refuses %s: %s", request->method, code);
-    return request->code == 507 ? QM_STORED_FULL : QM_STORED_AWAY;
+    return request->code == 507 ? QM_STORED_NO_ROOM : QM_STORED_AWAY;
 }
 
 static bool is_worth_repeating(const s3_request *request, CURLcode result)
@@ -342,7 +342,7 @@ static qm_stored put_object(qm_place *place, const qm_place_object *object)
                           .size = object->size};
     if (object->size > LARGEST) {
         qm_place_fail(place, "a bucket takes 5 GiB at most in one request");
-        return QM_STORED_FULL;
+        return QM_STORED_NO_ROOM;
     }
     return run((s3_place *)place, &request);
 }

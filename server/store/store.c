@@ -25,6 +25,7 @@ qm_status qm_store_status(qm_stored stored)
         return QM_E_NO_MEMORY;
     case QM_STORED_AWAY:
         return QM_E_CANCELED;
+    case QM_STORED_NO_ROOM:
     case QM_STORED_LATE:
     case QM_STORED_TAKEN:
     case QM_STORED_LOST:

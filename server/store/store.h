@@ -37,6 +37,7 @@ typedef enum qm_stored {
     QM_STORED_TAKEN,     /* the Idempotency-Key, or the content, has another row */
     QM_STORED_LOST,      /* another node has the job, or it was given up: nothing of it may be told */
     QM_STORED_FULL,      /* a limit of bytes or of jobs that wait */
+    QM_STORED_NO_ROOM,   /* the disk of a shared store, or of the place of its blobs, is full */
     QM_STORED_DAMAGED,   /* the row, or what it is found by, is damaged */
     QM_STORED_NO_MEMORY, /* of this process */
     QM_STORED_AWAY,      /* the database cannot be reached, or did not answer: it may have done it or not */
@@ -160,9 +161,9 @@ qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE]);
 qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes, size_t *size);
 /** Gives a sealed blob the name of its hash: it is on disk afterwards, or in the database that is shared. Frees the
  * writer, also after an error. */
-qm_status qm_blob_keep(qm_blob_writer *writer);
+qm_stored qm_blob_keep(qm_blob_writer *writer);
 /** The same in place of a blob that qm_blob_check has found damaged or missing. */
-qm_status qm_blob_repair(qm_blob_writer *writer);
+qm_stored qm_blob_repair(qm_blob_writer *writer);
 /** Bytes written so far, and reading them back from an offset: all of size, or not QM_OK. */
 uint64_t qm_blob_size(const qm_blob_writer *writer);
 qm_status qm_blob_read(const qm_blob_writer *writer, uint64_t offset, void *bytes, size_t size);

@@ -145,7 +145,7 @@ static qm_stored status_of(qm_postgres_connection *connection, const PGresult *e
     if (connection->is_worth_repeating) return QM_STORED_AWAY;
     const char *text = qm_pq.resultErrorField(error, PG_DIAG_MESSAGE_PRIMARY);
     qm_log(QM_LOG_ERROR, "database: error %s: %s", code, text && !has_class(code, "22") ? text : "a value");
-    if (strcmp(code, "53100") == 0) return QM_STORED_FULL;
+    if (strcmp(code, "53100") == 0) return QM_STORED_NO_ROOM;
     if (has_class(code, "XX00")) return QM_STORED_DAMAGED;
     return has_class(code, "53") || strcmp(code, "57014") == 0 ? QM_STORED_AWAY : QM_STORED_FAULT;
 }

@@ -24,6 +24,7 @@ class Fault:
     cut: int | None = None
     spoiled: bool = False
     delay: float = 0.0
+    taken: int = 0  # requests so far
 
 
 class _Quiet(MotoRequestHandler):
@@ -36,7 +37,7 @@ class Bucket:
 
     def __init__(self):
         self.application = DomainDispatcherApplication(create_backend_app)
-        self.faults, self.lock, self.requests = [], threading.Lock(), []
+        self.faults, self.lock = [], threading.Lock()
         self.server = make_server("127.0.0.1", 0, self._answer, threaded=True, request_handler=_Quiet)
         self.port = self.server.server_port
         self.url = f"http://127.0.0.1:{self.port}"
@@ -93,6 +94,7 @@ class Bucket:
             for fault in self.faults:
                 if fault.method == method and fault.count > 0:
                     fault.count -= 1
+                    fault.taken += 1
                     return fault
         return Fault(method, 0)
 

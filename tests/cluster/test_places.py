@@ -156,6 +156,20 @@ def test_a_bucket_that_is_slow_or_silent(make_cluster, make_place, bucket):
             client.upload(big(7))
 
 
+def test_the_end_of_a_job_waits_for_the_bucket(make_cluster, make_place, bucket):
+    """Its result has an array, which is a blob."""
+    cluster = make_cluster(2, settings=make_place("s3"))
+    with cluster.nodes[0].client() as client, cluster.nodes[1].client() as other:
+        pair = [client.upload(shapes.sphere(turn=turn))["id"] for turn in (0.0, shapes.SPHERE_TURN)]
+        with bucket.failing("PUT", status=503) as fault:
+            job = client.post("/v1/jobs", json={"type": "deviation", "a": pair[0], "b": pair[1]}).json()["id"]
+            cluster.wait_for("an attempt", lambda: fault.taken > 0)
+            time.sleep(6)  # longer than the requests of one attempt
+            assert other.get(f"/v1/jobs/{job}").json()["state"] == "running"
+        assert other.wait(job)["state"] == "succeeded"
+        assert other.get(f"/v1/jobs/{job}/result", headers={"Accept": "text/csv"}).status_code == 200
+
+
 @pytest.mark.timeout(600)
 def test_load_while_the_bucket_fails(make_cluster, make_place, bucket, tmp_path):
     """Each 201 has its blob, at every node; what was refused can be done again."""
