@@ -102,7 +102,7 @@ def mount(tmp_path):
 
 def fill(file):
     """Takes all that is left of a disk."""
-    with open(file, "wb") as filler, contextlib.suppress(OSError):
+    with contextlib.suppress(OSError), open(file, "wb") as filler:
         while True:
             filler.write(bytes(4096))
             filler.flush()
