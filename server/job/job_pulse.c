@@ -30,8 +30,9 @@ struct qm_job_pulse {
     uv_mutex_t lock; /* guards what follows */
     uv_cond_t wake;
     bool ends, is_closed, is_hurried;
-    double beat_ms; /* when the last beat that returned was sent */
-    double good_ms; /* since when no beat has failed */
+    bool is_canceling; /* another node asks for the end of a job that may run here */
+    double beat_ms;    /* when the last beat that returned was sent */
+    double good_ms;    /* since when no beat has failed */
     qm_store_cluster cluster;
     /* The thread's own: */
     double next_beat_ms, next_reap_ms, next_save_ms;
@@ -153,6 +154,8 @@ static bool rest(struct qm_job_pulse *pulse, bool is_short)
         uv_cond_timedwait(&pulse->wake, &pulse->lock,
                           (uint64_t)(NS_PER_MS * (is_short ? SHORT_SLEEP_MS : LONG_SLEEP_MS)));
     pulse->is_hurried = false;
+    if (pulse->is_canceling) pulse->next_save_ms = 0.0; /* whose answer tells which one */
+    pulse->is_canceling = false;
     bool goes_on = !pulse->ends;
     uv_mutex_unlock(&pulse->lock);
     return goes_on;
@@ -182,6 +185,18 @@ static void run(void *data)
     disown(jobs);
 }
 
+/** Does at once what the next round would do. */
+static void take_news(void *user, qm_store_news news, const char *id)
+{
+    struct qm_job_pulse *pulse = user;
+    if (news != QM_STORE_NEWS_QUEUED && !qm_job_is_listed(pulse->jobs, id)) return;
+    uv_mutex_lock(&pulse->lock);
+    pulse->is_hurried = true;
+    pulse->is_canceling |= news == QM_STORE_NEWS_CANCELED;
+    uv_cond_signal(&pulse->wake);
+    uv_mutex_unlock(&pulse->lock);
+}
+
 bool qm_job_pulse_start(qm_jobs *jobs)
 {
     struct qm_job_pulse *pulse = calloc(1, sizeof *pulse);
@@ -194,6 +209,7 @@ bool qm_job_pulse_start(qm_jobs *jobs)
     beat(pulse); /* the first request is answered by a node that knows its cluster */
     if (uv_thread_create(&pulse->thread, run, pulse) == 0) {
         jobs->pulse = pulse;
+        qm_store_watch(jobs->store, take_news, pulse);
         return true;
     }
     uv_cond_destroy(&pulse->wake);
@@ -225,6 +241,7 @@ void qm_job_pulse_stop(qm_jobs *jobs)
 {
     struct qm_job_pulse *pulse = jobs->pulse;
     if (!pulse) return;
+    qm_store_unwatch(jobs->store);
     uv_mutex_lock(&pulse->lock);
     pulse->ends = true;
     uv_cond_signal(&pulse->wake);

@@ -340,3 +340,15 @@ qm_stored qm_store_clean_blobs(qm_store *store, double delay_s)
     QM_ASSERT(qm_store_is_shared(store));
     return store->driver->clean_blobs(store, delay_s);
 }
+
+void qm_store_watch(qm_store *store, qm_store_news_fn *tell, void *user)
+{
+    QM_ASSERT(qm_store_is_shared(store));
+    store->driver->watch(store, tell, user);
+}
+
+void qm_store_unwatch(qm_store *store)
+{
+    QM_ASSERT(qm_store_is_shared(store));
+    store->driver->unwatch(store);
+}

@@ -91,6 +91,23 @@ qm_stored qm_store_open_shared(const char *address, const char *folder, const qm
                                bool is_unsafe, qm_store **out, char message[QM_MESSAGE_SIZE]);
 bool qm_store_is_shared(const qm_store *store);
 
+/** What another node has just done with a job. */
+typedef enum qm_store_news {
+    QM_STORE_NEWS_QUEUED,   /* the job waits for this node */
+    QM_STORE_NEWS_CANCELED, /* somebody asks for its end */
+    QM_STORE_NEWS_EVENTS    /* it has new events, or has ended */
+} qm_store_news;
+
+/**
+ * Has a function called, by a thread of the store, for news of the other nodes of a shared store: of all jobs, as the
+ * database does not know who wants which. They only save time: any may be lost, and none comes through a proxy that gives
+ * each transaction another session. The id is that of the job; "" for QUEUED.
+ */
+typedef void qm_store_news_fn(void *user, qm_store_news news, const char *id);
+void qm_store_watch(qm_store *store, qm_store_news_fn *tell, void *user);
+/** No call is under way or comes after it. */
+void qm_store_unwatch(qm_store *store);
+
 /** What a check has found. */
 typedef struct qm_store_findings {
     size_t meshes, jobs, files; /* that were looked at */

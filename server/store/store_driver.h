@@ -91,6 +91,8 @@ typedef struct qm_store_driver {
     /** Writes the bytes of a blob to an open file in place of what it has; the caller compares them with the hash. */
     qm_stored (*get_blob)(qm_store *store, const char *hash, int file);
     qm_stored (*clean_blobs)(qm_store *store, double delay_s);
+    void (*watch)(qm_store *store, qm_store_news_fn *tell, void *user);
+    void (*unwatch)(qm_store *store);
 } qm_store_driver;
 
 struct qm_store {

@@ -12,6 +12,7 @@ static void close_database(qm_store *store)
 {
     struct qm_postgres *postgres = store->postgres;
     if (!postgres) return;
+    qm_postgres_unwatch(store);
     qm_place_close(postgres->place);
     qm_postgres_close_pool(store);
     pthread_mutex_destroy(&postgres->lock);
@@ -72,6 +73,8 @@ const qm_store_driver qm_postgres_driver = {
     .put_blob = qm_postgres_put_blob,
     .get_blob = qm_postgres_get_blob,
     .clean_blobs = qm_postgres_clean_blobs,
+    .watch = qm_postgres_watch,
+    .unwatch = qm_postgres_unwatch,
 };
 
 static bool create_postgres(qm_store *store, const qm_store_node *self)

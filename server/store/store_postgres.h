@@ -161,9 +161,10 @@ typedef struct qm_postgres_home {
 
 struct qm_postgres {
     struct qm_postgres_pool *pool;
-    qm_place *place;      /* of the blobs */
-    qm_store_node self;   /* its version is a copy */
-    pthread_mutex_t lock; /* guards what follows */
+    qm_place *place;               /* of the blobs */
+    struct qm_postgres_bell *bell; /* of a node that watches, or NULL */
+    qm_store_node self;            /* its version is a copy */
+    pthread_mutex_t lock;          /* guards what follows */
     char node[QM_NODE_NAME_SIZE + 16];
     qm_postgres_home *homes; /* nodes that take work, as of the last beat */
     size_t home_count;
@@ -177,6 +178,18 @@ void qm_postgres_name_node(qm_store *store, char out[QM_NODE_NAME_SIZE + 16]);
 /** Opens the connections; the first one at once, so that a fault has a message. */
 qm_stored qm_postgres_open_pool(qm_store *store, const char *address, char message[QM_MESSAGE_SIZE]);
 void qm_postgres_close_pool(qm_store *store);
+
+/** A connection of the caller's own, with the settings of the pool; NULL with a message. */
+PGconn *qm_postgres_connect(qm_store *store, char message[QM_MESSAGE_SIZE]);
+
+/**
+ * Tells the other nodes at once (store_postgres_bell.c) what they would find out by asking: about count jobs, or for QUEUED
+ * of the node of a name. Never durable, and nothing is said when it fails.
+ */
+void qm_postgres_ring(qm_store *store, qm_store_news news, const char *const *subjects, size_t count,
+                      qm_postgres_use use);
+void qm_postgres_watch(qm_store *store, qm_store_news_fn *tell, void *user);
+void qm_postgres_unwatch(qm_store *store);
 
 /** Name and version of the database, as of its last connection. */
 void qm_postgres_name_engine(qm_store *store, char out[64]);

@@ -527,6 +527,79 @@ static void test_many_events(void **state)
     assert_int_equal(look.state, QM_JOB_SUCCEEDED);
 }
 
+/* ---- news ---- */
+
+typedef struct listener {
+    pthread_mutex_t lock;
+    char heard[512]; /* kinds with ids */
+} listener;
+
+static void hear(void *user, qm_store_news news, const char *id)
+{
+    static const char *const names[] = {"queued", "canceled", "events"};
+    listener *l = user;
+    pthread_mutex_lock(&l->lock);
+    size_t length = strlen(l->heard);
+    snprintf(l->heard + length, sizeof l->heard - length, "%s %s;", names[news], id);
+    pthread_mutex_unlock(&l->lock);
+}
+
+/** Waits until a node has heard this and nothing else. */
+static void check_heard(listener *l, const char *expected)
+{
+    bool is_same = false;
+    for (int i = 0; i < 10000 && !is_same; i++) {
+        usleep(1000);
+        pthread_mutex_lock(&l->lock);
+        is_same = strcmp(l->heard, expected) == 0;
+        pthread_mutex_unlock(&l->lock);
+    }
+    QM_CHECK(is_same, "heard %s, not %s", l->heard, expected);
+    l->heard[0] = '\0';
+}
+
+static void test_news(void **state)
+{
+    enum { HEARERS = 2 };
+    fixture *f = *state;
+    listener listeners[HEARERS] = {{.lock = PTHREAD_MUTEX_INITIALIZER}, {.lock = PTHREAD_MUTEX_INITIALIZER}};
+    qm_store_cluster cluster;
+    for (int i = 0; i < HEARERS; i++)
+        open_node(f, i, f->database);
+    qm_store *a = f->stores[0], *b = f->stores[1];
+    for (int i = 0; i < HEARERS; i++) {
+        assert_int_equal(qm_store_beat(f->stores[i], 1, &cluster),
+                         QM_STORED); /* which tells of the other one */
+        qm_store_watch(f->stores[i], hear, &listeners[i]);
+        check_heard(&listeners[i], "queued ;"); /* what may have come before */
+    }
+    assert_int_equal(submit(a, "j_1", "n1"), QM_STORED);
+    check_heard(&listeners[1], "queued ;");
+    assert_int_equal(submit(a, "j_2", "n0"), QM_STORED); /* it knows that itself */
+    assert_int_equal(submit(a, "j_3", "another"), QM_STORED);
+    check_claim(b, 1, 0, 1000.0, "j_1");
+    qm_store_run run = {.job = "j_1"};
+    const qm_store_event event = {"j_1", 1, "bounds", ""};
+    assert_int_equal(qm_store_append_events(b, &run, 1, &event, 1), QM_STORED); /* nobody waits for it */
+    assert_int_equal(qm_store_cancel_job(a, "j_1", "{}", &(qm_store_event){"j_1", 2, "error", ""}),
+                     QM_STORED_LATE);
+    check_heard(&listeners[1], "canceled j_1;");
+    qm_database_ask(f->database,
+                    "UPDATE quadmeshd.job_runs SET watched = clock_timestamp() + interval '1 min'");
+    assert_int_equal(qm_store_append_events(b, &run, 1, &event, 1), QM_STORED);
+    check_heard(&listeners[0], "events j_1;");
+    assert_int_equal(finish(b, "j_1", 0), QM_STORED);
+    check_heard(&listeners[0], "events j_1;");
+    /* A connection that breaks is opened again. */
+    qm_database_ask(f->database, "SELECT count(pg_terminate_backend(pid)) FROM pg_stat_activity"
+                                 " WHERE query LIKE '%%pg_notify%%' AND query NOT LIKE 'WITH%%'"
+                                 " AND pid <> pg_backend_pid()");
+    check_heard(&listeners[0], "queued ;");
+    qm_store_unwatch(a);
+    assert_int_equal(submit(b, "j_4", "n0"), QM_STORED);
+    assert_string_equal(listeners[0].heard, "");
+}
+
 /* ---- answers that get lost ---- */
 
 /** Verbs that change rows, with the rows that they need. The first of two calls prepares the statement, so that the lost
@@ -980,6 +1053,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_a_node_that_starts_again, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_node_that_leaves, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_homes, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_news, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_cancels, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_owners, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_looks, set_up, tear_down),
