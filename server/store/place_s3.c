@@ -61,7 +61,7 @@ static struct {
 #undef XX
 } curl;
 
-/** Loads the library, which stays loaded. Called before there are other threads. */
+/** Loads the library, which stays loaded; from version 7.84 on also beside threads that use OpenSSL. */
 static bool load_curl(char message[QM_MESSAGE_SIZE])
 {
     void *library = dlopen(LIBRARY, RTLD_NOW | RTLD_LOCAL);

@@ -1,4 +1,5 @@
-"""A TCP proxy before a PostgreSQL server, or another one, that makes the network bad: late, cut, silent, one way, or without an answer.
+"""A TCP proxy before a server, of PostgreSQL or another one, that makes the network bad: late, cut, silent, one way, or without
+an answer.
 
 One thread runs the event loop of all proxies. The calls of `Proxy` may come from any thread and have taken effect when they
 return. The two ways are UP, to the server, and DOWN, to the client.

@@ -66,7 +66,8 @@ def test_a_full_disk_of_the_database(make_cluster):
     primary.start()
     with node.client() as client:
         cluster.wait_until_ready()
-        replies = [client.post("/v1/meshes", content=shapes.obj(shapes.cube(side=side)) + filler(0, 150_000)) for side in range(1, 8)]
+        rest = filler(0, 150_000)
+        replies = [client.post("/v1/meshes", content=shapes.obj(shapes.cube(side=side)) + rest) for side in range(1, 8)]
         codes = [reply.status_code for reply in replies]
         print(codes)
         assert codes[0] == 201 and codes[-1] in (503, 507), codes

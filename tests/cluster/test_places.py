@@ -3,13 +3,14 @@ import concurrent.futures
 import os
 import random
 import shutil
+import subprocess
 import time
 
 import pytest
 
 import proxy
 import shapes
-from api_conftest import WAIT, check_problem
+from api_conftest import BUILD, WAIT, check_problem
 from bucket import Bucket
 from faults import SEED, choose
 
@@ -235,6 +236,11 @@ def test_places_that_are_wrong(make_cluster, make_place, bucket, tmp_path, monke
     node.start()
     with node.client() as client:
         client.upload(shapes.cube())
+
+
+def test_an_embedded_store_has_no_other_place():
+    done = subprocess.run([BUILD / "quadmeshd", "--blobs", "/tmp"], capture_output=True, text=True)
+    assert done.returncode == 2 and "--store" in done.stderr
 
 
 def test_a_folder_that_is_not_mounted(make_cluster, make_place, tmp_path):
