@@ -30,6 +30,7 @@ struct qm_job_pulse {
     uv_mutex_t lock; /* guards what follows */
     uv_cond_t wake;
     bool ends, is_closed, is_hurried;
+    bool may_wait;     /* jobs in the queue, which the last claim had no workers for */
     bool is_canceling; /* another node asks for the end of a job that may run here */
     double beat_ms;    /* when the last beat that returned was sent */
     double good_ms;    /* since when no beat has failed */
@@ -103,15 +104,18 @@ static void reap(struct qm_job_pulse *pulse)
 
 /** Takes jobs from the queue: as many as workers are free, or one that has waited elsewhere, so that the scheduler runs
  * it between the slices of those that are long. */
-static void claim(qm_jobs *jobs)
+static void claim(struct qm_job_pulse *pulse)
 {
+    qm_jobs *jobs = pulse->jobs;
     qm_store_job rows[CLAIM_STEP];
     size_t count = 0, busy;
     qm_store_wish wish = {.free = count_free_workers(jobs, &busy), .spill_s = SPILL_S};
     if (wish.free > CLAIM_STEP) wish.free = CLAIM_STEP;
     wish.extra = wish.free == 0 && busy < QM_JOBS_BEGUN;
-    if (wish.free + wish.extra == 0) return;
-    qm_store_claim_jobs(jobs->store, &wish, rows, &count);
+    if (wish.free + wish.extra > 0) qm_store_claim_jobs(jobs->store, &wish, rows, &count);
+    uv_mutex_lock(&pulse->lock);
+    pulse->may_wait = count >= wish.free;
+    uv_mutex_unlock(&pulse->lock);
     if (count == 0) return;
     qm_metrics_add(QM_METRICS_JOBS_CLAIMED, count);
     qm_job_mirrors_follow(jobs); /* so that the mirrors of these have all events of earlier runs */
@@ -173,7 +177,7 @@ static void run(void *data)
         bool claims = !pulse->is_closed && !is_isolated(pulse);
         uv_mutex_unlock(&pulse->lock);
         if (qm_clock_now_ms() >= pulse->next_reap_ms) reap(pulse);
-        if (claims) claim(jobs);
+        if (claims) claim(pulse);
         disown(jobs);
         if (qm_clock_now_ms() >= pulse->next_save_ms) {
             is_watched = qm_job_events_save(jobs);
@@ -234,6 +238,16 @@ void qm_job_pulse_hurry(qm_jobs *jobs)
     uv_mutex_lock(&pulse->lock);
     pulse->is_hurried = true;
     uv_cond_signal(&pulse->wake);
+    uv_mutex_unlock(&pulse->lock);
+}
+
+void qm_job_pulse_free_worker(qm_jobs *jobs)
+{
+    struct qm_job_pulse *pulse = jobs->pulse;
+    if (!pulse) return;
+    uv_mutex_lock(&pulse->lock);
+    pulse->is_hurried |= pulse->may_wait;
+    if (pulse->may_wait) uv_cond_signal(&pulse->wake);
     uv_mutex_unlock(&pulse->lock);
 }
 

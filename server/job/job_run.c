@@ -11,6 +11,7 @@
 #include "base/log.h"
 #include "base/metrics.h"
 #include "job_internal.h"
+#include "job_pulse.h"
 #include "ops/json_out.h"
 #include "store/result_file.h"
 #include "store/store_problem.h"
@@ -144,6 +145,7 @@ void qm_job_announce_end(qm_job *job, qm_job_end *end)
         announce_stored(job, end);
     free(end->event);
     free(end->object);
+    qm_job_pulse_free_worker(job->jobs);
 }
 
 /** Frees an end that was not announced. */

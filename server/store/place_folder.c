@@ -62,7 +62,7 @@ static bool copy(int from, int to)
             do
                 count = write(to, block + put, (size_t)(got - put));
             while (count < 0 && errno == EINTR);
-            if (count < 0) got = -1;
+            if (count <= 0) got = -1;
         }
     }
     free(block);
