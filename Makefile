@@ -229,7 +229,7 @@ test-tsan:
 test-cluster: all
 	docker/install-packages.sh test
 	[ -x build/venv/bin/pytest ] || python3 -m venv build/venv
-	build/venv/bin/pip install --quiet --disable-pip-version-check -r tests/api/requirements.txt
+	build/venv/bin/pip install --quiet --disable-pip-version-check -r tests/cluster/requirements.txt
 	build/venv/bin/pytest -q -p no:cacheprovider -n 3 tests/cluster
 
 # Proves that the engine stands alone, that each outside library has its own files, and that folders use what lies below them.

@@ -13,8 +13,9 @@ set -eu
 build="gcc g++ make pkg-config libmicrohttpd-dev libuv1-dev libcjson-dev libsqlite3-dev libdraco-dev
     libcurl4-openssl-dev nettle-dev libspng-dev zlib1g-dev libexpat1-dev libzip-dev libpq-dev"
 # draco brings the encoder and decoder programs that files are compared with. The daemon loads meshoptimizer's library
-# when a glTF file needs it (server/format/meshopt.h), libzip when a 3MF file does (server/format/archive.h), and libpq, of
-# which only the header is needed here, when daemons share a store (server/store/store_postgres_library.h).
+# when a glTF file needs it (server/format/meshopt.h), libzip when a 3MF file does (server/format/archive.h), and libpq and
+# libcurl, of which only the headers are needed here, when daemons share a store (server/store/store_postgres_library.h) and its
+# blobs are in a bucket (server/store/place_s3.c).
 # nginx and systemd check the files of this folder; chromium is what the page's tests drive.
 test="libcmocka-dev python3-venv clang-format clang libclang-rt-14-dev draco libmeshoptimizer2d git locales nginx-light openssl systemd chromium postgresql-15"
 # glmark2-data holds a scanned bunny (GPL-3+, no dependencies).

@@ -184,7 +184,9 @@ static qm_store_node describe_node(const qm_config *config)
     qm_store_node node = {.version = QM_VERSION,
                           .workers = (int)config->workers,
                           .memory = config->memory_budget > 0 ? (uint64_t)config->memory_budget
-                                                              : qm_host_default_budget()};
+                                                              : qm_host_default_budget(),
+                          .blobs = config->blobs,
+                          .blobs_keys = config->blobs_keys};
     snprintf(node.name, sizeof node.name, "%s", config->node_name);
     if (!node.name[0]) gethostname(node.name, sizeof node.name - 1);
     return node;

@@ -4,8 +4,8 @@
 #   1. clang-format and the borders between the folders
 #   2. unit tests under ASan and UBSan; those that take long optimized, with assertions and UBSan (config=check)
 #   3. random cases against certified references, for a minute; `make prove` takes a quarter of an hour
-#   4. API and command-line tests against a real daemon under ASan and UBSan, those of the store with a shared one, too;
-#      several daemons on one database, and the pairs of the data folder, in release
+#   4. API and command-line tests against a real daemon under ASan and UBSan, those of the store with a shared one, too,
+#      and with blobs in a folder; several daemons on one database, and the pairs of the data folder, in release
 #   5. the fuzzers, a minute each (FUZZ_SECONDS), as many at a time as there are processors
 #   6. the types of the JavaScript client and the page; both against a real daemon, the page in Chromium
 #
@@ -94,9 +94,9 @@ passed=$((passed + good))
 failed=$((failed + bad))
 
 [ -x build/venv/bin/pytest ] || python3 -m venv build/venv
-build/venv/bin/pip install --quiet --disable-pip-version-check -r tests/api/requirements.txt || exit 1
+build/venv/bin/pip install --quiet --disable-pip-version-check -r tests/cluster/requirements.txt || exit 1
 api() { # BUILD FOLDER_OR_FILES
-    echo "== $2${QM_TEST_STORE:+ and others, on a store that is $QM_TEST_STORE}"
+    echo "== $2${QM_TEST_STORE:+ and others, on a store of the kind $QM_TEST_STORE}"
     build=$1
     shift
     QM_BUILD=$build build/venv/bin/pytest -q -p no:cacheprovider "$@" --junitxml "$output.xml"
@@ -113,6 +113,9 @@ api build/asan tests/api
 # Once more what depends on the store most, on a shared one.
 export QM_TEST_STORE=shared
 api build/asan $(cat tests/api/shared_store.txt)
+# And with the bytes of meshes and results in a folder.
+export QM_TEST_STORE=folder
+api build/asan $(for name in meshes content deform readers reconstructions; do echo "tests/api/test_$name.py"; done)
 unset QM_TEST_STORE
 api build/asan tests/cli
 api build/asan tests/pressure

@@ -42,6 +42,12 @@ static const setting settings[] = {
          "postgres:// address of a database that several daemons share; empty for one in the data folder"),
     TEXT(store_file, "store-file", "", "file with that address, which may then have a password"),
     TEXT(node_name, "node-name", "", "name of this daemon among them; empty for the name of the host"),
+    TEXT(blobs, "blobs", "database",
+         "where a shared store has the bytes of meshes: database, a folder that all daemons see, or"
+         " s3://BUCKET/PREFIX?endpoint=URL&region=NAME"),
+    TEXT(blobs_keys, "blobs-keys", "",
+         "file with aws_access_key_id and aws_secret_access_key for it; empty takes them from the "
+         "environment"),
     NUMBER(store_unsafe, "store-unsafe", 0, 0, 1,
            "1 takes a database, too, that may lose what it acknowledged"),
     NUMBER(cache_bytes, "cache-bytes", 21474836480.0, 1048576, 1e15,
@@ -304,6 +310,10 @@ static bool check(const qm_config *config)
     for (size_t i = 0; i < TASK_COUNT; i++) {
         if (tasks[i].task != config->task || !tasks[i].needs_store || config->store[0]) continue;
         fprintf(stderr, "quadmeshd: --%s needs the address of a database in --store\n", tasks[i].name);
+        return false;
+    }
+    if (!config->store[0] && strcmp(config->blobs, "database") != 0) {
+        fprintf(stderr, "quadmeshd: --blobs is for a store that daemons share: it needs --store\n");
         return false;
     }
     if (!is_loopback(config->listen) && !config->token_file[0]) {

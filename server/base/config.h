@@ -37,6 +37,8 @@ typedef struct qm_config {
     const char *store;      /* address of a database that nodes share; "" for one in data_dir */
     const char *store_file; /* file that has the address; "" for none */
     const char *node_name;  /* of this process among the nodes; "" for the name of the host */
+    const char *blobs;      /* where those of a shared store are: "database", a folder, or s3://... */
+    const char *blobs_keys; /* file with the keys of a bucket; "" for the environment */
     double store_unsafe;    /* 1: a database that does not wait for its disk is taken, too */
     double cache_bytes;     /* of blobs of a shared store in data_dir */
     const char *port_file;  /* file that receives the port once the daemon listens; "" for none */

@@ -164,6 +164,9 @@ typedef struct qm_job_runner {
 extern const qm_job_runner qm_job_steps_runner;
 const qm_job_runner *qm_job_runner_of(qm_job_kind kind);
 
+/** True for a job in memory, one that runs here or a mirror. */
+bool qm_job_is_listed(qm_jobs *jobs, const char *id);
+
 /** A finished job of this key that ran on these revisions, or NULL. */
 qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions);
 

@@ -30,8 +30,10 @@ struct qm_job_pulse {
     uv_mutex_t lock; /* guards what follows */
     uv_cond_t wake;
     bool ends, is_closed, is_hurried;
-    double beat_ms; /* when the last beat that returned was sent */
-    double good_ms; /* since when no beat has failed */
+    bool may_wait;     /* jobs in the queue, which the last claim had no workers for */
+    bool is_canceling; /* another node asks for the end of a job that may run here */
+    double beat_ms;    /* when the last beat that returned was sent */
+    double good_ms;    /* since when no beat has failed */
     qm_store_cluster cluster;
     /* The thread's own: */
     double next_beat_ms, next_reap_ms, next_save_ms;
@@ -103,15 +105,18 @@ static void reap(struct qm_job_pulse *pulse)
 
 /** Takes jobs from the queue: as many as workers are free, or one that has waited elsewhere, so that the scheduler runs
  * it between the slices of those that are long. */
-static void claim(qm_jobs *jobs)
+static void claim(struct qm_job_pulse *pulse)
 {
+    qm_jobs *jobs = pulse->jobs;
     qm_store_job rows[CLAIM_STEP];
     size_t count = 0, busy;
     qm_store_wish wish = {.free = count_free_workers(jobs, &busy), .spill_s = SPILL_S};
     if (wish.free > CLAIM_STEP) wish.free = CLAIM_STEP;
     wish.extra = wish.free == 0 && busy < QM_JOBS_BEGUN;
-    if (wish.free + wish.extra == 0) return;
-    qm_store_claim_jobs(jobs->store, &wish, rows, &count);
+    if (wish.free + wish.extra > 0) qm_store_claim_jobs(jobs->store, &wish, rows, &count);
+    uv_mutex_lock(&pulse->lock);
+    pulse->may_wait = count >= wish.free;
+    uv_mutex_unlock(&pulse->lock);
     if (count == 0) return;
     qm_metrics_add(QM_METRICS_JOBS_CLAIMED, count);
     qm_job_mirrors_follow(jobs); /* so that the mirrors of these have all events of earlier runs */
@@ -154,6 +159,8 @@ static bool rest(struct qm_job_pulse *pulse, bool is_short)
         uv_cond_timedwait(&pulse->wake, &pulse->lock,
                           (uint64_t)(NS_PER_MS * (is_short ? SHORT_SLEEP_MS : LONG_SLEEP_MS)));
     pulse->is_hurried = false;
+    if (pulse->is_canceling) pulse->next_save_ms = 0.0; /* whose answer tells which one */
+    pulse->is_canceling = false;
     bool goes_on = !pulse->ends;
     uv_mutex_unlock(&pulse->lock);
     return goes_on;
@@ -171,7 +178,7 @@ static void run(void *data)
         bool claims = !pulse->is_closed && !is_isolated(pulse);
         uv_mutex_unlock(&pulse->lock);
         if (qm_clock_now_ms() >= pulse->next_reap_ms) reap(pulse);
-        if (claims) claim(jobs);
+        if (claims) claim(pulse);
         disown(jobs);
         if (qm_clock_now_ms() >= pulse->next_save_ms) {
             is_watched = qm_job_events_save(jobs);
@@ -181,6 +188,18 @@ static void run(void *data)
         is_short = has_mirrors || is_watched || (claims && count_free_workers(jobs, &busy) > 0);
     } while (rest(pulse, is_short));
     disown(jobs);
+}
+
+/** Does at once what the next round would do. */
+static void take_news(void *user, qm_store_news news, const char *id)
+{
+    struct qm_job_pulse *pulse = user;
+    if (news != QM_STORE_NEWS_QUEUED && !qm_job_is_listed(pulse->jobs, id)) return;
+    uv_mutex_lock(&pulse->lock);
+    pulse->is_hurried = true;
+    pulse->is_canceling |= news == QM_STORE_NEWS_CANCELED;
+    uv_cond_signal(&pulse->wake);
+    uv_mutex_unlock(&pulse->lock);
 }
 
 bool qm_job_pulse_start(qm_jobs *jobs)
@@ -195,6 +214,7 @@ bool qm_job_pulse_start(qm_jobs *jobs)
     beat(pulse); /* the first request is answered by a node that knows its cluster */
     if (uv_thread_create(&pulse->thread, run, pulse) == 0) {
         jobs->pulse = pulse;
+        qm_store_watch(jobs->store, take_news, pulse);
         return true;
     }
     uv_cond_destroy(&pulse->wake);
@@ -222,10 +242,21 @@ void qm_job_pulse_hurry(qm_jobs *jobs)
     uv_mutex_unlock(&pulse->lock);
 }
 
+void qm_job_pulse_free_worker(qm_jobs *jobs)
+{
+    struct qm_job_pulse *pulse = jobs->pulse;
+    if (!pulse) return;
+    uv_mutex_lock(&pulse->lock);
+    pulse->is_hurried |= pulse->may_wait;
+    if (pulse->may_wait) uv_cond_signal(&pulse->wake);
+    uv_mutex_unlock(&pulse->lock);
+}
+
 void qm_job_pulse_stop(qm_jobs *jobs)
 {
     struct qm_job_pulse *pulse = jobs->pulse;
     if (!pulse) return;
+    qm_store_unwatch(jobs->store);
     uv_mutex_lock(&pulse->lock);
     pulse->ends = true;
     uv_cond_signal(&pulse->wake);

@@ -22,6 +22,9 @@ void qm_job_pulse_close(qm_jobs *jobs);
 /** Ends the thread; does nothing without one. */
 void qm_job_pulse_stop(qm_jobs *jobs);
 
+/** A worker has become free: the next pulse begins at once when jobs may wait for one. */
+void qm_job_pulse_free_worker(qm_jobs *jobs);
+
 /** Has the next pulse begin at once: there is something to look at. */
 void qm_job_pulse_hurry(qm_jobs *jobs);
 

@@ -11,6 +11,7 @@
 #include "base/log.h"
 #include "base/metrics.h"
 #include "job_internal.h"
+#include "job_pulse.h"
 #include "ops/json_out.h"
 #include "store/result_file.h"
 #include "store/store_problem.h"
@@ -144,6 +145,7 @@ void qm_job_announce_end(qm_job *job, qm_job_end *end)
         announce_stored(job, end);
     free(end->event);
     free(end->object);
+    qm_job_pulse_free_worker(job->jobs);
 }
 
 /** Frees an end that was not announced. */
@@ -352,16 +354,16 @@ void qm_job_set_context(qm_job *job, qm_context *ctx)
 }
 
 /** Stores the long array of a result, if it has one, beside the job, for GET .../result; or a problem. */
-static bool store_array(qm_job *job, const qm_job_result *result, qm_problem *problem)
+static qm_stored store_array(qm_job *job, const qm_job_result *result, qm_problem *problem)
 {
     size_t count;
     const double *numbers = job->on_end ? NULL : qm_job_result_array(result, &count);
-    qm_status status = QM_OK;
+    qm_stored stored = QM_STORED;
     if (numbers) do {
-            status = qm_result_file_write(job->jobs->store, job->id, numbers, count);
-            *problem = qm_problem_from_write(status, "the result");
-        } while (status != QM_OK && qm_job_outlasts(job, problem));
-    return status == QM_OK;
+            stored = qm_result_file_write(job->jobs->store, job->id, numbers, count);
+            *problem = qm_store_write_problem(stored, "the result");
+        } while (stored != QM_STORED && qm_job_outlasts(job, problem));
+    return stored;
 }
 
 static void write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE])
@@ -431,7 +433,10 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
         qm_job_interrupt(job);
     } else if (status == QM_OK) {
         qm_problem problem;
-        if (store_array(job, &result, &problem))
+        qm_stored stored = store_array(job, &result, &problem);
+        if (stored == QM_STORED_AWAY)
+            qm_job_interrupt(job);
+        else if (stored == QM_STORED)
             qm_job_finish_with_result(job, canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED, &result);
         else
             qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);

@@ -181,6 +181,16 @@ static qm_job *find_listed(qm_jobs *jobs, const char *id)
     return job;
 }
 
+bool qm_job_is_listed(qm_jobs *jobs, const char *id)
+{
+    uv_mutex_lock(&jobs->lock);
+    const qm_job *job = jobs->first;
+    while (job && strcmp(job->id, id) != 0)
+        job = job->next;
+    uv_mutex_unlock(&jobs->lock);
+    return job;
+}
+
 qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem)
 {
     QM_ASSERT(id && problem);

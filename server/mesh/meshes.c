@@ -275,7 +275,7 @@ static bool map_blob(qm_meshes *meshes, const char *id, const char *hash, const 
             qm_problem_make(QM_PROBLEM_BLOB_DAMAGED, "a stored file of mesh %s is damaged; %s", id, remedy);
     } else if (status == QM_E_CANCELED) {
         *problem = qm_problem_make(QM_PROBLEM_STORE_UNAVAILABLE,
-                                   "the database did not answer: the bytes of mesh %s were not read", id);
+                                   "the store did not answer: the bytes of mesh %s were not read", id);
     } else {
         qm_log(QM_LOG_ERROR, "blob %s of mesh %s cannot be opened", hash, id);
         *problem =
@@ -576,20 +576,20 @@ static qm_stored put_alone(void *user, const qm_store_mesh *mesh, bool is_new, q
     return stored;
 }
 
-/** Makes a blob of the upload; false with a problem. */
-static bool keep_upload(upload_task *task)
+/** Makes a blob of the upload with one of the two functions; false with a problem. */
+static bool keep_upload(upload_task *task, qm_stored (*keep)(qm_blob_writer *writer))
 {
-    qm_status status = task->upload ? qm_blob_keep(task->upload) : QM_OK;
+    qm_stored stored = task->upload ? keep(task->upload) : QM_STORED;
     task->upload = NULL;
-    if (status != QM_OK) *task->problem = qm_problem_from_write(status, "the mesh");
-    return status == QM_OK;
+    if (stored != QM_STORED) *task->problem = qm_store_write_problem(stored, "the mesh");
+    return stored == QM_STORED;
 }
 
 /** Names the blob and stores the row. store_lock is held. QM_STORED_TAKEN: another node has stored the same. */
 static qm_stored store_new(upload_task *task, const qm_store_mesh *row)
 {
     QM_ASSERT(is_locked(&task->meshes->store_lock));
-    if (!keep_upload(task)) return QM_STORED_FAULT;
+    if (!keep_upload(task, qm_blob_keep)) return QM_STORED_FAULT;
     qm_stored stored = task->put(task->user, row, true, task->problem);
     if (stored != QM_STORED) qm_blob_remove(task->meshes->store, row->hash);
     return stored;
@@ -699,12 +699,14 @@ static bool give_to_same(upload_task *task, qm_store_mesh *row)
             qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh has just been removed: upload it again");
     bool stored = exists && store_same(task, row) == QM_STORED;
     uv_mutex_unlock(&meshes->store_lock);
-    if (!stored || !is_damaged(qm_blob_check(meshes->store, hash))) {
+    qm_status status = stored ? qm_blob_check(meshes->store, hash) : QM_OK;
+    if (!is_damaged(status)) {
         qm_blob_abort(task->upload);
-        return stored;
+        if (status == QM_E_CANCELED) *task->problem = qm_store_write_problem(QM_STORED_AWAY, "the mesh");
+        return stored && status != QM_E_CANCELED;
     }
     uv_mutex_lock(&meshes->store_lock);
-    bool kept = keep_upload(task);
+    bool kept = keep_upload(task, qm_blob_repair);
     if (kept) qm_blob_remove(meshes->store, hash); /* the mesh may have been deleted meanwhile */
     uv_mutex_unlock(&meshes->store_lock);
     if (kept) {
@@ -847,16 +849,22 @@ static bool make_positions(deform_task *work, qm_context *ctx)
     return status == QM_OK;
 }
 
-static qm_status write_positions(deform_task *work)
+/** False with a problem. */
+static bool write_positions(deform_task *work)
 {
     qm_blob_writer *writer;
     size_t size = vertex_count(work) * 3 * sizeof *work->positions;
     qm_status status = qm_blob_begin(work->meshes->store, size, &writer);
     if (status == QM_OK) status = qm_blob_write(writer, work->positions, size);
     if (status == QM_OK) status = qm_blob_seal(writer, work->row.positions);
-    if (status == QM_OK) return qm_blob_keep(writer);
-    qm_blob_abort(writer);
-    return status;
+    if (status != QM_OK) {
+        qm_blob_abort(writer);
+        *work->problem = qm_problem_from_write(status, "the vertices");
+        return false;
+    }
+    qm_stored stored = qm_blob_keep(writer);
+    if (stored != QM_STORED) *work->problem = qm_store_write_problem(stored, "the vertices");
+    return stored == QM_STORED;
 }
 
 /** QM_STORED_LATE without a problem; others that are not QM_STORED with one. */
@@ -878,11 +886,7 @@ static qm_stored store_revision(deform_task *work)
         *work->problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
         return QM_STORED_NO_MEMORY;
     }
-    qm_status status = write_positions(work);
-    if (status != QM_OK) {
-        *work->problem = qm_problem_from_write(status, "the vertices");
-        return QM_STORED_FAULT;
-    }
+    if (!write_positions(work)) return QM_STORED_FAULT;
     qm_stored stored = qm_store_revise_mesh(work->meshes->store, &work->row);
     if (stored == QM_STORED) return stored;
     qm_blob_remove(work->meshes->store, work->row.positions);

@@ -88,11 +88,12 @@ static const char *const explanations[QM_PROBLEM_COUNT] = {
         "it. quadmeshd --check lists all damage, and quadmeshd --repair mends what can be.",
     [QM_PROBLEM_UNAVAILABLE] = "The daemon cannot do this now: it stops, its disk is full, or too many "
                                "streams are open. Repeat the request after the time in Retry-After.",
-    [QM_PROBLEM_STORE_UNAVAILABLE] = "The database that the daemon shares with others cannot be reached, or "
-                                     "did not say in time whether it has "
-                                     "done this. Repeat the request after the time in Retry-After: with an "
-                                     "Idempotency-Key or If-Match it has "
-                                     "its effect once.",
+    [QM_PROBLEM_STORE_UNAVAILABLE] =
+        "The database that the daemon shares with others, or the place of its blobs, cannot be reached, or "
+        "did not say in time whether it has "
+        "done this. Repeat the request after the time in Retry-After: with an "
+        "Idempotency-Key or If-Match it has "
+        "its effect once.",
     [QM_PROBLEM_DEADLINE_EXCEEDED] =
         "The time that the request (deadline_ms) or the operator (--max-job-seconds) allows a job was over "
         "before it had a result. Searches for bounds end with the bounds that they have instead.",
@@ -110,7 +111,9 @@ static const char *const explanations[QM_PROBLEM_COUNT] = {
         "What is stored has reached the quota of the data folder, or would exceed it. Delete meshes and "
         "ended "
         "jobs that nobody needs, or let meshes expire by ttl_seconds; an operator can raise the quota by "
-        "--max-data-bytes. Nothing that was stored is lost.",
+        "--max-data-bytes. Of a store that daemons share: the disk of its database, or of the place of its "
+        "blobs, is full. "
+        "Nothing that was stored is lost.",
 };
 
 int qm_problem_status(qm_problem_code code)
@@ -190,9 +193,6 @@ qm_problem qm_problem_from_write(qm_status status, const char *noun)
         return qm_problem_make(QM_PROBLEM_STORAGE_FULL, "the data folder has no room for %s", noun);
     if (status == QM_E_NO_MEMORY)
         return qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for %s", noun);
-    if (status == QM_E_CANCELED)
-        return qm_problem_make(QM_PROBLEM_STORE_UNAVAILABLE,
-                               "the database did not say whether %s was stored: repeat the request", noun);
     return qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s could not be stored", noun);
 }
 

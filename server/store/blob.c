@@ -278,7 +278,7 @@ qm_status qm_blob_copy(qm_store *from, qm_store *to, const char *hash)
     qm_store *embedded = qm_store_is_shared(from) ? to : from;
     qm_status status = open_in_folder(embedded, hash, &file);
     if (status == QM_OK && embedded == from)
-        status = qm_store_status(to->driver->put_blob(to, hash, file));
+        status = qm_store_status(to->driver->put_blob(to, hash, file, false));
     else if (embedded == to && (status == QM_E_EMPTY || status == QM_E_FORMAT))
         return qm_blob_fetch(from, to, hash);
     else if (status != QM_OK)
@@ -300,6 +300,7 @@ qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, 
 qm_status qm_blob_check(qm_store *store, const char *hash)
 {
     int file;
+    if (qm_store_is_shared(store)) return qm_blob_fetch(store, store, hash);
     qm_status status = qm_blob_open(store, hash, &file);
     if (status == QM_OK) close(file);
     return status;

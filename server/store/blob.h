@@ -49,7 +49,8 @@ qm_status qm_blob_check_file(int file, const char *hash);
 /** Opens a blob whose bytes have its hash, which a shared store fetches when it is not in the folder. As qm_blob_map. */
 qm_status qm_blob_open(qm_store *store, const char *hash, int *file);
 
-/** Copies a blob of a shared store to the folder of a store, which may be its own. As qm_blob_map. */
+/** Copies a blob of a shared store to the folder of a store, which may be its own, in place of a copy that is there. As
+ * qm_blob_map. */
 qm_status qm_blob_fetch(qm_store *from, qm_store *to, const char *hash);
 
 /** Copies a blob between an embedded and a shared store; nothing when the embedded one has it. As qm_blob_map, and

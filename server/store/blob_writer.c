@@ -330,20 +330,37 @@ qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
     return status;
 }
 
-qm_status qm_blob_keep(qm_blob_writer *writer)
+static qm_stored keep(qm_blob_writer *writer, bool is_repair)
 {
     QM_ASSERT(writer->name[0]);
     qm_store *store = writer->store;
-    qm_status status = fsync(writer->file) == 0 ? QM_OK : fail_to_store("sync");
-    if (status == QM_OK && qm_store_is_shared(store))
-        status = qm_store_status(store->driver->put_blob(store, writer->name, writer->file));
-    if (status == QM_OK && !qm_blob_commit_file(store, writer->path, writer->name))
-        status = fail_to_store("name a file");
-    if (status != QM_OK) unlink(writer->path);
-    qm_space_release(store, QM_STORE_UPLOADS, writer->claimed - (status == QM_OK ? writer->size : 0));
-    if (status == QM_OK) qm_space_move(store, QM_STORE_UPLOADS, QM_STORE_BLOBS, writer->size);
+    qm_stored stored = QM_STORED;
+    if (fsync(writer->file) != 0) {
+        fail_to_store("sync");
+        stored = QM_STORED_FAULT;
+    }
+    if (stored == QM_STORED && qm_store_is_shared(store))
+        stored = store->driver->put_blob(store, writer->name, writer->file, is_repair);
+    if (stored == QM_STORED && !qm_blob_commit_file(store, writer->path, writer->name)) {
+        fail_to_store("name a file");
+        stored = QM_STORED_FAULT;
+    }
+    bool is_kept = stored == QM_STORED;
+    if (!is_kept) unlink(writer->path);
+    qm_space_release(store, QM_STORE_UPLOADS, writer->claimed - (is_kept ? writer->size : 0));
+    if (is_kept) qm_space_move(store, QM_STORE_UPLOADS, QM_STORE_BLOBS, writer->size);
     end(writer);
-    return status;
+    return stored;
+}
+
+qm_stored qm_blob_keep(qm_blob_writer *writer)
+{
+    return keep(writer, false);
+}
+
+qm_stored qm_blob_repair(qm_blob_writer *writer)
+{
+    return keep(writer, true);
 }
 
 qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes, size_t *size)

@@ -81,7 +81,7 @@ static bool sync_folder(const qm_store *store)
     return synced;
 }
 
-static qm_status write_file(qm_store *store, const char *job_id, const double *numbers,
+static qm_stored write_file(qm_store *store, const char *job_id, const double *numbers,
                             const qm_store_array *array)
 {
     char part[QM_STORE_PATH_SIZE], path[QM_STORE_PATH_SIZE];
@@ -89,22 +89,21 @@ static qm_status write_file(qm_store *store, const char *job_id, const double *n
     make_path(store, job_id, QM_RESULT_ENDING, path);
     uint64_t size = array->count * sizeof *numbers;
     qm_space_unlink(store, QM_STORE_RESULTS, part); /* of a run that was killed */
-    qm_status status = qm_space_claim(store, QM_STORE_RESULTS, size);
-    if (status != QM_OK) return status;
+    if (qm_space_claim(store, QM_STORE_RESULTS, size) != QM_OK) return QM_STORED_FULL;
     const result_target target = {.file = open(part, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600)};
     bool written = target.file >= 0 && write_numbers(&target, numbers, array) && fsync(target.file) == 0;
     if (target.file >= 0) close(target.file);
     uint64_t replaced = qm_space_size_of(path);
     if (written && rename(part, path) == 0) {
         qm_space_release(store, QM_STORE_RESULTS, replaced);
-        return sync_folder(store) ? QM_OK : QM_E_ARGUMENT;
+        return sync_folder(store) ? QM_STORED : QM_STORED_FAULT;
     }
     unlink(part);
     qm_space_release(store, QM_STORE_RESULTS, size);
-    return QM_E_ARGUMENT;
+    return QM_STORED_FAULT;
 }
 
-static qm_status write_blob(qm_store *store, const double *numbers, qm_store_array *array)
+static qm_stored write_blob(qm_store *store, const double *numbers, qm_store_array *array)
 {
     result_target target = {.file = -1};
     qm_status status = qm_blob_begin(store, array->count * sizeof *numbers, &target.blob);
@@ -112,20 +111,21 @@ static qm_status write_blob(qm_store *store, const double *numbers, qm_store_arr
     if (status == QM_OK) status = qm_blob_seal(target.blob, array->hash);
     if (status == QM_OK) return qm_blob_keep(target.blob);
     qm_blob_abort(target.blob);
-    return status;
+    if (status == QM_E_NO_MEMORY) return QM_STORED_NO_MEMORY;
+    return status == QM_E_TOO_LARGE ? QM_STORED_FULL : QM_STORED_FAULT;
 }
 
-qm_status qm_result_file_write(qm_store *store, const char *job_id, const double *numbers, size_t count)
+qm_stored qm_result_file_write(qm_store *store, const char *job_id, const double *numbers, size_t count)
 {
     qm_store_array array = {.count = count,
                             .sums = malloc(qm_store_array_blocks(count) * sizeof *array.sums + 1)};
-    if (!array.sums) return QM_E_NO_MEMORY;
-    qm_status status = qm_store_is_shared(store) ? write_blob(store, numbers, &array)
+    if (!array.sums) return QM_STORED_NO_MEMORY;
+    qm_stored stored = qm_store_is_shared(store) ? write_blob(store, numbers, &array)
                                                  : write_file(store, job_id, numbers, &array);
-    if (status == QM_OK) status = qm_store_status(qm_store_put_array(store, job_id, &array));
-    if (status != QM_OK) qm_log(QM_LOG_ERROR, "result of %s: cannot write: %s", job_id, strerror(errno));
+    if (stored == QM_STORED) stored = qm_store_put_array(store, job_id, &array);
+    if (stored != QM_STORED) qm_log(QM_LOG_ERROR, "result of %s: cannot write: %s", job_id, strerror(errno));
     free(array.sums);
-    return status;
+    return stored;
 }
 
 void qm_result_file_remove(qm_store *store, const char *job_id)
@@ -233,7 +233,8 @@ static qm_status copy_to_blob(qm_store *from, qm_store *to, const char *job_id, 
     qm_status status = qm_result_file_open(from, job_id, &file);
     if (status == QM_OK) status = qm_result_file_check(file);
     if (status == QM_OK) status = qm_blob_hash_file(file->file, file->array.hash);
-    if (status == QM_OK) status = qm_store_status(to->driver->put_blob(to, file->array.hash, file->file));
+    if (status == QM_OK)
+        status = qm_store_status(to->driver->put_blob(to, file->array.hash, file->file, false));
     if (status == QM_OK) {
         *array = file->array;
         file->array.sums = NULL;

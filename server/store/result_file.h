@@ -9,7 +9,7 @@
 #include "store.h"
 
 /** Writes the array of a job: on disk, whole, when QM_OK is returned. */
-qm_status qm_result_file_write(qm_store *store, const char *job_id, const double *numbers, size_t count);
+qm_stored qm_result_file_write(qm_store *store, const char *job_id, const double *numbers, size_t count);
 
 /** Removes the array of a job, if it has one. Open files stay readable. */
 void qm_result_file_remove(qm_store *store, const char *job_id);

@@ -25,6 +25,7 @@ qm_status qm_store_status(qm_stored stored)
         return QM_E_NO_MEMORY;
     case QM_STORED_AWAY:
         return QM_E_CANCELED;
+    case QM_STORED_NO_ROOM:
     case QM_STORED_LATE:
     case QM_STORED_TAKEN:
     case QM_STORED_LOST:
@@ -389,4 +390,16 @@ qm_stored qm_store_clean_blobs(qm_store *store, double delay_s)
 {
     QM_ASSERT(qm_store_is_shared(store));
     return store->driver->clean_blobs(store, delay_s);
+}
+
+void qm_store_watch(qm_store *store, qm_store_news_fn *tell, void *user)
+{
+    QM_ASSERT(qm_store_is_shared(store));
+    store->driver->watch(store, tell, user);
+}
+
+void qm_store_unwatch(qm_store *store)
+{
+    QM_ASSERT(qm_store_is_shared(store));
+    store->driver->unwatch(store);
 }

@@ -37,6 +37,7 @@ typedef enum qm_stored {
     QM_STORED_TAKEN,     /* the Idempotency-Key, or the content, has another row */
     QM_STORED_LOST,      /* another node has the job, or it was given up: nothing of it may be told */
     QM_STORED_FULL,      /* a limit of bytes or of jobs that wait */
+    QM_STORED_NO_ROOM,   /* the disk of a shared store, or of the place of its blobs, is full */
     QM_STORED_DAMAGED,   /* the row, or what it is found by, is damaged */
     QM_STORED_NO_MEMORY, /* of this process */
     QM_STORED_AWAY,      /* the database cannot be reached, or did not answer: it may have done it or not */
@@ -71,6 +72,9 @@ typedef struct qm_store_node {
     const char *version;
     int workers;
     uint64_t memory; /* bytes of its budget */
+    /* Where the blobs are, as place.h has it, and the file with its keys; NULL: in the database. They live until the
+     * store is open. */
+    const char *blobs, *blobs_keys;
 } qm_store_node;
 
 /** How far a shared store keeps what it has acknowledged. */
@@ -88,6 +92,23 @@ typedef enum qm_store_durability {
 qm_stored qm_store_open_shared(const char *address, const char *folder, const qm_store_node *self,
                                bool is_unsafe, qm_store **out, char message[QM_MESSAGE_SIZE]);
 bool qm_store_is_shared(const qm_store *store);
+
+/** What another node has just done with a job. */
+typedef enum qm_store_news {
+    QM_STORE_NEWS_QUEUED,   /* the job waits for this node */
+    QM_STORE_NEWS_CANCELED, /* somebody asks for its end */
+    QM_STORE_NEWS_EVENTS    /* it has new events, or has ended */
+} qm_store_news;
+
+/**
+ * Has a function called, by a thread of the store, for news of the other nodes of a shared store: of all jobs, as the
+ * database does not know who wants which. They only save time: any may be lost, and none comes through a proxy that gives
+ * each transaction another session. The id is that of the job; "" for QUEUED.
+ */
+typedef void qm_store_news_fn(void *user, qm_store_news news, const char *id);
+void qm_store_watch(qm_store *store, qm_store_news_fn *tell, void *user);
+/** No call is under way or comes after it. */
+void qm_store_unwatch(qm_store *store);
 
 /** What a check has found. */
 typedef struct qm_store_findings {
@@ -159,7 +180,9 @@ qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE]);
 qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes, size_t *size);
 /** Gives a sealed blob the name of its hash: it is on disk afterwards, or in the database that is shared. Frees the
  * writer, also after an error. */
-qm_status qm_blob_keep(qm_blob_writer *writer);
+qm_stored qm_blob_keep(qm_blob_writer *writer);
+/** The same in place of a blob that qm_blob_check has found damaged or missing. */
+qm_stored qm_blob_repair(qm_blob_writer *writer);
 /** Bytes written so far, and reading them back from an offset: all of size, or not QM_OK. */
 uint64_t qm_blob_size(const qm_blob_writer *writer);
 qm_status qm_blob_read(const qm_blob_writer *writer, uint64_t offset, void *bytes, size_t size);
@@ -171,7 +194,7 @@ void qm_blob_abort(qm_blob_writer *writer);
  * give them; QM_E_NO_MEMORY or QM_E_ARGUMENT after a fault.
  */
 qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size);
-/** The status that qm_blob_map would return. */
+/** The status that qm_blob_map would return; of a shared store, at a node that has no copy of the blob. */
 qm_status qm_blob_check(qm_store *store, const char *hash);
 void qm_blob_unmap(const uint8_t *bytes, size_t size);
 /**

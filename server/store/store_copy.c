@@ -409,7 +409,7 @@ static void explain(qm_stored stored, char message[QM_MESSAGE_SIZE])
 {
     const char *why = "it was refused; the log has more";
     if (stored == QM_STORED_AWAY) why = "the database does not answer";
-    if (stored == QM_STORED_FULL) why = "there is no room for it";
+    if (stored == QM_STORED_FULL || stored == QM_STORED_NO_ROOM) why = "there is no room for it";
     if (stored == QM_STORED_DAMAGED) why = "rows of it are damaged";
     if (stored == QM_STORED_NO_MEMORY) why = "there is no memory for it";
     snprintf(message, QM_MESSAGE_SIZE, "the copy was cut off: %s", why);

@@ -98,14 +98,17 @@ typedef struct qm_store_driver {
     qm_stored (*hold_job)(qm_store *store, const char *id, int owners, bool is_kept, bool *is_unwanted);
     qm_stored (*look_at_jobs)(qm_store *store, qm_store_look *looks, size_t count, qm_store_event_fn *take,
                               void *user);
-    /** Stores the bytes of an open file under their hash, for all nodes. */
-    qm_stored (*put_blob)(qm_store *store, const char *hash, int file);
-    /** Writes the bytes of a blob to an open file; the caller compares them with the hash. */
+    /** Stores the bytes of an open file under their hash, for all nodes, where they are missing or is_repair says that
+     * they are damaged. */
+    qm_stored (*put_blob)(qm_store *store, const char *hash, int file, bool is_repair);
+    /** Writes the bytes of a blob to an open file in place of what it has; the caller compares them with the hash. */
     qm_stored (*get_blob)(qm_store *store, const char *hash, int file);
     qm_stored (*clean_blobs)(qm_store *store, double delay_s);
     /** Blobs that no row names, in the order of their hashes, up to limit after one. */
     qm_stored (*list_orphans)(qm_store *store, const char *after, size_t limit, char (*hashes)[QM_HASH_SIZE],
                               size_t *count);
+    void (*watch)(qm_store *store, qm_store_news_fn *tell, void *user);
+    void (*unwatch)(qm_store *store);
 } qm_store_driver;
 
 struct qm_store {

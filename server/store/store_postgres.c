@@ -12,6 +12,8 @@ static void close_database(qm_store *store)
 {
     struct qm_postgres *postgres = store->postgres;
     if (!postgres) return;
+    qm_postgres_unwatch(store);
+    qm_place_close(postgres->place);
     qm_postgres_close_pool(store);
     pthread_mutex_destroy(&postgres->lock);
     free((char *)postgres->self.version);
@@ -79,6 +81,8 @@ const qm_store_driver qm_postgres_driver = {
     .find_layout_origin = qm_postgres_find_layout_origin,
     .find_reconstruction_origin = qm_postgres_find_reconstruction_origin,
     .settle = qm_postgres_settle,
+    .watch = qm_postgres_watch,
+    .unwatch = qm_postgres_unwatch,
 };
 
 static bool create_postgres(qm_store *store, const qm_store_node *self)
@@ -128,6 +132,7 @@ static qm_stored open_database(qm_store *store, const char *address, bool is_uns
     qm_stored status = qm_postgres_open_pool(store, address, false, message);
     if (status == QM_STORED) status = check_durability(store, is_unsafe, message);
     if (status == QM_STORED) status = qm_postgres_set_up(store, message);
+    if (status == QM_STORED) status = qm_postgres_open_place(store, message);
     if (status != QM_STORED) return status;
     qm_store_cluster cluster;
     status = qm_postgres_join(store);
@@ -183,6 +188,7 @@ qm_stored qm_store_visit_to_read(const char *address, const qm_store_node *self,
     if (status != QM_STORED) return status;
     bool has_folder = !folder || qm_blob_make_folders(folder, message);
     status = has_folder ? begin_reading(store, message) : QM_STORED_FAULT;
+    if (status == QM_STORED) status = qm_postgres_open_place_to_read(store, message);
     if (status == QM_STORED)
         *out = store;
     else
@@ -199,6 +205,7 @@ qm_stored qm_store_visit_to_write(const char *address, const qm_store_node *self
     if (status != QM_STORED) return status;
     status = check_durability(store, is_unsafe, message);
     if (status == QM_STORED) status = qm_postgres_set_up(store, message);
+    if (status == QM_STORED) status = qm_postgres_open_place(store, message);
     if (status == QM_STORED)
         *out = store;
     else

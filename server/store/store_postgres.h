@@ -9,6 +9,7 @@
 
 #include <pthread.h>
 
+#include "place.h"
 #include "store_driver.h"
 #include "store_postgres_library.h"
 
@@ -167,8 +168,10 @@ typedef struct qm_postgres_home {
 
 struct qm_postgres {
     struct qm_postgres_pool *pool;
-    qm_store_node self;   /* its version is a copy */
-    pthread_mutex_t lock; /* guards what follows */
+    qm_place *place;               /* of the blobs */
+    struct qm_postgres_bell *bell; /* of a node that watches, or NULL */
+    qm_store_node self;            /* its version is a copy */
+    pthread_mutex_t lock;          /* guards what follows */
     char node[QM_NODE_NAME_SIZE + 16];
     qm_postgres_home *homes; /* nodes that take work, as of the last beat */
     size_t home_count;
@@ -184,6 +187,18 @@ qm_stored qm_postgres_open_pool(qm_store *store, const char *address, bool is_re
                                 char message[QM_MESSAGE_SIZE]);
 void qm_postgres_close_pool(qm_store *store);
 
+/** A connection of the caller's own, with the settings of the pool; NULL with a message. */
+PGconn *qm_postgres_connect(qm_store *store, char message[QM_MESSAGE_SIZE]);
+
+/**
+ * Tells the other nodes at once (store_postgres_bell.c) what they would find out by asking: about count jobs, or for QUEUED
+ * of the node of a name. Never durable, and nothing is said when it fails.
+ */
+void qm_postgres_ring(qm_store *store, qm_store_news news, const char *const *subjects, size_t count,
+                      qm_postgres_use use);
+void qm_postgres_watch(qm_store *store, qm_store_news_fn *tell, void *user);
+void qm_postgres_unwatch(qm_store *store);
+
 /** Name and version of the database, as of its last connection. */
 void qm_postgres_name_engine(qm_store *store, char out[64]);
 
@@ -198,6 +213,18 @@ bool qm_postgres_knows(int64_t version);
 
 /** Makes the tables when there are none, and refuses those of a newer version. */
 qm_stored qm_postgres_set_up(qm_store *store, char message[QM_MESSAGE_SIZE]);
+
+/**
+ * Opens the place of the blobs that the node is to use (store_postgres_places.c). The first node decides for the store;
+ * another place is refused, with a message.
+ */
+qm_stored qm_postgres_open_place(qm_store *store, char message[QM_MESSAGE_SIZE]);
+
+/** The same for who only reads, by the snapshot: nothing is decided. */
+qm_stored qm_postgres_open_place_to_read(qm_store *store, char message[QM_MESSAGE_SIZE]);
+
+/** The place that is the database (store_postgres_chunks.c). */
+qm_stored qm_postgres_open_chunks(qm_store *store, qm_place **out, char message[QM_MESSAGE_SIZE]);
 
 /** An SQL expression: how durable a commit is, as a number of qm_store_durability. */
 #define QM_POSTGRES_DURABILITY                                                                               \
@@ -345,7 +372,7 @@ qm_stored qm_postgres_cancel_job(qm_store *store, const char *id, const char *do
 qm_stored qm_postgres_hold_job(qm_store *store, const char *id, int owners, bool is_kept, bool *is_unwanted);
 qm_stored qm_postgres_look_at_jobs(qm_store *store, qm_store_look *looks, size_t count,
                                    qm_store_event_fn *take, void *user);
-qm_stored qm_postgres_put_blob(qm_store *store, const char *hash, int file);
+qm_stored qm_postgres_put_blob(qm_store *store, const char *hash, int file, bool is_repair);
 qm_stored qm_postgres_get_blob(qm_store *store, const char *hash, int file);
 qm_stored qm_postgres_clean_blobs(qm_store *store, double delay_s);
 qm_stored qm_postgres_list_orphans(qm_store *store, const char *after, size_t limit,

@@ -26,6 +26,8 @@
     XX(sendQueryParams)                                                                                      \
     XX(sendQueryPrepared)                                                                                    \
     XX(flush)                                                                                                \
+    XX(notifies)                                                                                             \
+    XX(freemem)                                                                                              \
     XX(consumeInput)                                                                                         \
     XX(isBusy)                                                                                               \
     XX(getResult)                                                                                            \

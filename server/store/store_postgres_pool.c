@@ -147,7 +147,7 @@ static qm_stored status_of(qm_postgres_connection *connection, const PGresult *e
     if (connection->is_worth_repeating) return QM_STORED_AWAY;
     const char *text = qm_pq.resultErrorField(error, PG_DIAG_MESSAGE_PRIMARY);
     qm_log(QM_LOG_ERROR, "database: error %s: %s", code, text && !has_class(code, "22") ? text : "a value");
-    if (strcmp(code, "53100") == 0) return QM_STORED_FULL;
+    if (strcmp(code, "53100") == 0) return QM_STORED_NO_ROOM;
     if (has_class(code, "XX00")) return QM_STORED_DAMAGED;
     return has_class(code, "53") || strcmp(code, "57014") == 0 ? QM_STORED_AWAY : QM_STORED_FAULT;
 }
@@ -270,9 +270,8 @@ static void print_failure(const PGconn *link, char message[QM_MESSAGE_SIZE])
     snprintf(message, QM_MESSAGE_SIZE, "database: %.*s", length > 200 ? 200 : length, text);
 }
 
-/** Connects; nobody else uses the connection. The address may replace the settings before it, not those after. */
-static bool connect_to(qm_postgres_pool *pool, qm_postgres_connection *connection,
-                       char message[QM_MESSAGE_SIZE])
+/** Connects; NULL with a message. The address may replace the settings before it, not those after. */
+static PGconn *connect_to(const qm_postgres_pool *pool, char message[QM_MESSAGE_SIZE])
 {
     const char *const settings[][2] = {{"connect_timeout", "3"}, /* seconds, as the next two */
                                        {"keepalives_idle", "5"},
@@ -286,14 +285,16 @@ static bool connect_to(qm_postgres_pool *pool, qm_postgres_connection *connectio
     const char *names[COUNT + 1] = {NULL}, *values[COUNT + 1] = {NULL};
     for (int i = 0; i < COUNT; i++)
         names[i] = settings[i][0], values[i] = settings[i][1];
-    connection->link = qm_pq.connectdbParams(names, values, 1);
-    if (qm_pq.status(connection->link) != CONNECTION_OK) {
-        print_failure(connection->link, message);
-        return false;
-    }
-    qm_pq.setNoticeReceiver(connection->link, take_notice, connection);
-    connection->is_broken = false;
-    return qm_pq.setnonblocking(connection->link, 1) == 0;
+    PGconn *link = qm_pq.connectdbParams(names, values, 1);
+    if (qm_pq.status(link) == CONNECTION_OK) return link;
+    print_failure(link, message);
+    qm_pq.finish(link);
+    return NULL;
+}
+
+PGconn *qm_postgres_connect(qm_store *store, char message[QM_MESSAGE_SIZE])
+{
+    return connect_to(store->postgres->pool, message);
 }
 
 /** Opens a connection, and waits until all that it shows is durable: a primary that has come back may show what no
@@ -306,7 +307,11 @@ static bool open_connection(qm_postgres_pool *pool, qm_postgres_connection *conn
     bool is_prepared = !pool->is_unprepared;
     pthread_mutex_unlock(&pool->lock);
     close_link(connection);
-    if (!connect_to(pool, connection, message)) {
+    connection->link = connect_to(pool, message);
+    if (!connection->link) return false;
+    qm_pq.setNoticeReceiver(connection->link, take_notice, connection);
+    connection->is_broken = false;
+    if (qm_pq.setnonblocking(connection->link, 1) != 0) {
         close_link(connection);
         return false;
     }

@@ -14,6 +14,7 @@
 #define WATCHED_S "15" /* how long a job counts as read elsewhere after a look */
 #define RENEWED_S "10" /* left of them, when a look writes them again */
 
+#define RUNG 64   /* jobs whose events are told at once to those who wait for them */
 #define PAGE 4096 /* events of a job that are read in one statement */
 #define STRING(x) #x
 #define PAGE_TEXT(x) STRING(x)
@@ -109,7 +110,13 @@ static qm_stored submit(qm_store *store, const qm_store_submission *submission)
 qm_stored qm_postgres_submit_job(qm_store *store, const qm_store_submission *submission)
 {
     const char *id = submission->job->id;
-    if (!submission->is_claimed) return submit(store, submission);
+    if (!submission->is_claimed) {
+        const char *home = submission->home ? submission->home : "";
+        qm_stored queued = submit(store, submission);
+        bool rings = queued == QM_STORED && strcmp(home, store->postgres->self.name) != 0;
+        if (rings) qm_postgres_ring(store, QM_STORE_NEWS_QUEUED, &home, 1, QM_POSTGRES_REQUESTS);
+        return queued;
+    }
     /* Before it is sent: a claim that runs meanwhile must not find it. When the answer is lost, one may. */
     if (!qm_postgres_add_claim(store, id)) return QM_STORED_NO_MEMORY;
     qm_stored status = submit(store, submission);
@@ -235,6 +242,22 @@ static void read_runs(qm_store *store, const qm_postgres_rows *rows, qm_store_ru
         if (runs[i].is_lost) qm_postgres_remove_claim(store, runs[i].job);
 }
 
+/** Tells of new events that somebody at another node waits for. */
+static void ring_watchers(qm_store *store, const qm_store_run *runs, size_t run_count,
+                          const qm_store_event *events, size_t count)
+{
+    const char *watched[RUNG];
+    size_t watched_count = 0;
+    for (size_t i = 0; i < run_count && watched_count < RUNG; i++) {
+        bool has_events = false;
+        for (size_t k = 0; runs[i].is_watched && k < count && !has_events; k++)
+            has_events = strcmp(events[k].job, runs[i].job) == 0;
+        if (has_events) watched[watched_count++] = runs[i].job;
+    }
+    if (watched_count > 0)
+        qm_postgres_ring(store, QM_STORE_NEWS_EVENTS, watched, watched_count, QM_POSTGRES_PULSE);
+}
+
 qm_stored qm_postgres_append_events(qm_store *store, qm_store_run *runs, size_t run_count,
                                     const qm_store_event *events, size_t count)
 {
@@ -275,6 +298,7 @@ qm_stored qm_postgres_append_events(qm_store *store, qm_store_run *runs, size_t 
     qm_postgres_rows rows;
     qm_stored status = qm_postgres_run(store, &query, &rows);
     if (status == QM_STORED) read_runs(store, &rows, runs, run_count);
+    if (status == QM_STORED) ring_watchers(store, runs, run_count, events, count);
     qm_postgres_free(&rows);
     qm_text_reset(&ids);
     qm_text_reset(&epochs);
@@ -346,6 +370,8 @@ qm_stored qm_postgres_finish_job(qm_store *store, const qm_store_job *end, const
     qm_stored status = finish(store, &query, end);
     qm_postgres_events_reset(&arrays);
     if (status == QM_STORED || status == QM_STORED_LOST) qm_postgres_remove_claim(store, end->id);
+    const char *id = end->id;
+    if (status == QM_STORED) qm_postgres_ring(store, QM_STORE_NEWS_EVENTS, &id, 1, QM_POSTGRES_REQUESTS);
     return status;
 }
 
@@ -385,6 +411,8 @@ qm_stored qm_postgres_cancel_job(qm_store *store, const char *id, const char *do
     bool is_repeated = false;
     for (int attempt = 0; attempt < 4; attempt++) {
         qm_stored status = cancel(store, id, document, last, &is_repeated);
+        if (status == QM_STORED || status == QM_STORED_LATE)
+            qm_postgres_ring(store, QM_STORE_NEWS_CANCELED, &id, 1, QM_POSTGRES_REQUESTS);
         if (status != QM_STORED_NONE) return status;
         /* A claim may have moved it from one table to the other while this looked at both. */
         qm_store_job job;

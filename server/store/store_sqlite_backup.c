@@ -337,7 +337,7 @@ static bool close_file(backup *work, restored_file *file)
         good = qm_blob_seal(file->blob, hash) == QM_OK;
         bool is_whole = good && strcmp(hash, file->name) == 0;
         if (is_whole)
-            good = qm_blob_keep(file->blob) == QM_OK;
+            good = qm_blob_keep(file->blob) == QM_STORED;
         else
             qm_blob_abort(file->blob);
         if (good && !is_whole) tell(work, "the backup", "", file->name, "damaged");

@@ -26,8 +26,10 @@ WAIT = f"wait={PATIENCE:.0f}"
 FINDINGS = ("ERROR: AddressSanitizer", "ERROR: LeakSanitizer", "WARNING: ThreadSanitizer", "runtime error:")
 
 
-# With QM_TEST_STORE=shared each daemon has a database of its own, on the server of QM_TEST_POSTGRES, for its store.
-IS_SHARED = os.environ.get("QM_TEST_STORE", "") == "shared"
+# With QM_TEST_STORE=shared each daemon has a database of its own, on the server of QM_TEST_POSTGRES, for its store; with
+# QM_TEST_STORE=folder a folder of its own for the blobs as well.
+STORE = os.environ.get("QM_TEST_STORE", "")
+IS_SHARED = STORE in ("shared", "folder")
 
 
 def make_database():
@@ -47,6 +49,9 @@ class Daemon:
         self.settings = settings
         self.user = user
         self.store = ["--store", make_database()] if IS_SHARED else []
+        if STORE == "folder":
+            (self.folder / "blobs").mkdir()
+            self.store += ["--blobs", self.folder / "blobs"]
         self.log_path = self.folder / "log"
         self.start()
 

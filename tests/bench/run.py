@@ -35,6 +35,7 @@ import bench_hausdorff
 import bench_projection
 import bench_reconstruct
 import bench_service
+import bench_store
 import bench_twins
 import bench_variants
 import bench_wide
@@ -47,7 +48,7 @@ import variants
 PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "files": bench_files,
          "project": bench_projection,
          "collide": bench_collide,
-         "accelerators": bench_accelerators, "agreement": bench_agreement, "service": bench_service,
+         "accelerators": bench_accelerators, "agreement": bench_agreement, "service": bench_service, "store": bench_store,
          "reconstruct": bench_reconstruct}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")
 

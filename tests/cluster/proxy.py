@@ -1,4 +1,5 @@
-"""A TCP proxy before a PostgreSQL server that makes the network bad: late, cut, silent, one way, or without an answer.
+"""A TCP proxy before a server, of PostgreSQL or another one, that makes the network bad: late, cut, silent, one way, or without
+an answer.
 
 One thread runs the event loop of all proxies. The calls of `Proxy` may come from any thread and have taken effect when they
 return. The two ways are UP, to the server, and DOWN, to the client.
@@ -52,10 +53,11 @@ class Loss:
 
 
 class Proxy:
-    """A port of loopback whose connections go on to the target port."""
+    """A port of loopback whose connections go on to the target port. `protocol` is that of PostgreSQL, whose answers it
+    follows, or None for another one."""
 
-    def __init__(self, target):
-        self.target = target
+    def __init__(self, target, protocol="postgres"):
+        self.target, self.protocol = target, protocol
         self.delays = dict.fromkeys(WAYS, 0.0)
         self.open = {}             # way: an event that is set while bytes pass
         self.left = dict.fromkeys(WAYS)  # bytes that still pass before a cut, None for any number
@@ -228,6 +230,8 @@ class _Connection:
 
     def _look(self, way, data):
         """What of the data is to be passed on; follows the protocol on the way."""
+        if self.proxy.protocol is None:
+            return data
         if way == UP:
             self.talk.ask(data)
             return data

@@ -76,7 +76,7 @@ static qm_blob_writer *write_blob(const fixture *f, const char *text, char hash[
 
 static void keep_blob(const fixture *f, const char *text, char hash[QM_HASH_SIZE])
 {
-    assert_int_equal(qm_blob_keep(write_blob(f, text, hash)), QM_OK);
+    assert_int_equal(qm_blob_keep(write_blob(f, text, hash)), QM_STORED);
 }
 
 static qm_stored submit_row(const fixture *f, const qm_store_job *job)
@@ -200,8 +200,8 @@ static void test_old_files_without_a_row_are_swept(void **state)
     qm_store_job job = {.key = (char *)"k", .body = (char *)"{}", .created = (char *)"2030"};
     snprintf(job.id, sizeof job.id, "j_here");
     assert_int_equal(submit_row(f, &job), QM_STORED);
-    assert_int_equal(qm_result_file_write(f->store, "j_here", (double[]){1.0}, 1), QM_OK);
-    assert_int_equal(qm_result_file_write(f->store, "j_gone", (double[]){1.0}, 1), QM_OK);
+    assert_int_equal(qm_result_file_write(f->store, "j_here", (double[]){1.0}, 1), QM_STORED);
+    assert_int_equal(qm_result_file_write(f->store, "j_gone", (double[]){1.0}, 1), QM_STORED);
     char blob[QM_HASH_SIZE + 16];
     snprintf(blob, sizeof blob, "blobs/%.2s/%s", hash, hash);
     for (int age = 0; age < 2; age++) {
@@ -363,7 +363,7 @@ static void test_a_blob_that_cannot_be_named(void **state)
     FILE *obstacle = fopen(path, "w");
     assert_non_null(obstacle);
     fclose(obstacle);
-    assert_int_not_equal(qm_blob_keep(writer), QM_OK);
+    assert_int_not_equal(qm_blob_keep(writer), QM_STORED);
     assert_int_equal(count_files(f, "incoming"), 0);
     assert_int_equal(count_files(f, "blobs"), 1);
 }
@@ -581,14 +581,14 @@ static void test_bytes_are_counted(void **state)
     assert_int_equal(qm_blob_write(writer, bytes, 100), QM_OK);
     assert_int_equal(qm_blob_seal(writer, long_hash), QM_OK);
     check_usage(f, 7, 0, LARGE + 100);
-    assert_int_equal(qm_blob_keep(writer), QM_OK);
+    assert_int_equal(qm_blob_keep(writer), QM_STORED);
     check_usage(f, LARGE + 107, 0, 0);
     qm_blob_remove(f->store, long_hash);
     check_usage(f, 7, 0, 0);
     assert_int_equal(submit(f, "j_1", "", NULL), QM_STORED);
-    assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, 100), QM_OK);
+    assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, 100), QM_STORED);
     check_usage(f, 7, 800, 0);
-    assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, 50), QM_OK);
+    assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, 50), QM_STORED);
     check_usage(f, 7, 400, 0);
     reopen(f);
     check_usage(f, 7, 400, 0);
@@ -599,7 +599,7 @@ static void test_bytes_are_counted(void **state)
     assert_int_equal(qm_blob_begin(f->store, LARGE + 1, &writer), QM_E_TOO_LARGE);
     assert_int_equal(qm_blob_begin(f->store, 0, &writer), QM_OK);
     assert_int_equal(qm_blob_write(writer, bytes, LARGE), QM_OK);
-    assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, 1), QM_E_TOO_LARGE);
+    assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, 1), QM_STORED_FULL);
     assert_int_equal(qm_blob_write(writer, bytes, LARGE), QM_E_TOO_LARGE);
     qm_blob_abort(writer);
     check_usage(f, 7, 400, 0);
@@ -897,7 +897,7 @@ static void test_a_damaged_array_is_never_read(void **state)
     snprintf(path, sizeof path, "%s/results/j_1.f64", f->folder);
     for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) {
         size_t size = 8 * counts[i];
-        assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, counts[i]), QM_OK);
+        assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, counts[i]), QM_STORED);
         reopen(f);
         assert_int_equal(read_array(f, "j_1", counts[i]), QM_OK);
         for (size_t k = 0; size > 0 && k < 40; k++) {
@@ -1081,7 +1081,7 @@ static void test_a_refused_process_leaves_uploads_alone(void **state)
     assert_true(WIFEXITED(end));
     assert_int_equal(WEXITSTATUS(end), 0);
     assert_int_equal(count_files(f, "incoming"), 1);
-    assert_int_equal(qm_blob_keep(writer), QM_OK);
+    assert_int_equal(qm_blob_keep(writer), QM_STORED);
     check_blob(f, hash, "on its way");
 }
 

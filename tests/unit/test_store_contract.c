@@ -94,7 +94,7 @@ static bool keep_blob(qm_store *store, const char *text, char hash[QM_HASH_SIZE]
 {
     qm_blob_writer *writer;
     return qm_blob_begin(store, 0, &writer) == QM_OK && qm_blob_write(writer, text, strlen(text)) == QM_OK &&
-           qm_blob_seal(writer, hash) == QM_OK && qm_blob_keep(writer) == QM_OK;
+           qm_blob_seal(writer, hash) == QM_OK && qm_blob_keep(writer) == QM_STORED;
 }
 
 static qm_store_mesh make_mesh(qm_store *store, const char *id, const char *content)

@@ -597,141 +597,77 @@ static void test_many_events(void **state)
     assert_int_equal(look.state, QM_JOB_SUCCEEDED);
 }
 
-/* ---- blobs ---- */
+/* ---- news ---- */
 
-/** A file of pseudo-random bytes and its hash. */
-static int make_file(const fixture *f, const char *name, size_t size, char hash[QM_HASH_SIZE])
+typedef struct listener {
+    pthread_mutex_t lock;
+    char heard[512]; /* kinds with ids */
+} listener;
+
+static void hear(void *user, qm_store_news news, const char *id)
 {
-    char path[256];
-    snprintf(path, sizeof path, "%s/%s", f->folders[0], name);
-    char *bytes = malloc(size + 1);
-    assert_non_null(bytes);
-    uint32_t random = (uint32_t)size + 1;
-    for (size_t i = 0; i < size; i++)
-        bytes[i] = (char)((random = random * 1664525u + 1013904223u) >> 24);
-    qm_id_hash_text(bytes, size, hash);
-    int file = open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-    assert_int_equal(write(file, bytes, size), size);
-    free(bytes);
-    return file;
+    static const char *const names[] = {"queued", "canceled", "events"};
+    listener *l = user;
+    pthread_mutex_lock(&l->lock);
+    size_t length = strlen(l->heard);
+    snprintf(l->heard + length, sizeof l->heard - length, "%s %s;", names[news], id);
+    pthread_mutex_unlock(&l->lock);
 }
 
-static void check_copy(fixture *f, qm_store *store, const char *hash, size_t size)
+/** Waits until a node has heard this and nothing else. */
+static void check_heard(listener *l, const char *expected)
 {
-    char path[256], found[QM_HASH_SIZE];
-    snprintf(path, sizeof path, "%s/copy", f->folders[0]);
-    int file = open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
-    assert_int_equal(store->driver->get_blob(store, hash, file), QM_STORED);
-    char *bytes = malloc(size + 1);
-    assert_non_null(bytes);
-    assert_int_equal(pread(file, bytes, size + 1, 0), size);
-    qm_id_hash_text(bytes, size, found);
-    assert_string_equal(found, hash);
-    free(bytes);
-    close(file);
-}
-
-static void test_blobs(void **state)
-{
-    static const size_t sizes[] = {0, 1, 1048575, 1048576, 1048577, 3000000};
-    fixture *f = *state;
-    open_node(f, 0, f->database);
-    open_node(f, 1, f->database);
-    for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
-        char hash[QM_HASH_SIZE];
-        int file = make_file(f, "blob", sizes[i], hash);
-        assert_int_equal(f->stores[1]->driver->get_blob(f->stores[1], hash, file), QM_STORED_NONE);
-        assert_int_equal(f->stores[0]->driver->put_blob(f->stores[0], hash, file), QM_STORED);
-        assert_int_equal(f->stores[1]->driver->put_blob(f->stores[1], hash, file), QM_STORED);
-        check_copy(f, f->stores[1], hash, sizes[i]);
-        close(file);
+    bool is_same = false;
+    for (int i = 0; i < 10000 && !is_same; i++) {
+        usleep(1000);
+        pthread_mutex_lock(&l->lock);
+        is_same = strcmp(l->heard, expected) == 0;
+        pthread_mutex_unlock(&l->lock);
     }
-    assert_int_equal(count_rows(f, "blob_chunks"), 8);
+    QM_CHECK(is_same, "heard %s, not %s", l->heard, expected);
+    l->heard[0] = '\0';
 }
 
-typedef struct uploader {
-    fixture *f;
-    qm_store *store;
-    const char *hash;
-    int file;
-    qm_stored stored;
-} uploader;
-
-static void *upload(void *user)
+static void test_news(void **state)
 {
-    uploader *u = user;
-    u->stored = u->store->driver->put_blob(u->store, u->hash, u->file);
-    return NULL;
-}
-
-static void test_one_copy_of_a_blob(void **state)
-{
+    enum { HEARERS = 2 };
     fixture *f = *state;
-    char hash[QM_HASH_SIZE];
-    uploader uploaders[NODES];
-    pthread_t threads[NODES];
-    for (int i = 0; i < NODES; i++)
+    listener listeners[HEARERS] = {{.lock = PTHREAD_MUTEX_INITIALIZER}, {.lock = PTHREAD_MUTEX_INITIALIZER}};
+    qm_store_cluster cluster;
+    for (int i = 0; i < HEARERS; i++)
         open_node(f, i, f->database);
-    int file = make_file(f, "blob", 3000000, hash);
-    for (int i = 0; i < NODES; i++) {
-        uploaders[i] = (uploader){f, f->stores[i], hash, file, QM_STORED_FAULT};
-        pthread_create(&threads[i], NULL, upload, &uploaders[i]);
+    qm_store *a = f->stores[0], *b = f->stores[1];
+    for (int i = 0; i < HEARERS; i++) {
+        assert_int_equal(qm_store_beat(f->stores[i], 1, &cluster),
+                         QM_STORED); /* which tells of the other one */
+        qm_store_watch(f->stores[i], hear, &listeners[i]);
+        check_heard(&listeners[i], "queued ;"); /* what may have come before */
     }
-    for (int i = 0; i < NODES; i++) {
-        pthread_join(threads[i], NULL);
-        assert_int_equal(uploaders[i].stored, QM_STORED);
-    }
-    assert_int_equal(count_rows(f, "blob_chunks"), 3);
-    check_copy(f, f->stores[0], hash, 3000000);
-    close(file);
-}
-
-static void clean(qm_store *store, double delay_s, int times)
-{
-    for (int i = 0; i < times; i++)
-        assert_int_equal(qm_store_clean_blobs(store, delay_s), QM_STORED);
-}
-
-static void test_blobs_that_no_row_names_go(void **state)
-{
-    fixture *f = *state;
-    char unused[QM_HASH_SIZE];
-    open_node(f, 0, f->database);
-    qm_store *store = f->stores[0];
-    qm_store_mesh mesh = {.id = "m_a", .options = "", .name = "", .document = "{}", .created = "now"}, next;
-    int file = make_file(f, "mesh", 2000000, mesh.hash), other = make_file(f, "other", 1000, unused);
-    assert_int_equal(store->driver->put_blob(store, mesh.hash, file), QM_STORED);
-    assert_int_equal(store->driver->put_blob(store, unused, other), QM_STORED);
-    clean(store, 1000.0, 3); /* marks both */
-    assert_int_equal(count_rows(f, "blobs"), 2);
-    assert_int_equal(qm_store_put_mesh(store, &mesh), QM_STORED); /* takes one mark away */
-    clean(store, 0.0, 1);
-    assert_int_equal(count_rows(f, "blobs"), 1);
-    assert_int_equal(count_rows(f, "blob_chunks"), 2);
-    check_copy(f, store, mesh.hash, 2000000);
-    /* A mesh whose blob has gone is not stored. */
-    qm_store_mesh late = mesh;
-    snprintf(late.id, sizeof late.id, "m_b");
-    snprintf(late.hash, sizeof late.hash, "%s", unused);
-    assert_int_equal(qm_store_put_mesh(store, &late), QM_STORED_LATE);
-    /* Positions of an earlier revision stay for the delay. */
-    next = mesh, next.revision = 1;
-    assert_int_equal(store->driver->put_blob(store, unused, other), QM_STORED);
-    snprintf(next.positions, sizeof next.positions, "%s", unused);
-    assert_int_equal(qm_store_revise_mesh(store, &next), QM_STORED);
-    clean(store, 0.0, 3);
-    assert_int_equal(count_rows(f, "blobs"), 2);
-    next.revision = 2, next.positions[0] = '\0';
-    assert_int_equal(qm_store_revise_mesh(store, &next), QM_STORED);
-    clean(store, 1000.0, 3);
-    assert_int_equal(count_rows(f, "blobs"), 2);
-    clean(store, 0.0, 1);
-    assert_int_equal(count_rows(f, "blobs"), 1);
-    assert_int_equal(qm_store_delete_mesh(store, "m_a"), QM_STORED);
-    clean(store, 0.0, 2);
-    assert_int_equal(count_rows(f, "blobs") + count_rows(f, "blob_chunks"), 0);
-    close(file);
-    close(other);
+    assert_int_equal(submit(a, "j_1", "n1"), QM_STORED);
+    check_heard(&listeners[1], "queued ;");
+    assert_int_equal(submit(a, "j_2", "n0"), QM_STORED); /* it knows that itself */
+    assert_int_equal(submit(a, "j_3", "another"), QM_STORED);
+    check_claim(b, 1, 0, 1000.0, "j_1");
+    qm_store_run run = {.job = "j_1"};
+    const qm_store_event event = {"j_1", 1, "bounds", ""};
+    assert_int_equal(qm_store_append_events(b, &run, 1, &event, 1), QM_STORED); /* nobody waits for it */
+    assert_int_equal(qm_store_cancel_job(a, "j_1", "{}", &(qm_store_event){"j_1", 2, "error", ""}),
+                     QM_STORED_LATE);
+    check_heard(&listeners[1], "canceled j_1;");
+    qm_database_ask(f->database,
+                    "UPDATE quadmeshd.job_runs SET watched = clock_timestamp() + interval '1 min'");
+    assert_int_equal(qm_store_append_events(b, &run, 1, &event, 1), QM_STORED);
+    check_heard(&listeners[0], "events j_1;");
+    assert_int_equal(finish(b, "j_1", 0), QM_STORED);
+    check_heard(&listeners[0], "events j_1;");
+    /* A connection that breaks is opened again. */
+    qm_database_ask(f->database, "SELECT count(pg_terminate_backend(pid)) FROM pg_stat_activity"
+                                 " WHERE query LIKE '%%pg_notify%%' AND query NOT LIKE 'WITH%%'"
+                                 " AND pid <> pg_backend_pid()");
+    check_heard(&listeners[0], "queued ;");
+    qm_store_unwatch(a);
+    assert_int_equal(submit(b, "j_4", "n0"), QM_STORED);
+    assert_string_equal(listeners[0].heard, "");
 }
 
 /* ---- answers that get lost ---- */
@@ -1189,13 +1125,11 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_a_node_that_starts_again, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_node_that_leaves, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_homes, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_news, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_cancels, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_owners, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_looks, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_many_events, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(test_blobs, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(test_one_copy_of_a_blob, set_up, tear_down),
-        cmocka_unit_test_setup_teardown(test_blobs_that_no_row_names_go, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_lost_answers, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_connections_end, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_the_database_is_away, set_up, tear_down),
