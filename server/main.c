@@ -335,6 +335,17 @@ static bool run_backup(const qm_config *config, char message[QM_MESSAGE_SIZE])
     return found.faults == 0;
 }
 
+static bool run_migrate(const qm_config *config, char message[QM_MESSAGE_SIZE])
+{
+    if (!config->store[0]) {
+        snprintf(message, QM_MESSAGE_SIZE, "--migrate needs the --store whose tables it brings up to date");
+        return false;
+    }
+    if (qm_store_migrate(config->store, config->data_dir, message) != QM_STORED) return false;
+    snprintf(message, QM_MESSAGE_SIZE, "the tables are up to date");
+    return true;
+}
+
 static int run_task(const qm_config *config)
 {
     char message[QM_MESSAGE_SIZE] = "";
@@ -356,6 +367,9 @@ static int run_task(const qm_config *config)
     case QM_CONFIG_EMPTY:
         done = qm_store_empty(config->data_dir, message) == QM_OK;
         if (done) snprintf(message, sizeof message, "the files are in lost/");
+        break;
+    case QM_CONFIG_MIGRATE:
+        done = run_migrate(config, message);
         break;
     }
     fprintf(done ? stdout : stderr, "quadmeshd: %s\n", message);

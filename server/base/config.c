@@ -101,6 +101,8 @@ static const task_flag tasks[] = {
     {"adopt", QM_CONFIG_ADOPT, false,
      "makes meshes of the files in the data folder that the database does not know"},
     {"empty", QM_CONFIG_EMPTY, false, "moves the files of a data folder without a database away, to lost/"},
+    {"migrate", QM_CONFIG_MIGRATE, false,
+     "brings the tables of --store up to date, while daemons of the version before run"},
 };
 enum { TASK_COUNT = sizeof tasks / sizeof tasks[0] };
 
@@ -119,7 +121,7 @@ static void print_help(void)
     for (size_t i = 0; i < SETTING_COUNT; i++)
         printf("  --%-18s %s [%s]\n", settings[i].name, settings[i].help,
                show_value(settings[i].text, settings[i].number, value));
-    puts("\nInstead of serving; all but --backup with a stopped daemon:\n");
+    puts("\nInstead of serving; all but --backup and --migrate with a stopped daemon:\n");
     for (size_t i = 0; i < TASK_COUNT; i++) {
         snprintf(value, sizeof value, "%s%s", tasks[i].name, tasks[i].has_file ? " FILE" : "");
         printf("  --%-18s %s\n", value, tasks[i].help);

@@ -16,7 +16,8 @@ typedef enum qm_config_task {
     QM_CONFIG_ADOPT,
     QM_CONFIG_EMPTY,
     QM_CONFIG_BACKUP,
-    QM_CONFIG_RESTORE
+    QM_CONFIG_RESTORE,
+    QM_CONFIG_MIGRATE
 } qm_config_task;
 
 typedef struct qm_config {

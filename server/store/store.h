@@ -81,11 +81,16 @@ typedef enum qm_store_durability {
 /**
  * Opens a shared store at a postgres:// address, with a folder of this process as its cache, and joins its nodes.
  * Makes the tables when the database has none. QM_STORED, or with a message: QM_STORED_AWAY (no library, no
- * database), QM_STORED_FULL (not as durable as asked: is_unsafe allows all), QM_STORED_FAULT (other tables).
+ * database), QM_STORED_FULL (not as durable as asked: is_unsafe allows all), QM_STORED_FAULT (other tables). Tables of the
+ * version before are brought up to date while no other node lives.
  */
 qm_stored qm_store_open_shared(const char *address, const char *folder, const qm_store_node *self,
                                bool is_unsafe, qm_store **out, char message[QM_MESSAGE_SIZE]);
 bool qm_store_is_shared(const qm_store *store);
+
+/** Brings the tables of a shared store up to date, while daemons of the version before use them; makes them when there
+ * are none. The folder is left as it is. The status has a message unless it is QM_STORED. */
+qm_stored qm_store_migrate(const char *address, const char *folder, char message[QM_MESSAGE_SIZE]);
 
 /** What a check has found. */
 typedef struct qm_store_findings {

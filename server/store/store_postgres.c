@@ -48,6 +48,12 @@ const qm_store_driver qm_postgres_driver = {
     .delete_job = qm_postgres_delete_job,
     .put_array = qm_postgres_put_array,
     .find_array = qm_postgres_find_array,
+    .open_parts = qm_postgres_open_parts,
+    .claim_parts = qm_postgres_claim_parts,
+    .finish_parts = qm_postgres_finish_parts,
+    .raise_lower = qm_postgres_raise_lower,
+    .read_bounds = qm_postgres_read_bounds,
+    .find_split_job = qm_postgres_find_split_job,
     .put_layout = qm_postgres_put_layout,
     .find_layout = qm_postgres_find_layout,
     .find_layout_by_idempotency_key = qm_postgres_find_layout_by_idempotency_key,
@@ -119,7 +125,7 @@ static qm_stored open_database(qm_store *store, const char *address, bool is_uns
 {
     qm_stored status = qm_postgres_open_pool(store, address, message);
     if (status == QM_STORED) status = check_durability(store, is_unsafe, message);
-    if (status == QM_STORED) status = qm_postgres_set_up(store, message);
+    if (status == QM_STORED) status = qm_postgres_set_up(store, false, message);
     if (status != QM_STORED) return status;
     qm_store_cluster cluster;
     status = qm_postgres_join(store);
@@ -146,5 +152,21 @@ qm_stored qm_store_open_shared(const char *address, const char *folder, const qm
         *out = store;
     else
         qm_store_close(store);
+    return status;
+}
+
+qm_stored qm_store_migrate(const char *address, const char *folder, char message[QM_MESSAGE_SIZE])
+{
+    if (!qm_postgres_load_library(message)) return QM_STORED_AWAY;
+    qm_store *store = qm_store_create(folder, message);
+    if (!store) return QM_STORED_NO_MEMORY;
+    store->driver = &qm_postgres_driver;
+    qm_stored status = QM_STORED_NO_MEMORY;
+    if (create_postgres(store, &(qm_store_node){.name = "migrate", .version = ""}))
+        status = qm_postgres_open_pool(store, address, message);
+    else
+        snprintf(message, QM_MESSAGE_SIZE, "%s", qm_status_text(QM_E_NO_MEMORY));
+    if (status == QM_STORED) status = qm_postgres_set_up(store, true, message);
+    qm_store_close(store);
     return status;
 }

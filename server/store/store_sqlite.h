@@ -189,6 +189,15 @@ qm_stored qm_sqlite_list_reconstructions(qm_store *store, const qm_store_page *p
                                          qm_store_reconstruction *out, size_t *count);
 qm_stored qm_sqlite_update_reconstruction(qm_store *store, const qm_store_effect *effect);
 qm_stored qm_sqlite_delete_reconstruction(qm_store *store, const char *id);
+qm_stored qm_sqlite_open_parts(qm_store *store, const char *job, int64_t restarts,
+                               const qm_store_bounds *bounds, const qm_store_part *parts, size_t count);
+qm_stored qm_sqlite_claim_parts(qm_store *store, const char *job, size_t limit, qm_store_part *out,
+                                size_t *count);
+qm_stored qm_sqlite_finish_parts(qm_store *store, const char *job, const qm_store_part *parts, size_t count,
+                                 const qm_store_bounds *found, const qm_store_part *rest, size_t rest_count);
+qm_stored qm_sqlite_raise_lower(qm_store *store, const char *job, double lower, const char *witness);
+qm_stored qm_sqlite_read_bounds(qm_store *store, const char *job, const qm_store_part *claimed, size_t count,
+                                qm_store_bounds *out);
 bool qm_sqlite_needs_blob(qm_store *store, const char *hash);
 bool qm_sqlite_has_job(qm_store *store, const char *id);
 
