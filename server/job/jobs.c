@@ -539,11 +539,12 @@ void qm_jobs_resume(qm_jobs *jobs, const qm_store_job *row)
     uv_mutex_lock(&jobs->lock);
     job->is_kept = true; /* its streams ended with the daemon: no client owns it */
     if (row->restarts > 0)
-        qm_job_add_event(
-            job, "server_restart",
-            qm_store_is_shared(jobs->store)
-                ? "\"detail\":\"another node goes on with the job, which runs again from its beginning\""
-                : "\"detail\":\"the daemon was restarted; the job runs again from its beginning\"");
+        qm_job_add_event(job, "server_restart",
+                         qm_store_is_shared(jobs->store)
+                             ? "\"detail\":\"another node goes on with the job: with the bounds of a long "
+                               "search, else from its beginning\""
+                             : "\"detail\":\"the daemon was restarted; the job goes on: with the bounds of a "
+                               "long search, else from its beginning\"");
     uv_mutex_unlock(&jobs->lock);
     bool is_given_up = is_readable && row->deaths >= MAX_DEATHS;
     if (is_given_up)
