@@ -12,10 +12,14 @@
 
 #include "base/clock.h"
 
-#define FIRST_SHARE 64     /* entries of the first round */
-#define MOST_SHARE 1048576 /* of any */
-#define PART_ENTRIES 256   /* of an exported part, unless there are too many of these */
-#define FEWEST_PARTS 256   /* exported, when there are so many entries */
+#define FIRST_SHARE 8 /* entries of the first call of a round */
+#define MOST_SHARE 1048576
+#define CALL_TIME 0.1    /* of a round: that a call is to take, */
+#define CALL_LIMIT 0.25  /* and is cut off after, unless it is about one entry */
+#define LAST_CALL 0.5    /* of a round: no call begins later */
+#define CALLS 4          /* that a part of the rest is to keep busy */
+#define PART_ENTRIES 256 /* of an exported part, unless there are too many of these */
+#define FEWEST_PARTS 256 /* exported, when there are so many entries */
 #define MOST_PARTS 4096
 #define PART_SHARE 4   /* a round claims up to one of so many parts, so that others find some */
 #define MOST_TRIES 20  /* that double the time of a pack alone */
@@ -38,8 +42,8 @@ typedef struct search {
     qm_store_bounds known; /* as last read */
     double margin;
     entry_list rest; /* of the last call */
-    size_t share;    /* entries that a round runs */
-    size_t claims;   /* parts that it claims for that */
+    size_t share;    /* entries that a call runs */
+    size_t claims;   /* parts that a round claims */
     size_t max_queue;
     int faults;
     double start_ms, call_ms;      /* of the search and the last call */
@@ -374,18 +378,16 @@ static bool join_parts(const qm_store_part *parts, size_t count, entry_list *out
     return !out->failed;
 }
 
-/** Adapts the number of entries to what a round ends in time. */
-static void adapt_share(search *s, size_t run, size_t claimed, size_t parts, bool has_ended)
+/** Adapts the number of entries of a call to its time. */
+static void adapt_share(search *s, size_t run, bool has_ended)
 {
-    double taken_ms = qm_clock_now_ms() - s->call_ms;
+    double share_of_round = (qm_clock_now_ms() - s->call_ms) / s->split->round_ms;
     if (!has_ended)
-        s->share = run > 1 ? run / 2 : 1;
-    else if (run == s->share && taken_ms < 0.5 * s->split->round_ms && s->share < MOST_SHARE)
+        s->share = run >= 4 ? run / 4 : 1;
+    else if (run == s->share && share_of_round < CALL_TIME && s->share < MOST_SHARE)
         s->share *= 2;
-    else if (run < s->share && taken_ms > s->split->round_ms)
-        s->share = run;
-    size_t entries = claimed / parts > 0 ? claimed / parts : 1;
-    s->claims = s->share / entries + 1;
+    else if (share_of_round > 2.0 * CALL_TIME)
+        s->share = run >= 2 ? run / 2 : 1;
 }
 
 /** Stores the end of a round; a fact that it has found is kept also when its parts are another's by now. */
@@ -402,23 +404,28 @@ static qm_stored finish_round(search *s, const qm_store_part *claimed, size_t co
     return stored;
 }
 
-/** What is left of the entries after those that were run joins the rest, which becomes parts. */
-static qm_stored replace_parts(search *s, const qm_store_part *claimed, size_t count,
-                               const entry_list *entries, size_t run, const qm_hausdorff_result *result)
+/** A round on its way: entries of the claimed parts, what its calls have found, and what they have left. */
+typedef struct search_round {
+    entry_list entries;
+    size_t begun; /* the first ones */
+    entry_list left;
+    qm_store_bounds found;
+    int64_t tries; /* of a pack alone that did not end: one more than before */
+    double start_ms;
+} search_round;
+
+/** Replaces the claimed parts by what is left of them. */
+static qm_stored replace_parts(search *s, const qm_store_part *claimed, size_t count, search_round *r)
 {
-    bool was_pack = run == 1 && entries->at[0].level == 0, has_ended = s->rest.count == 0;
-    merge_entries(&s->rest, entries->at[0].upper);
-    for (size_t i = run; i < entries->count; i++)
-        add_entry(&s->rest, &entries->at[i]);
-    merge_entries(&s->rest, INFINITY);
-    if (s->rest.failed) return QM_STORED_NO_MEMORY;
+    for (size_t i = r->begun; i < r->entries.count; i++)
+        add_entry(&r->left, &r->entries.at[i]);
+    merge_entries(&r->left, INFINITY);
     qm_store_part rest[QM_STORE_REST_PARTS];
-    size_t parts = (s->rest.count + s->share - 1) / s->share;
+    size_t size = CALLS * s->share, parts = (r->left.count + size - 1) / size;
     if (parts > QM_STORE_REST_PARTS) parts = QM_STORE_REST_PARTS;
-    int64_t tries = was_pack && !has_ended && claimed[0].tries < MOST_TRIES ? claimed[0].tries + 1 : 0;
-    if (!make_parts(&s->rest, parts, tries, rest)) return QM_STORED_NO_MEMORY;
-    const qm_store_bounds found = found_by(result);
-    qm_stored stored = finish_round(s, claimed, count, &found, rest, parts);
+    if (r->left.failed || !make_parts(&r->left, parts, r->left.count == 1 ? r->tries : 0, rest))
+        return QM_STORED_NO_MEMORY;
+    qm_stored stored = finish_round(s, claimed, count, &r->found, rest, parts);
     qm_store_parts_reset(rest, parts);
     return stored;
 }
@@ -434,33 +441,83 @@ static void give_back(search *s, const qm_store_part *claimed, size_t count)
 /** How a round ended. */
 typedef enum round_end { ROUND_DONE, ROUND_FAULT, ROUND_NO_MEMORY, ROUND_FAILED } round_end;
 
+/** What a call has found joins the round, and what it has left. */
+static void join_call(search *s, search_round *r, const qm_hausdorff_result *result)
+{
+    const qm_store_bounds found = found_by(result);
+    r->found.settled = fmax(r->found.settled, found.settled);
+    r->found.iterations += found.iterations;
+    r->found.projections += found.projections;
+    if (found.lower > r->found.lower) {
+        r->found.lower = found.lower;
+        memcpy(r->found.witness, found.witness, sizeof found.witness);
+    }
+    s->known.lower = fmax(s->known.lower, found.lower);
+    for (size_t i = 0; i < s->rest.count; i++)
+        add_entry(&r->left, &s->rest.at[i]);
+    r->left.failed |= s->rest.failed;
+}
+
+/** The time that the next call may take: all that is left of the round for one entry, and more for a pack that had no
+ * end before. */
+static double call_limit(const search *s, const search_round *r, size_t run, int64_t tries)
+{
+    double round_ms = s->split->round_ms, left_ms = round_ms - (qm_clock_now_ms() - r->start_ms);
+    if (run == 1) return r->begun == 0 ? ldexp(round_ms, (int)tries) : left_ms;
+    return fmin(CALL_LIMIT * round_ms, left_ms);
+}
+
+/** Runs the next entries of a round; *has_ended: nothing of them is left. */
+static qm_status run_next(search *s, search_round *r, int64_t tries, qm_hausdorff_stop *stop, bool *has_ended)
+{
+    size_t left = r->entries.count - r->begun, run = left < s->share ? left : s->share;
+    const qm_hausdorff_part *first = &r->entries.at[r->begun];
+    s->others = fmax(fmax(s->known.lower, fmax(s->known.settled, r->found.settled)), s->known.others);
+    if (run < left) s->others = fmax(s->others, first[run].upper);
+    for (size_t i = 0; i < r->left.count; i++)
+        s->others = fmax(s->others, r->left.at[i].upper);
+    qm_hausdorff_result result;
+    qm_status status = call(s, first, run, call_limit(s, r, run, tries), &result);
+    if (status != QM_OK) return status;
+    *has_ended = s->rest.count == 0;
+    *stop = result.stop;
+    if (run == 1 && first->level == 0 && !*has_ended) r->tries = tries < MOST_TRIES ? tries + 1 : tries;
+    merge_entries(&s->rest, first->upper);
+    join_call(s, r, &result);
+    adapt_share(s, run, *has_ended);
+    r->begun += run;
+    return QM_OK;
+}
+
 /** Runs claimed parts and finishes them. ROUND_FAILED: *status is the engine's. */
 static round_end run_parts(search *s, const qm_store_part *claimed, size_t count, bool is_owner,
                            qm_status *status)
 {
-    entry_list entries = {0};
-    if (!join_parts(claimed, count, &entries)) {
-        free_entries(&entries);
-        return ROUND_NO_MEMORY;
+    search_round r = {.start_ms = qm_clock_now_ms()};
+    round_end end = join_parts(claimed, count, &r.entries) ? ROUND_DONE : ROUND_NO_MEMORY;
+    bool goes_on = end == ROUND_DONE;
+    while (goes_on && r.begun < r.entries.count) {
+        qm_hausdorff_stop stop;
+        bool has_ended;
+        *status = run_next(s, &r, claimed[0].tries, &stop, &has_ended);
+        if (*status != QM_OK)
+            end = ROUND_FAILED;
+        else if (stop == QM_STOP_MEMORY)
+            end = ROUND_NO_MEMORY;
+        bool is_in_time = qm_clock_now_ms() - r.start_ms < LAST_CALL * s->split->round_ms;
+        goes_on = end == ROUND_DONE && is_in_time && !qm_context_canceled(s->ctx) &&
+                  !(s->known.lower - s->margin > s->options->threshold);
     }
-    size_t run = entries.count < s->share ? entries.count : s->share;
-    bool is_pack = run == 1 && entries.at[0].level == 0;
-    double limit_ms = s->split->round_ms * (is_pack ? ldexp(1.0, (int)claimed[0].tries) : 1.0);
-    s->others = fmax(fmax(s->known.lower, s->known.settled), s->known.others);
-    if (run < entries.count) s->others = fmax(s->others, entries.at[run].upper);
-    qm_hausdorff_result result = {0};
-    *status = call(s, entries.at, run, limit_ms, &result);
-    round_end end = *status == QM_OK ? ROUND_DONE : ROUND_FAILED;
-    if (end == ROUND_DONE) adapt_share(s, run, entries.count, count, s->rest.count == 0);
-    if (end == ROUND_DONE && result.stop == QM_STOP_MEMORY) end = ROUND_NO_MEMORY;
+    s->claims = CALLS * s->share / (r.entries.count / count + 1) + 1;
     if (end == ROUND_NO_MEMORY && !is_owner) {
         give_back(s, claimed, count);
-    } else if (end != ROUND_FAILED) {
-        qm_stored stored = replace_parts(s, claimed, count, &entries, run, &result);
+    } else if (end != ROUND_FAILED && r.begun > 0) {
+        qm_stored stored = replace_parts(s, claimed, count, &r);
         if (stored == QM_STORED_NO_MEMORY) end = ROUND_NO_MEMORY;
         if (stored != QM_STORED && stored != QM_STORED_LOST && end == ROUND_DONE) end = ROUND_FAULT;
     }
-    free_entries(&entries);
+    free_entries(&r.entries);
+    free_entries(&r.left);
     return end;
 }
 

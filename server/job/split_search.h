@@ -20,8 +20,8 @@
  * an owner with others begins anew.
  *
  * A round takes QM_SPLIT_ROUND_MS at most: so much is lost with a process. What is proved inside a pack is lost with
- * each round that does not end the pack, so a round runs as many entries as lately ended in time, and leaves the others as
- * they are. A pack alone gets twice the time whenever it did not end.
+ * each call that does not end the pack, so a round is a number of calls, about as many entries each as lately ended
+ * in a tenth of its time. A pack alone that does not end in a round gets twice the time in the next one.
  */
 #ifndef QM_SPLIT_SEARCH_H
 #define QM_SPLIT_SEARCH_H
