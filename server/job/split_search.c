@@ -14,14 +14,16 @@
 
 #define FIRST_SHARE 8 /* entries of the first call of a round */
 #define MOST_SHARE 1048576
-#define CALL_TIME 0.1    /* of a round: that a call is to take, */
-#define CALL_LIMIT 0.25  /* and is cut off after, unless it is about one entry */
+#define CALL_TIME 0.1   /* of a round: that a call is to take, */
+#define CALL_LIMIT 0.25 /* and is cut off after, unless it is about one entry */
+#define LEAST_LIMIT 0.01
 #define LAST_CALL 0.5    /* of a round: no call begins later */
 #define CALLS 4          /* that a part of the rest is to keep busy */
 #define PART_ENTRIES 256 /* of an exported part, unless there are too many of these */
 #define FEWEST_PARTS 256 /* exported, when there are so many entries */
 #define MOST_PARTS 4096
 #define PART_SHARE 4   /* a round claims up to one of so many parts, so that others find some */
+#define WORK_FACTOR 4  /* of the work limit of a whole search */
 #define MOST_TRIES 20  /* that double the time of a pack alone */
 #define WAIT_MS 50     /* while others run the parts that are left, or the store is away */
 #define MOST_FAULTS 20 /* of the store, one after the other */
@@ -231,12 +233,12 @@ static double elapsed_ms(const search *s)
     return qm_clock_now_ms() - s->start_ms;
 }
 
-/** Iterations that all calls may have. */
+/** Iterations that all calls may have: more than those of a whole search, as some work is done again. */
 static uint64_t work_of(const search *s)
 {
     const qm_hausdorff_options *options = s->options;
     return options->work_limit > 0 ? options->work_limit
-                                   : qm_hausdorff_default_work(s->a, s->b, options->direction);
+                                   : WORK_FACTOR * qm_hausdorff_default_work(s->a, s->b, options->direction);
 }
 
 /** Why the search is over; false while it is not. */
@@ -463,8 +465,8 @@ static void join_call(search *s, search_round *r, const qm_hausdorff_result *res
 static double call_limit(const search *s, const search_round *r, size_t run, int64_t tries)
 {
     double round_ms = s->split->round_ms, left_ms = round_ms - (qm_clock_now_ms() - r->start_ms);
-    if (run == 1) return r->begun == 0 ? ldexp(round_ms, (int)tries) : left_ms;
-    return fmin(CALL_LIMIT * round_ms, left_ms);
+    if (run == 1 && r->begun == 0) return ldexp(round_ms, (int)tries);
+    return fmax(run == 1 ? left_ms : fmin(CALL_LIMIT * round_ms, left_ms), LEAST_LIMIT * round_ms);
 }
 
 /** Runs the next entries of a round; *has_ended: nothing of them is left. */
@@ -671,7 +673,8 @@ qm_status qm_split_measure(void *user, qm_context *ctx, const qm_bvh *a, const q
     }
     status = call(&s, NULL, 0, s.split->whole_ms, out);
     bool is_limited = status == QM_OK && out->stop == QM_STOP_DEADLINE && s.rest.count > 0 &&
-                      !s.rest.failed && out->iterations < work_of(&s) &&
+                      !s.rest.failed &&
+                      !(options->work_limit > 0 && out->iterations >= options->work_limit) &&
                       !(options->deadline_ms > 0.0 && elapsed_ms(&s) >= options->deadline_ms);
     if (is_limited) {
         keep_whole(&s, out);
