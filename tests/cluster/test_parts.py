@@ -8,8 +8,8 @@ import shapes
 from api_conftest import SLOW, SLOW_DISTANCE, check_bounds, split_runs
 from faults import SILENCE, another, choose, runner
 
-# Longer than any wait of these tests, and no longer than they may take.
-FOLDS = choose(400, 1500)
+# Long enough to be helped and interrupted, and no longer than a test may take.
+FOLDS = choose(600, 1500)
 
 
 @pytest.fixture(scope="module")
@@ -20,9 +20,9 @@ def folds():
     return shapes.ply_little(shapes.cut(heap, 2)), shapes.ply_little(raised)
 
 
-def start(cluster, folds):
+def start(cluster, files):
     with cluster.nodes[0].client() as client:
-        pair = [client.upload(content)["id"] for content in folds]
+        pair = [client.upload(content)["id"] for content in files]
         return client.start(*pair, headers={"Cache-Control": "no-cache"}, **SLOW)["id"]
 
 
@@ -88,9 +88,9 @@ def test_bounds_are_held_back(cluster, folds, seconds):
     check_end(cluster, job)
 
 
-def test_a_search_is_canceled(cluster, folds):
+def test_a_search_is_canceled(cluster, slow_files):
     """At a node that neither owns nor helps: the job ends with the bounds that it had."""
-    job = start(cluster, folds)
+    job = start(cluster, slow_files)
     helper = await_help(cluster, job)
     with another(cluster, helper, runner(cluster, job)).client() as client:
         assert client.delete(f"/v1/jobs/{job}").status_code == 202

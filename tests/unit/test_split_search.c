@@ -17,6 +17,8 @@
 #include "random.h"
 #include "shapes.h"
 
+#define ROUND_MS 20.0 /* short, though a sanitized build has to get on in it */
+
 enum { HELPERS = 2, MOST_LIVES = 400 };
 
 /** A pair with its store, and the bounds of its distance. */
@@ -204,7 +206,7 @@ static int64_t die(scene *s, qm_random *random)
 }
 
 /** Stops the owner after a few reports, again and again. */
-static void check_lives(scene *s, double round_ms)
+static void check_lives(scene *s)
 {
     qm_random random = qm_random_make(qm_check_seed(), 820000 + s->seed);
     qm_store_bounds before = {.upper = INFINITY, .settled = INFINITY}, now;
@@ -214,7 +216,7 @@ static void check_lives(scene *s, double round_ms)
     for (; r.stop == QM_STOP_CANCELED; lives++) {
         QM_CHECK(lives < MOST_LIVES, "seed %llu: it does not end", (unsigned long long)s->seed);
         /* Of a run without any report, as of a very short one, nothing is told: the next one gets longer. */
-        r = own(s, restarts, 0.2, round_ms, 2 + (int)qm_random_below(&random, 6) + lives / 8);
+        r = own(s, restarts, 0.2, ROUND_MS, 2 + (int)qm_random_below(&random, 6) + lives / 8);
         if (qm_store_read_bounds(s->store, "j_split", NULL, 0, &now) == QM_STORED) {
             double upper = fmax(now.lower, fmax(now.settled, now.upper));
             QM_CHECK(now.lower >= before.lower &&
@@ -232,12 +234,12 @@ static void a_search_goes_on_after_deaths(void **state)
     (void)state;
     for (uint64_t seed = 0; seed < (qm_check_long() ? 20u : 1u); seed++) {
         scene s = make_spheres(seed);
-        check_lives(&s, 5);
+        check_lives(&s);
         free_scene(&s);
     }
     for (uint64_t seed = 0; seed < (qm_check_long() ? 200u : 5u); seed++) {
         scene s = make_soups(seed);
-        check_lives(&s, 5);
+        check_lives(&s);
         free_scene(&s);
     }
 }
@@ -260,10 +262,10 @@ static void *help(void *user)
     helper *h = user;
     const scene *s = h->of;
     qm_context ctx = qm_context_make();
-    qm_split split = {.store = s->store, .job = "j_split", .round_ms = 3};
+    qm_split split = {.store = s->store, .job = "j_split", .round_ms = ROUND_MS};
     for (; !atomic_load(h->is_over); h->calls = 0) {
         qm_split_help(&split, &ctx, s->tree_a, s->tree_b, &s->options, has_done_one, h);
-        uv_sleep(10);
+        uv_sleep(50);
     }
     return NULL;
 }
@@ -278,7 +280,7 @@ static void check_helpers(scene *s)
         helpers[i] = (helper){s, &over, 0};
         assert_int_equal(pthread_create(&threads[i], NULL, help, &helpers[i]), 0);
     }
-    qm_hausdorff_result r = own(s, 0, 1e-3, 3, INT32_MAX);
+    qm_hausdorff_result r = own(s, 0, 1e-3, ROUND_MS, INT32_MAX);
     atomic_store(&over, true);
     for (int i = 0; i < HELPERS; i++)
         pthread_join(threads[i], NULL);
@@ -310,7 +312,7 @@ static void parts_of_other_trees_are_left(void **state)
     qm_context ctx = qm_context_make();
     atomic_bool over = false;
     helper h = {&s, &over, 0};
-    qm_split split = {.store = s.store, .job = "j_split", .round_ms = 3};
+    qm_split split = {.store = s.store, .job = "j_split", .round_ms = ROUND_MS};
     assert_false(qm_split_help(&split, &ctx, s.tree_a, s.tree_b, &s.options, has_done_one, &h));
     qm_random random = qm_random_make(qm_check_seed(), 830000);
     qm_hausdorff_result r = own(&s, die(&s, &random), 1e-3, 20, INT32_MAX);
