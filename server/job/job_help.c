@@ -16,8 +16,8 @@
 static void end_help(void *user, const qm_job_outcome *outcome)
 {
     qm_job_help *help = user;
-    QM_ASSERT(help->is_busy);
-    help->is_busy = false;
+    QM_ASSERT(help->job);
+    help->job = NULL;
     if (outcome->state != QM_JOB_FAILED) return;
     memcpy(help->refused[help->refusals++ % QM_JOB_HELP_REFUSED], help->helped, sizeof help->helped);
 }
@@ -33,7 +33,7 @@ static void queue_helper(qm_jobs *jobs, const qm_store_job *row)
     qm_job_request_reset(&request);
     if (!job) return;
     uv_mutex_lock(&jobs->lock);
-    jobs->help.is_busy = true;
+    jobs->help.job = job;
     memcpy(jobs->help.helped, row->id, sizeof row->id);
     uv_mutex_unlock(&jobs->lock);
     job->on_end = end_help;
@@ -43,26 +43,49 @@ static void queue_helper(qm_jobs *jobs, const qm_store_job *row)
     if (!qm_job_enqueue(jobs, job)) {
         qm_job_withdraw(jobs, job);
         uv_mutex_lock(&jobs->lock);
-        jobs->help.is_busy = false;
+        jobs->help.job = NULL;
         uv_mutex_unlock(&jobs->lock);
     }
     qm_jobs_release(jobs, job);
 }
 
-void qm_job_help_look(qm_jobs *jobs)
+/** Looks for a search that may be helped. */
+static void find_search(qm_jobs *jobs)
 {
     char refused[QM_JOB_HELP_REFUSED][QM_ID_SIZE];
-    double now = qm_clock_now_ms();
     uv_mutex_lock(&jobs->lock);
-    bool looks = !jobs->help.is_busy && now >= jobs->help.next_look_ms && !atomic_load(&jobs->closed);
-    if (looks) jobs->help.next_look_ms = now + LOOK_MS;
     size_t count = jobs->help.refusals < QM_JOB_HELP_REFUSED ? jobs->help.refusals : QM_JOB_HELP_REFUSED;
     memcpy(refused, jobs->help.refused, sizeof refused);
     uv_mutex_unlock(&jobs->lock);
     qm_store_job row;
-    if (!looks || qm_store_find_split_job(jobs->store, refused, count, &row) != QM_STORED) return;
+    if (qm_store_find_split_job(jobs->store, refused, count, &row) != QM_STORED) return;
     queue_helper(jobs, &row);
     qm_store_job_reset(&row);
+}
+
+/** Stops the helper of a search that is over. */
+static void check_search(qm_jobs *jobs)
+{
+    qm_store_bounds bounds;
+    char helped[QM_ID_SIZE]; /* only the caller's thread changes it */
+    memcpy(helped, jobs->help.helped, sizeof helped);
+    if (qm_store_read_bounds(jobs->store, helped, NULL, 0, &bounds) != QM_STORED_NONE) return;
+    uv_mutex_lock(&jobs->lock);
+    if (jobs->help.job) qm_job_stop(jobs->help.job);
+    uv_mutex_unlock(&jobs->lock);
+}
+
+void qm_job_help_look(qm_jobs *jobs, bool is_free)
+{
+    double now = qm_clock_now_ms();
+    uv_mutex_lock(&jobs->lock);
+    bool looks = now >= jobs->help.next_look_ms && !atomic_load(&jobs->closed), helps = jobs->help.job;
+    if (looks) jobs->help.next_look_ms = now + LOOK_MS;
+    uv_mutex_unlock(&jobs->lock);
+    if (looks && helps)
+        check_search(jobs);
+    else if (looks && is_free)
+        find_search(jobs);
 }
 
 /** True when the worker is needed here. */

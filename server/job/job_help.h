@@ -7,8 +7,9 @@
 
 #include "job_internal.h"
 
-/** Looks for a search with a free part, and queues a helper for it. Called by the pulse when a worker is free. */
-void qm_job_help_look(qm_jobs *jobs);
+/** Now and then, when a worker is free, looks for a search with a free part, and queues a helper for it; stops the helper
+ * of a search that is over. Called by the pulse in each round. */
+void qm_job_help_look(qm_jobs *jobs, bool is_free);
 
 /** The run of a helper with the meshes of its search. b may be a. */
 void qm_job_help_run(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b);

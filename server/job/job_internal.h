@@ -89,7 +89,7 @@ struct qm_job {
 /** The one helper of a node. */
 #define QM_JOB_HELP_REFUSED 16
 typedef struct qm_job_help {
-    bool is_busy;
+    qm_job *job;                                   /* that runs as the helper, or NULL */
     char helped[QM_ID_SIZE];                       /* job whose search the helper runs parts of */
     char refused[QM_JOB_HELP_REFUSED][QM_ID_SIZE]; /* the last jobs that it could not help */
     size_t refusals;

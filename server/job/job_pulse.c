@@ -172,7 +172,7 @@ static void run(void *data)
         uv_mutex_unlock(&pulse->lock);
         if (qm_clock_now_ms() >= pulse->next_reap_ms) reap(pulse);
         if (claims) claim(jobs);
-        if (claims && count_free_workers(jobs, &busy) > 0) qm_job_help_look(jobs);
+        if (claims) qm_job_help_look(jobs, count_free_workers(jobs, &busy) > 0);
         disown(jobs);
         if (qm_clock_now_ms() >= pulse->next_save_ms) {
             is_watched = qm_job_events_save(jobs);

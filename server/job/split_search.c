@@ -24,7 +24,8 @@
 #define MOST_PARTS 4096
 #define PART_SHARE 4   /* a round claims up to one of so many parts, so that others find some */
 #define WORK_FACTOR 4  /* of the work limit of a whole search */
-#define MOST_TRIES 20  /* that double the time of a pack alone */
+#define TRY_BITS 2     /* a pack alone that did not end gets four times as long */
+#define MOST_TRIES 10  /* that give it more time */
 #define WAIT_MS 50     /* while others run the parts that are left, or the store is away */
 #define MOST_FAULTS 20 /* of the store, one after the other */
 #define ENTRY_SIZE 18  /* bytes of a stored entry: upper, index, hint, side, level */
@@ -465,7 +466,7 @@ static void join_call(search *s, search_round *r, const qm_hausdorff_result *res
 static double call_limit(const search *s, const search_round *r, size_t run, int64_t tries)
 {
     double round_ms = s->split->round_ms, left_ms = round_ms - (qm_clock_now_ms() - r->start_ms);
-    if (run == 1 && r->begun == 0) return ldexp(round_ms, (int)tries);
+    if (run == 1 && r->begun == 0) return ldexp(round_ms, TRY_BITS * (int)tries);
     return fmax(run == 1 ? left_ms : fmin(CALL_LIMIT * round_ms, left_ms), LEAST_LIMIT * round_ms);
 }
 
