@@ -14,8 +14,8 @@
 
 #define FIRST_SHARE 8 /* entries of the first call of a round */
 #define MOST_SHARE 1048576
-#define CALL_TIME 0.1   /* of a round: that a call is to take, */
-#define CALL_LIMIT 0.25 /* and is cut off after, unless it is about one entry */
+#define CALL_TIME 0.05 /* of a round: that a call is to take, */
+#define CALL_LIMIT 0.5 /* and is cut off after, unless it is about one entry */
 #define LEAST_LIMIT 0.01
 #define LAST_CALL 0.5    /* of a round: no call begins later */
 #define CALLS 4          /* that a part of the rest is to keep busy */
@@ -46,6 +46,7 @@ typedef struct search {
     double margin;
     entry_list rest; /* of the last call */
     size_t share;    /* entries that a call runs */
+    bool was_cut;    /* a call was cut off: the share grows more slowly since */
     size_t claims;   /* parts that a round claims */
     size_t max_queue;
     int faults;
@@ -385,10 +386,11 @@ static bool join_parts(const qm_store_part *parts, size_t count, entry_list *out
 static void adapt_share(search *s, size_t run, bool has_ended)
 {
     double share_of_round = (qm_clock_now_ms() - s->call_ms) / s->split->round_ms;
+    s->was_cut = s->was_cut || !has_ended;
     if (!has_ended)
         s->share = run >= 4 ? run / 4 : 1;
     else if (run == s->share && share_of_round < CALL_TIME && s->share < MOST_SHARE)
-        s->share *= 2;
+        s->share += s->was_cut ? s->share / 4 + 1 : s->share;
     else if (share_of_round > 2.0 * CALL_TIME)
         s->share = run >= 2 ? run / 2 : 1;
 }

@@ -21,7 +21,7 @@
  *
  * A round takes QM_SPLIT_ROUND_MS at most: so much is lost with a process. What is proved inside a pack is lost with
  * each call that does not end the pack, so a round is a number of calls, about as many entries each as lately ended
- * in a tenth of its time. A pack alone that does not end in a round gets four times as long in the next one.
+ * in a twentieth of its time. A pack alone that does not end in a round gets four times as long in the next one.
  */
 #ifndef QM_SPLIT_SEARCH_H
 #define QM_SPLIT_SEARCH_H
