@@ -380,6 +380,14 @@ static bool run_status(const qm_config *config, char message[QM_MESSAGE_SIZE])
     return faults == 0;
 }
 
+static bool run_migrate(const qm_config *config, char message[QM_MESSAGE_SIZE])
+{
+    const qm_store_node self = describe_node(config);
+    if (qm_store_migrate(config->store, &self, message) != QM_STORED) return false;
+    snprintf(message, QM_MESSAGE_SIZE, "the tables are up to date");
+    return true;
+}
+
 static int run_task(const qm_config *config)
 {
     char message[QM_MESSAGE_SIZE] = "";
@@ -408,6 +416,9 @@ static int run_task(const qm_config *config)
     case QM_CONFIG_EMPTY:
         done = qm_store_empty(config->data_dir, message) == QM_OK;
         if (done) snprintf(message, sizeof message, "the files are in lost/");
+        break;
+    case QM_CONFIG_MIGRATE:
+        done = run_migrate(config, message);
         break;
     }
     fprintf(done ? stdout : stderr, "quadmeshd: %s\n", message);

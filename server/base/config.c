@@ -117,6 +117,8 @@ static const task_flag tasks[] = {
      "copies a data folder to the database of --store, without what is there; exit status 1: faults"},
     {"export", QM_CONFIG_EXPORT, "FOLDER", true,
      "makes a new data folder of the database of --store, as it is now; exit status 1: faults"},
+    {"migrate", QM_CONFIG_MIGRATE, NULL, true,
+     "brings the tables of --store up to date, while daemons of the version before run"},
 };
 enum { TASK_COUNT = sizeof tasks / sizeof tasks[0] };
 

@@ -20,7 +20,8 @@ typedef enum qm_config_task {
     QM_CONFIG_RESTORE,
     QM_CONFIG_STATUS,
     QM_CONFIG_IMPORT,
-    QM_CONFIG_EXPORT
+    QM_CONFIG_EXPORT,
+    QM_CONFIG_MIGRATE
 } qm_config_task;
 
 typedef struct qm_config {

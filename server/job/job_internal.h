@@ -2,7 +2,7 @@
  * job_internal.h: what the files of the job table share: jobs.c (table, submission, start and stop), job_events.c (event
  * log, subscribers, notifier), job_mirrors.c and job_pulse.c (jobs of other nodes, and the node among them), jobs_list.c
  * (resources and lists), job_run.c (what a worker does with a job on meshes, and how jobs end), job_steps.c (the same
- * for reconstruction steps), job_batch.c (jobs that are lines of a file).
+ * for reconstruction steps), job_help.c (parts of searches of other nodes), job_batch.c (jobs that are lines of a file).
  *
  * "The lock" is qm_jobs.lock. A job is either stored, with a row, events and a document, or it lives in
  * memory alone and its end goes to on_end.
@@ -79,6 +79,7 @@ struct qm_job {
     bool is_kept;   /* submitted without a stream: it runs on whichever client leaves */
     int references; /* the table counts as one while it is listed */
     bool listed;
+    bool is_helper; /* runs parts of another node's search (job_help.h) */
     bool is_mirror; /* another node has the job (job_mirrors.h) */
     bool is_lost;   /* another node has taken the job over: nothing of this run may be stored or told */
     double read_ms; /* when a mirror was last seen to have a reader */
@@ -86,6 +87,16 @@ struct qm_job {
     qm_jobs *jobs;
     qm_job *next, *next_disowned;
 };
+
+/** The one helper of a node. */
+#define QM_JOB_HELP_REFUSED 16
+typedef struct qm_job_help {
+    qm_job *job;                                   /* that runs as the helper, or NULL */
+    char helped[QM_ID_SIZE];                       /* job whose search the helper runs parts of */
+    char refused[QM_JOB_HELP_REFUSED][QM_ID_SIZE]; /* the last jobs that it could not help */
+    size_t refusals;
+    double next_look_ms;
+} qm_job_help;
 
 struct qm_jobs {
     qm_store *store;
@@ -106,6 +117,7 @@ struct qm_jobs {
     size_t queued, running;
     qm_job *disowned;           /* jobs with disowners, a reference each */
     struct qm_job_pulse *pulse; /* of a shared store, or NULL */
+    qm_job_help help;
     atomic_bool closed;
 };
 
@@ -274,6 +286,9 @@ void qm_job_run(void *job);
 /** Why the daemon has ended the run of a job that no client has canceled, and the problem of a job that has no result. */
 qm_job_expiry qm_job_get_expiry(qm_job *job);
 qm_problem qm_job_expiry_problem(const qm_job *job, qm_job_expiry expiry);
+
+/** Sets the threads and the memory of a request that names none, or too much. */
+void qm_job_set_limits(const qm_job *job, qm_job_request *request);
 
 /** Lets the engine poll the job's flags, and use the host's threads. */
 void qm_job_set_context(qm_job *job, qm_context *ctx);

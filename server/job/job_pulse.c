@@ -10,6 +10,7 @@
 
 #include "base/log.h"
 #include "base/metrics.h"
+#include "job_help.h"
 #include "job_mirrors.h"
 
 #define BEAT_MS 2000.0
@@ -179,6 +180,7 @@ static void run(void *data)
         uv_mutex_unlock(&pulse->lock);
         if (qm_clock_now_ms() >= pulse->next_reap_ms) reap(pulse);
         if (claims) claim(pulse);
+        if (claims) qm_job_help_look(jobs, count_free_workers(jobs, &busy) > 0);
         disown(jobs);
         if (qm_clock_now_ms() >= pulse->next_save_ms) {
             is_watched = qm_job_events_save(jobs);

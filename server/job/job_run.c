@@ -10,9 +10,10 @@
 #include "base/host.h"
 #include "base/log.h"
 #include "base/metrics.h"
-#include "job_internal.h"
+#include "job_help.h"
 #include "job_pulse.h"
 #include "ops/json_out.h"
+#include "split_search.h"
 #include "store/result_file.h"
 #include "store/store_problem.h"
 
@@ -137,8 +138,9 @@ static void announce_unstored(qm_job *job, const qm_job_outcome *outcome)
 void qm_job_announce_end(qm_job *job, qm_job_end *end)
 {
     QM_ASSERT(job->state == QM_JOB_RUNNING && end->outcome.state > QM_JOB_RUNNING);
-    qm_metrics_add_job(qm_job_type_of(job->request.kind)->name, qm_job_state_name(end->outcome.state),
-                       (qm_clock_now_ms() - job->started_ms) / MS_PER_S);
+    if (!job->is_helper)
+        qm_metrics_add_job(qm_job_type_of(job->request.kind)->name, qm_job_state_name(end->outcome.state),
+                           (qm_clock_now_ms() - job->started_ms) / MS_PER_S);
     if (job->on_end)
         announce_unstored(job, &end->outcome);
     else
@@ -286,6 +288,7 @@ void qm_job_interrupt(qm_job *job)
 typedef struct progress_target {
     qm_job *job;
     double diagonal;
+    const qm_split *split;
 } progress_target;
 
 static void on_progress(void *user, const qm_hausdorff_progress *progress)
@@ -293,6 +296,10 @@ static void on_progress(void *user, const qm_hausdorff_progress *progress)
     const progress_target *target = user;
     qm_text text = {0};
     qm_json_add_bounds(&text, progress, target->diagonal);
+    if (target->split->parts > 0) {
+        qm_json_add_count(&text, "parts", target->split->parts);
+        qm_json_add_count(&text, "nodes", target->split->nodes);
+    }
     char *members = qm_text_take(&text);
     if (!members) return;
     uv_mutex_lock(&target->job->jobs->lock);
@@ -399,6 +406,24 @@ static bool check_meshes(qm_jobs *jobs, const qm_job_request *request, char revi
     return exist;
 }
 
+void qm_job_set_limits(const qm_job *job, qm_job_request *request)
+{
+    const qm_job_limits *limits = &job->jobs->limits;
+    if (request->threads == 0) request->threads = limits->threads;
+    if (request->memory_limit == 0 || request->memory_limit > limits->search_memory)
+        request->memory_limit = limits->search_memory;
+}
+
+/** True for a search that may go on in parts: of a stored job, with nothing that each call of the engine would have to
+ * build. */
+static bool may_split(const qm_job *job)
+{
+    const qm_job_request *request = &job->request;
+    bool has_boxes =
+        request->accelerator == QM_ACCELERATOR_AUTO || request->accelerator == QM_ACCELERATOR_BOXES;
+    return request->kind == QM_JOB_HAUSDORFF && has_boxes && !job->on_end;
+}
+
 /** b is NULL for a kind of one mesh. */
 static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
 {
@@ -409,10 +434,15 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
     if (request.deadline_ms > 0.0)
         request.deadline_ms = fmax(request.deadline_ms - (qm_clock_now_ms() - job->submitted_ms), 1.0);
     write_revisions(a->revision, b ? b->revision : 0, job->revisions);
-    if (request.threads == 0) request.threads = job->jobs->limits.threads;
-    if (request.memory_limit == 0 || request.memory_limit > job->jobs->limits.search_memory)
-        request.memory_limit = job->jobs->limits.search_memory;
-    progress_target target = {job, a->diagonal};
+    qm_job_set_limits(job, &request);
+    qm_split split = {.store = job->jobs->store,
+                      .job = job->id,
+                      .restarts = job->restarts,
+                      .whole_ms = QM_SPLIT_WHOLE_MS,
+                      .round_ms = QM_SPLIT_ROUND_MS};
+    const qm_job_search search = {qm_split_measure, &split};
+    if (may_split(job)) request.search = &search;
+    progress_target target = {job, a->diagonal, &split};
     qm_hausdorff_progress_fn *progress = job->on_end ? NULL : on_progress;
     qm_job_result result;
     qm_status status = qm_job_execute(&ctx, &request, a, b, progress, &target, &result);
@@ -472,7 +502,7 @@ static bool start(qm_job *job)
     }
     uv_mutex_unlock(&jobs->lock);
     if (is_queued && !runs) qm_job_interrupt(job);
-    if (runs)
+    if (runs && !job->is_helper)
         qm_metrics_add_wait(qm_job_type_of(job->request.kind)->name,
                             (job->started_ms - job->submitted_ms) / MS_PER_S);
     return runs;
@@ -520,10 +550,14 @@ static void run_on_meshes(qm_job *job)
         qm_scheduler_return(job->turn);
         is_over = !qm_job_end_loading(job);
     }
-    if (!is_over && is_there) {
-        bool has_b = qm_job_type_of(job->request.kind)->mesh_field[1];
-        const qm_loaded_mesh *a = qm_mesh_ref_get(pair.a);
-        answer(job, a, pair.b ? qm_mesh_ref_get(pair.b) : has_b ? a : NULL);
+    const qm_loaded_mesh *first = pair.a ? qm_mesh_ref_get(pair.a) : NULL;
+    const qm_loaded_mesh *second = pair.b ? qm_mesh_ref_get(pair.b)
+                                   : qm_job_type_of(job->request.kind)->mesh_field[1] ? first
+                                                                                      : NULL;
+    if (!is_over && is_there && job->is_helper) {
+        qm_job_help_run(job, first, second);
+    } else if (!is_over && is_there) {
+        answer(job, first, second);
     } else if (!is_over && !job->on_end && problem.code == QM_PROBLEM_STORE_UNAVAILABLE &&
                !qm_job_is_canceled(job)) {
         qm_job_interrupt(job);

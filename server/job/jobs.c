@@ -555,11 +555,12 @@ void qm_jobs_resume(qm_jobs *jobs, const qm_store_job *row)
     job->is_kept = true; /* its streams ended with the daemon: no client owns it */
     job->is_suspect = row->deaths == QM_STORE_MAX_DEATHS - 1;
     if (row->restarts > 0)
-        qm_job_add_event(
-            job, "server_restart",
-            qm_store_is_shared(jobs->store)
-                ? "\"detail\":\"another node goes on with the job, which runs again from its beginning\""
-                : "\"detail\":\"the daemon was restarted; the job runs again from its beginning\"");
+        qm_job_add_event(job, "server_restart",
+                         qm_store_is_shared(jobs->store)
+                             ? "\"detail\":\"another node goes on with the job: with the bounds of a long "
+                               "search, else from its beginning\""
+                             : "\"detail\":\"the daemon was restarted; the job goes on: with the bounds of a "
+                               "long search, else from its beginning\"");
     uv_mutex_unlock(&jobs->lock);
     bool is_given_up = is_readable && row->deaths >= QM_STORE_MAX_DEATHS;
     if (is_given_up)

@@ -86,6 +86,14 @@ typedef struct qm_job_refinement {
     void *user;
 } qm_job_refinement;
 
+/** Who makes the engine's call of a Hausdorff job in place of qm_hausdorff_measure, and returns what that would; set by
+ * the caller of qm_job_execute. */
+typedef struct qm_job_search {
+    qm_status (*measure)(void *user, qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
+                         const qm_hausdorff_options *options, qm_hausdorff_result *out);
+    void *user;
+} qm_job_search;
+
 /** A request; fields of other kinds keep their defaults. */
 typedef struct qm_job_request {
     qm_job_kind kind;
@@ -106,6 +114,7 @@ typedef struct qm_job_request {
     size_t memory_limit; /* of the queue, bytes; 0: the host decides */
     qm_accelerator accelerator;
     qm_bounds bounds;
+    const qm_job_search *search; /* NULL: none */
 
     /* project */
     double *points; /* x y z of each point; malloc'ed, owned by the request */

@@ -27,7 +27,10 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     options.progress = call->progress;
     options.progress_user = call->progress_user;
     out->tolerance = options.tolerance;
-    qm_status status = qm_hausdorff_measure(call->ctx, call->a->bvh, call->b->bvh, &options, &out->hausdorff);
+    const qm_job_search *search = request->search;
+    const qm_bvh *a = call->a->bvh, *b = call->b->bvh;
+    qm_status status = search ? search->measure(search->user, call->ctx, a, b, &options, &out->hausdorff)
+                              : qm_hausdorff_measure(call->ctx, a, b, &options, &out->hausdorff);
     if (status != QM_OK) return status;
     const qm_loaded_mesh *source = out->hausdorff.from_side == 0 ? call->a : call->b,
                          *target = source == call->a ? call->b : call->a;

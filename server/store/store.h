@@ -87,7 +87,8 @@ typedef enum qm_store_durability {
 /**
  * Opens a shared store at a postgres:// address, with a folder of this process as its cache, and joins its nodes.
  * Makes the tables when the database has none. QM_STORED, or with a message: QM_STORED_AWAY (no library, no
- * database), QM_STORED_FULL (not as durable as asked: is_unsafe allows all), QM_STORED_FAULT (other tables).
+ * database), QM_STORED_FULL (not as durable as asked: is_unsafe allows all), QM_STORED_FAULT (other tables). Tables of the
+ * version before are brought up to date while no other node lives.
  */
 qm_stored qm_store_open_shared(const char *address, const char *folder, const qm_store_node *self,
                                bool is_unsafe, qm_store **out, char message[QM_MESSAGE_SIZE]);
@@ -109,6 +110,10 @@ typedef void qm_store_news_fn(void *user, qm_store_news news, const char *id);
 void qm_store_watch(qm_store *store, qm_store_news_fn *tell, void *user);
 /** No call is under way or comes after it. */
 void qm_store_unwatch(qm_store *store);
+
+/** Brings the tables of a shared store up to date, while daemons of the version before use them; makes them when there
+ * are none. The status has a message unless it is QM_STORED. */
+qm_stored qm_store_migrate(const char *address, const qm_store_node *self, char message[QM_MESSAGE_SIZE]);
 
 /** What a check has found. */
 typedef struct qm_store_findings {

@@ -11,6 +11,7 @@
 #include "blob.h"
 #include "space.h"
 #include "store.h"
+#include "store_parts.h"
 
 typedef struct qm_store_driver {
     void (*close)(qm_store *store);
@@ -82,6 +83,15 @@ typedef struct qm_store_driver {
     qm_stored (*find_layout_origin)(qm_store *store, const char *id, qm_store_origin *out);
     qm_stored (*find_reconstruction_origin)(qm_store *store, const char *id, qm_store_origin *out);
     qm_stored (*settle)(qm_store *store);
+    qm_stored (*open_parts)(qm_store *store, const char *job, int64_t restarts, const qm_store_bounds *bounds,
+                            const qm_store_part *parts, size_t count);
+    qm_stored (*claim_parts)(qm_store *store, const char *job, size_t limit, qm_store_part *out,
+                             size_t *count);
+    qm_stored (*finish_parts)(qm_store *store, const char *job, const qm_store_part *parts, size_t count,
+                              const qm_store_bounds *found, const qm_store_part *rest, size_t rest_count);
+    qm_stored (*raise_lower)(qm_store *store, const char *job, double lower, const char *witness);
+    qm_stored (*read_bounds)(qm_store *store, const char *job, const qm_store_part *claimed, size_t count,
+                             qm_store_bounds *out);
 
     /* Of an embedded store, whose folder has all files; NULL in the driver of a shared one. */
     bool (*needs_blob)(qm_store *store, const char *hash); /* a mesh has it; true after a fault */
@@ -109,6 +119,8 @@ typedef struct qm_store_driver {
                               size_t *count);
     void (*watch)(qm_store *store, qm_store_news_fn *tell, void *user);
     void (*unwatch)(qm_store *store);
+    qm_stored (*find_split_job)(qm_store *store, const char (*except)[QM_ID_SIZE], size_t count,
+                                qm_store_job *out);
 } qm_store_driver;
 
 struct qm_store {

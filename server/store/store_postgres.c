@@ -50,6 +50,12 @@ const qm_store_driver qm_postgres_driver = {
     .delete_job = qm_postgres_delete_job,
     .put_array = qm_postgres_put_array,
     .find_array = qm_postgres_find_array,
+    .open_parts = qm_postgres_open_parts,
+    .claim_parts = qm_postgres_claim_parts,
+    .finish_parts = qm_postgres_finish_parts,
+    .raise_lower = qm_postgres_raise_lower,
+    .read_bounds = qm_postgres_read_bounds,
+    .find_split_job = qm_postgres_find_split_job,
     .put_layout = qm_postgres_put_layout,
     .find_layout = qm_postgres_find_layout,
     .find_layout_by_idempotency_key = qm_postgres_find_layout_by_idempotency_key,
@@ -131,7 +137,7 @@ static qm_stored open_database(qm_store *store, const char *address, bool is_uns
 {
     qm_stored status = qm_postgres_open_pool(store, address, false, message);
     if (status == QM_STORED) status = check_durability(store, is_unsafe, message);
-    if (status == QM_STORED) status = qm_postgres_set_up(store, message);
+    if (status == QM_STORED) status = qm_postgres_set_up(store, false, message);
     if (status == QM_STORED) status = qm_postgres_open_place(store, message);
     if (status != QM_STORED) return status;
     qm_store_cluster cluster;
@@ -204,7 +210,7 @@ qm_stored qm_store_visit_to_write(const char *address, const qm_store_node *self
     qm_stored status = qm_postgres_visit(address, self, "", false, &store, message);
     if (status != QM_STORED) return status;
     status = check_durability(store, is_unsafe, message);
-    if (status == QM_STORED) status = qm_postgres_set_up(store, message);
+    if (status == QM_STORED) status = qm_postgres_set_up(store, false, message);
     if (status == QM_STORED) status = qm_postgres_open_place(store, message);
     if (status == QM_STORED)
         *out = store;
@@ -231,5 +237,15 @@ qm_stored qm_store_open_shared(const char *address, const char *folder, const qm
         *out = store;
     else
         qm_store_close(store);
+    return status;
+}
+
+qm_stored qm_store_migrate(const char *address, const qm_store_node *self, char message[QM_MESSAGE_SIZE])
+{
+    qm_store *store;
+    qm_stored status = qm_postgres_visit(address, self, "", false, &store, message);
+    if (status != QM_STORED) return status;
+    status = qm_postgres_set_up(store, true, message);
+    qm_store_close(store);
     return status;
 }

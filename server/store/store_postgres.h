@@ -211,8 +211,9 @@ qm_stored qm_postgres_find_version(qm_store *store, int64_t *version);
 /** True for a version that this program uses. */
 bool qm_postgres_knows(int64_t version);
 
-/** Makes the tables when there are none, and refuses those of a newer version. */
-qm_stored qm_postgres_set_up(qm_store *store, char message[QM_MESSAGE_SIZE]);
+/** Makes the tables when there are none, and brings those of an earlier version up to date: when it is asked to, or
+ * while no node has joined. Else refuses these, and those of a version after the next. */
+qm_stored qm_postgres_set_up(qm_store *store, bool is_asked, char message[QM_MESSAGE_SIZE]);
 
 /**
  * Opens the place of the blobs that the node is to use (store_postgres_places.c). The first node decides for the store;
@@ -343,6 +344,18 @@ qm_stored qm_postgres_drop_old_jobs(qm_store *store, size_t kept, double kept_s,
 qm_stored qm_postgres_delete_job(qm_store *store, const char *id);
 qm_stored qm_postgres_put_array(qm_store *store, const char *job_id, const qm_store_array *array);
 qm_stored qm_postgres_find_array(qm_store *store, const char *job_id, qm_store_array *out);
+qm_stored qm_postgres_open_parts(qm_store *store, const char *job, int64_t restarts,
+                                 const qm_store_bounds *bounds, const qm_store_part *parts, size_t count);
+qm_stored qm_postgres_claim_parts(qm_store *store, const char *job, size_t limit, qm_store_part *out,
+                                  size_t *count);
+qm_stored qm_postgres_finish_parts(qm_store *store, const char *job, const qm_store_part *parts, size_t count,
+                                   const qm_store_bounds *found, const qm_store_part *rest,
+                                   size_t rest_count);
+qm_stored qm_postgres_raise_lower(qm_store *store, const char *job, double lower, const char *witness);
+qm_stored qm_postgres_read_bounds(qm_store *store, const char *job, const qm_store_part *claimed,
+                                  size_t count, qm_store_bounds *out);
+qm_stored qm_postgres_find_split_job(qm_store *store, const char (*except)[QM_ID_SIZE], size_t count,
+                                     qm_store_job *out);
 qm_stored qm_postgres_put_layout(qm_store *store, const qm_store_layout *layout,
                                  const qm_store_idempotency *idempotency);
 qm_stored qm_postgres_find_layout(qm_store *store, const char *id, qm_store_layout *out);

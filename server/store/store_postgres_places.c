@@ -7,15 +7,8 @@
 
 #include "store_postgres.h"
 
-/* Of those who make the tables or choose the place: any number that nobody else in the database uses. */
+/* Of those who choose the place: any number that nobody else in the database uses. */
 #define LOCK "7019267140411329"
-
-/** blob_objects: objects that no row of blobs names, as they are on their way, or are to go. */
-static const char tables[] =
-    "CREATE TABLE IF NOT EXISTS quadmeshd.blob_place (kind text NOT NULL, id text NOT NULL);"
-    "CREATE TABLE IF NOT EXISTS quadmeshd.blob_objects ("
-    "  generation text PRIMARY KEY COLLATE \"C\", is_going boolean NOT NULL DEFAULT false,"
-    "  since timestamptz NOT NULL DEFAULT clock_timestamp())";
 
 /* A store that has blobs and no row was made when the database was the only place. */
 #define PLACE                                                                                                \
@@ -55,7 +48,6 @@ static qm_stored choose(qm_postgres_connection *connection, void *user)
     chosen->kind[0] = chosen->id[0] = chosen->own[0] = '\0';
     qm_postgres_query lock = {.sql = "SELECT pg_advisory_xact_lock(" LOCK ")"}, look = {.sql = PLACE};
     qm_stored status = run_in(connection, &lock, NULL);
-    if (status == QM_STORED) status = qm_postgres_command(connection, tables);
     if (status == QM_STORED) status = run_in(connection, &look, chosen);
     if (status != QM_STORED) return status;
     bool is_first = !chosen->kind[0];

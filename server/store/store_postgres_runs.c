@@ -347,6 +347,7 @@ qm_stored qm_postgres_finish_job(qm_store *store, const qm_store_job *end, const
             " ready AS (SELECT sequence FROM lease WHERE $12::text IS NULL OR EXISTS (SELECT FROM target)),"
             " " QM_POSTGRES_EFFECT ","
             " gone AS (DELETE FROM quadmeshd.job_runs r USING ready WHERE r.sequence = ready.sequence),"
+            " search AS (DELETE FROM quadmeshd.job_bounds b USING ready WHERE b.sequence = ready.sequence),"
             " added AS (INSERT INTO quadmeshd.job_events (sequence, seq, name, members)"
             "   SELECT DISTINCT ON (e.seq) ready.sequence, e.seq, e.name, e.members"
             "   FROM ready, unnest($26::bigint[], $27::text[], $28::text[]) WITH ORDINALITY"
@@ -380,15 +381,17 @@ static qm_stored cancel(qm_store *store, const char *id, const char *document, c
                         bool *is_repeated)
 {
     qm_postgres_query query = {
-        .sql = "WITH waiting AS (DELETE FROM quadmeshd.job_queue q USING quadmeshd.jobs j"
-               "   WHERE j.id = $1 AND q.sequence = j.sequence RETURNING q.sequence, q.epoch),"
-               " added AS (INSERT INTO quadmeshd.job_events (sequence, seq, name, members)"
-               "   SELECT sequence, $3::bigint, $4::text, $5::text FROM waiting" REPLACE "),"
-               " ended AS (UPDATE quadmeshd.jobs j SET state = 4, document = $2, restarts = w.epoch"
-               "   FROM waiting w WHERE j.sequence = w.sequence RETURNING true),"
-               " marked AS (UPDATE quadmeshd.jobs j SET cancel = true FROM quadmeshd.job_runs r"
-               "   WHERE j.id = $1 AND r.sequence = j.sequence RETURNING false)"
-               " SELECT * FROM ended UNION ALL SELECT * FROM marked"};
+        .sql =
+            "WITH waiting AS (DELETE FROM quadmeshd.job_queue q USING quadmeshd.jobs j"
+            "   WHERE j.id = $1 AND q.sequence = j.sequence RETURNING q.sequence, q.epoch),"
+            " search AS (DELETE FROM quadmeshd.job_bounds b USING waiting w WHERE b.sequence = w.sequence),"
+            " added AS (INSERT INTO quadmeshd.job_events (sequence, seq, name, members)"
+            "   SELECT sequence, $3::bigint, $4::text, $5::text FROM waiting" REPLACE "),"
+            " ended AS (UPDATE quadmeshd.jobs j SET state = 4, document = $2, restarts = w.epoch"
+            "   FROM waiting w WHERE j.sequence = w.sequence RETURNING true),"
+            " marked AS (UPDATE quadmeshd.jobs j SET cancel = true FROM quadmeshd.job_runs r"
+            "   WHERE j.id = $1 AND r.sequence = j.sequence RETURNING false)"
+            " SELECT * FROM ended UNION ALL SELECT * FROM marked"};
     qm_postgres_add_text(&query, id);
     qm_postgres_add_text(&query, document);
     qm_postgres_add_integer(&query, (int64_t)last->seq);

@@ -5,10 +5,11 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "store_postgres.h"
 
-#define VERSION 1 /* of these tables */
 #define OLDEST_SERVER 150000
+#define LIVES_S "10" /* after its last beat, a node may be one that runs */
 
 /** True when the tables are there: asked of the catalog's rows, as what a session remembers of names may be older than
  * the lock that it has waited for. */
@@ -65,7 +66,7 @@
 
 /** A node is one start of a daemon. Beats are apart from nodes, whose rows are locked to fence. A row of about comes
  * last: who sees it sees all. Text ids have the collation of bytes, which no new C library changes. */
-static const char schema[] =
+static const char first[] =
     "CREATE SCHEMA quadmeshd;"
     "CREATE TABLE quadmeshd.nodes ("
     "  id text PRIMARY KEY COLLATE \"C\", name text NOT NULL COLLATE \"C\", version text NOT NULL,"
@@ -114,7 +115,36 @@ static const char schema[] =
     "CREATE INDEX ON quadmeshd.reconstructions (source, sequence);"
     "CREATE INDEX ON quadmeshd.reconstructions (mesh);"
     "CREATE TABLE quadmeshd.about (version int NOT NULL);"
-    "INSERT INTO quadmeshd.about VALUES (%d)";
+    "INSERT INTO quadmeshd.about VALUES (1)";
+
+/** Searches in parts (store_parts.h); the place of the blobs (store_postgres_places.c), and its objects that no row of
+ * blobs names, as they are on their way, or are to go. */
+static const char second[] =
+    "CREATE TABLE quadmeshd.job_bounds ("
+    "  sequence bigint PRIMARY KEY REFERENCES quadmeshd.jobs ON DELETE CASCADE,"
+    "  engine text NOT NULL COLLATE \"C\", lower double precision NOT NULL, witness text NOT NULL,"
+    "  settled double precision NOT NULL, iterations bigint NOT NULL, projections bigint NOT NULL)"
+    "  WITH (fillfactor = 50, autovacuum_vacuum_scale_factor = 0.01);"
+    "CREATE TABLE quadmeshd.job_parts ("
+    "  part bigint GENERATED ALWAYS AS IDENTITY PRIMARY KEY,"
+    "  sequence bigint NOT NULL REFERENCES quadmeshd.job_bounds ON DELETE CASCADE,"
+    "  upper double precision NOT NULL, entries bytea NOT NULL, tries int NOT NULL,"
+    "  node text COLLATE \"C\","      /* that runs it; of one that is gone: nobody */
+    "  epoch int NOT NULL DEFAULT 0)" /* claims so far */
+    "  WITH (autovacuum_vacuum_scale_factor = 0.01);"
+    "CREATE INDEX ON quadmeshd.job_parts (sequence, upper DESC);"
+    "CREATE TABLE quadmeshd.blob_place (kind text NOT NULL, id text NOT NULL);"
+    "CREATE TABLE quadmeshd.blob_objects ("
+    "  generation text PRIMARY KEY COLLATE \"C\", is_going boolean NOT NULL DEFAULT false,"
+    "  since timestamptz NOT NULL DEFAULT clock_timestamp())";
+
+/**
+ * Each brings the tables to the next version, the first one to version 1. A step only adds to the tables, so that
+ * daemons of the version before go on with them; what it replaces is dropped by the step after it. One that was released is never
+ * changed.
+ */
+static const char *const steps[] = {first, second};
+enum { VERSION = sizeof steps / sizeof steps[0] }; /* of these tables */
 
 /** What the database is. */
 typedef struct facts {
@@ -143,28 +173,26 @@ static qm_stored read_facts(qm_store *store, facts *out)
     return status;
 }
 
-/** Makes the tables unless another node has just done so. */
-static qm_stored make_tables(qm_postgres_connection *connection, void *user)
+/** What is to become of tables of an earlier version. */
+typedef struct migration {
+    bool is_asked;  /* by whoever runs the cluster; else only while no node has joined */
+    bool is_joined; /* written: by nodes that live */
+} migration;
+
+/** True for a query that gives it, on a connection. */
+static qm_stored ask(qm_postgres_connection *connection, const char *sql, int64_t *out)
 {
-    (void)user;
     qm_postgres_rows rows;
-    qm_postgres_query lock = {.sql = "SELECT pg_advisory_xact_lock(" LOCK ")"};
-    qm_stored status = qm_postgres_execute(connection, &lock, &rows);
+    qm_postgres_query query = {.sql = sql};
+    qm_stored status = qm_postgres_execute(connection, &query, &rows);
+    *out = status == QM_STORED && rows.count > 0 ? qm_postgres_integer(&rows, 0, 0) : 0;
     qm_postgres_free(&rows);
-    if (status != QM_STORED) return status;
-    qm_postgres_query look = {.sql = "SELECT " IS_THERE};
-    status = qm_postgres_execute(connection, &look, &rows);
-    bool is_there = status == QM_STORED && qm_postgres_bool(&rows, 0, 0);
-    qm_postgres_free(&rows);
-    if (status != QM_STORED || is_there) return status;
-    char sql[sizeof schema + 16];
-    snprintf(sql, sizeof sql, schema, VERSION);
-    return qm_postgres_command(connection, sql);
+    return status;
 }
 
 bool qm_postgres_knows(int64_t version)
 {
-    return version == VERSION;
+    return version == VERSION || version == VERSION + 1;
 }
 
 qm_stored qm_postgres_find_version(qm_store *store, int64_t *version)
@@ -175,26 +203,72 @@ qm_stored qm_postgres_find_version(qm_store *store, int64_t *version)
     return status;
 }
 
-qm_stored qm_postgres_set_up(qm_store *store, char message[QM_MESSAGE_SIZE])
+/** Takes the steps that are missing, unless another node has just done so: all of them, or none. */
+static qm_stored take_steps(qm_postgres_connection *connection, void *user)
 {
-    facts found = {0};
-    qm_stored status = read_facts(store, &found);
-    if (status == QM_STORED && found.server >= OLDEST_SERVER && found.is_utf8 && !found.is_there) {
-        status = qm_postgres_transact(store, make_tables, NULL);
-        if (status == QM_STORED) status = read_facts(store, &found);
+    migration *m = user;
+    int64_t number = 0, version = 0, nodes = 0;
+    qm_stored status = ask(connection, "SELECT 1 FROM pg_advisory_xact_lock(" LOCK ")", &number);
+    if (status == QM_STORED)
+        status = ask(connection, "SELECT CASE WHEN " IS_THERE " THEN 1 ELSE 0 END", &number);
+    if (status == QM_STORED && number > 0) {
+        status = ask(connection, "SELECT version FROM quadmeshd.about", &version);
+        if (status == QM_STORED)
+            status = ask(connection,
+                         "SELECT count(*) FROM quadmeshd.nodes JOIN quadmeshd.node_beats USING (id)"
+                         " WHERE state < 2 AND beat > clock_timestamp() - interval '" LIVES_S " s'",
+                         &nodes);
     }
+    m->is_joined = nodes > 0;
+    if (status != QM_STORED || version >= VERSION || (m->is_joined && !m->is_asked)) return status;
+    for (int64_t i = version; status == QM_STORED && i < VERSION; i++)
+        status = qm_postgres_command(connection, steps[i]);
+    char sql[64];
+    snprintf(sql, sizeof sql, "UPDATE quadmeshd.about SET version = %d", VERSION);
+    return status == QM_STORED ? qm_postgres_command(connection, sql) : status;
+}
+
+/** Compares what the database is with what this version needs; the status, or QM_STORED_FAULT with a message. */
+static qm_stored judge(const facts *found, qm_stored status, const migration *m,
+                       char message[QM_MESSAGE_SIZE])
+{
     if (status != QM_STORED)
         snprintf(message, QM_MESSAGE_SIZE, "database: its tables cannot be made or read; the log has more");
-    else if (found.server < OLDEST_SERVER)
+    else if (found->server < OLDEST_SERVER)
         snprintf(message, QM_MESSAGE_SIZE, "database: PostgreSQL %d or newer is needed",
                  OLDEST_SERVER / 10000);
-    else if (!found.is_utf8)
+    else if (!found->is_utf8)
         snprintf(message, QM_MESSAGE_SIZE, "database: its encoding is not UTF8");
-    else if (!qm_postgres_knows(found.version))
-        snprintf(message, QM_MESSAGE_SIZE,
-                 "database: tables of version %d were made by another version of quadmeshd; this one has %d",
-                 (int)found.version, VERSION);
+    else if (found->version < VERSION && m->is_joined)
+        snprintf(
+            message, QM_MESSAGE_SIZE,
+            "database: its tables have version %d and other daemons run: --migrate makes them version %d, "
+            "with which those go on",
+            (int)found->version, VERSION);
+    else if (!qm_postgres_knows(found->version))
+        snprintf(
+            message, QM_MESSAGE_SIZE,
+            "database: tables of version %d were made by another version of quadmeshd; this one takes %d "
+            "and %d",
+            (int)found->version, VERSION, VERSION + 1);
     else
         return QM_STORED;
     return status == QM_STORED ? QM_STORED_FAULT : status;
+}
+
+qm_stored qm_postgres_set_up(qm_store *store, bool is_asked, char message[QM_MESSAGE_SIZE])
+{
+    facts found = {0};
+    migration m = {.is_asked = is_asked};
+    qm_stored status = read_facts(store, &found);
+    bool is_fit = status == QM_STORED && found.server >= OLDEST_SERVER && found.is_utf8;
+    if (is_fit && (!found.is_there || found.version < VERSION)) {
+        int before = (int)found.version;
+        status = qm_postgres_transact(store, take_steps, &m);
+        if (status == QM_STORED) status = read_facts(store, &found);
+        if (status == QM_STORED && before > 0 && before < found.version)
+            qm_log(QM_LOG_INFO, "database: tables of version %d are now of version %d", before,
+                   (int)found.version);
+    }
+    return judge(&found, status, &m, message);
 }

@@ -17,7 +17,7 @@
 #define BUSY_TIMEOUT_MS 5000
 #define OLDEST_SCHEMA 7
 #define FIRST_SUMMED 10 /* schema whose pages have checksums */
-#define SCHEMA 12
+#define SCHEMA 13
 
 static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON;";
 
@@ -39,6 +39,18 @@ static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = 
     "CREATE INDEX reconstructions_by_source ON reconstructions (source);"
 
 #define CREATE_EXPIRY "CREATE INDEX meshes_by_expiry ON meshes (expires) WHERE expires <> '';"
+
+/** Searches in parts (store_parts.h); entries are of store_parts.h's caller. */
+#define CREATE_PARTS                                                                                         \
+    "CREATE TABLE job_bounds ("                                                                              \
+    "  job INTEGER PRIMARY KEY REFERENCES jobs (sequence) ON DELETE CASCADE, engine TEXT NOT NULL,"          \
+    "  lower REAL NOT NULL, witness TEXT NOT NULL, settled REAL NOT NULL, iterations INTEGER NOT NULL,"      \
+    "  projections INTEGER NOT NULL);"                                                                       \
+    "CREATE TABLE job_parts ("                                                                               \
+    "  part INTEGER PRIMARY KEY AUTOINCREMENT,"                                                              \
+    "  job INTEGER NOT NULL REFERENCES job_bounds (job) ON DELETE CASCADE, upper REAL NOT NULL,"             \
+    "  entries BLOB NOT NULL, tries INTEGER NOT NULL, epoch INTEGER NOT NULL DEFAULT 0);"                    \
+    "CREATE INDEX job_parts_by_upper ON job_parts (job, upper DESC);"
 
 /** Of a new database. */
 static const char schema[] =
@@ -71,7 +83,7 @@ static const char schema[] =
     "  layout_id TEXT NOT NULL, mesh TEXT NOT NULL, layout TEXT NOT NULL, document TEXT NOT NULL,"
     "  steps TEXT NOT NULL, records TEXT NOT NULL, state TEXT NOT NULL, revision INTEGER NOT NULL,"
     "  cover_share REAL NOT NULL, pull_curves INTEGER NOT NULL, idempotency_key TEXT UNIQUE,"
-    "  request TEXT NOT NULL);" CREATE_ARRAYS CREATE_FILTERS CREATE_EXPIRY;
+    "  request TEXT NOT NULL);" CREATE_ARRAYS CREATE_FILTERS CREATE_EXPIRY CREATE_PARTS;
 
 /** The step from a version of the schema to the next one; the task runs after the statements, in the same
  * transaction. */
@@ -97,6 +109,7 @@ static const migration migrations[SCHEMA - OLDEST_SCHEMA] = {
      "  WHERE json_extract(body, f.value) IS NOT NULL",
      NULL},                                                                                  /* 10 to 11 */
     {"ALTER TABLE meshes ADD COLUMN expires TEXT NOT NULL DEFAULT '';" CREATE_EXPIRY, NULL}, /* 11 to 12 */
+    {CREATE_PARTS, NULL},                                                                    /* 12 to 13 */
 };
 
 /** Writes the value of a pragma; false, and "", after a fault. */
@@ -322,6 +335,11 @@ const qm_store_driver qm_sqlite_driver = {
     .find_layout_origin = qm_sqlite_find_layout_origin,
     .find_reconstruction_origin = qm_sqlite_find_reconstruction_origin,
     .settle = qm_sqlite_settle,
+    .open_parts = qm_sqlite_open_parts,
+    .claim_parts = qm_sqlite_claim_parts,
+    .finish_parts = qm_sqlite_finish_parts,
+    .raise_lower = qm_sqlite_raise_lower,
+    .read_bounds = qm_sqlite_read_bounds,
     .needs_blob = qm_sqlite_needs_blob,
     .has_job = qm_sqlite_has_job,
 };

@@ -217,6 +217,15 @@ qm_stored qm_sqlite_put_layout_copy(qm_store *store, const qm_store_layout *revi
 qm_stored qm_sqlite_find_layout_origin(qm_store *store, const char *id, qm_store_origin *out);
 qm_stored qm_sqlite_find_reconstruction_origin(qm_store *store, const char *id, qm_store_origin *out);
 qm_stored qm_sqlite_settle(qm_store *store);
+qm_stored qm_sqlite_open_parts(qm_store *store, const char *job, int64_t restarts,
+                               const qm_store_bounds *bounds, const qm_store_part *parts, size_t count);
+qm_stored qm_sqlite_claim_parts(qm_store *store, const char *job, size_t limit, qm_store_part *out,
+                                size_t *count);
+qm_stored qm_sqlite_finish_parts(qm_store *store, const char *job, const qm_store_part *parts, size_t count,
+                                 const qm_store_bounds *found, const qm_store_part *rest, size_t rest_count);
+qm_stored qm_sqlite_raise_lower(qm_store *store, const char *job, double lower, const char *witness);
+qm_stored qm_sqlite_read_bounds(qm_store *store, const char *job, const qm_store_part *claimed, size_t count,
+                                qm_store_bounds *out);
 bool qm_sqlite_needs_blob(qm_store *store, const char *hash);
 bool qm_sqlite_has_job(qm_store *store, const char *id);
 

@@ -86,7 +86,9 @@ static qm_stored finish(qm_store *store, const qm_store_job *end, const char *re
         qm_sqlite_prepare(store, "UPDATE jobs SET state = ?, document = ?, result = ?, revisions = ?"
                                  " WHERE id = ? AND restarts = ? AND document IS NULL");
     sqlite3_stmt *ended = qm_sqlite_prepare(store, find);
-    if (!statement || !ended) return QM_STORED_FAULT;
+    sqlite3_stmt *search = qm_sqlite_prepare(store, "DELETE FROM job_bounds"
+                                                    " WHERE job = (SELECT sequence FROM jobs WHERE id = ?)");
+    if (!statement || !ended || !search) return QM_STORED_FAULT;
     sqlite3_bind_int(statement, 1, (int)end->state);
     qm_sqlite_bind_text(statement, 2, end->document);
     qm_sqlite_bind_text(statement, 3, end->result);
@@ -95,7 +97,10 @@ static qm_stored finish(qm_store *store, const qm_store_job *end, const char *re
     sqlite3_bind_int64(statement, 6, end->restarts);
     if (!qm_sqlite_run(store, statement)) return QM_STORED_FAULT;
     *is_repeated = false;
-    if (qm_sqlite_has_changed(store)) return QM_STORED;
+    if (qm_sqlite_has_changed(store)) {
+        qm_sqlite_bind_text(search, 1, end->id);
+        return qm_sqlite_run(store, search) ? QM_STORED : QM_STORED_FAULT;
+    }
     sqlite3_bind_int(ended, 2, (int)end->state);
     sqlite3_bind_int64(ended, 3, end->restarts);
     *is_repeated = qm_sqlite_has_row(store, find, end->id);

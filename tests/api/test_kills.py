@@ -13,7 +13,7 @@ import httpx
 import pytest
 
 import shapes
-from conftest import WAIT, check_bounds
+from conftest import PATIENCE, SLOW, SLOW_DISTANCE, WAIT, check_bounds, split_runs
 
 KILLS = 200 if os.environ.get("QM_TEST_LONG", "0") != "0" else 12
 SEED = int(os.environ.get("QM_TEST_SEED", "1"))
@@ -204,3 +204,38 @@ def test_old_jobs_make_room(make_daemon):
     while {path.stem for path in (running.folder / "data/results").iterdir()} != set(jobs[-3:]):
         assert time.monotonic() < end, "the arrays of removed jobs stay"  # they go after the rows
         time.sleep(0.05)
+
+
+def test_a_long_search_goes_on_from_its_bounds(make_daemon, slow_files):
+    """After a kill -9 the bounds are no lower than those that were stored, and the search does not begin again."""
+    running = make_daemon()
+    with running.client() as client:
+        pair = [client.upload(content)["id"] for content in slow_files]
+        job = client.start(*pair, headers={"Cache-Control": "no-cache"}, **SLOW)["id"]
+        before = wait_for_parts(client, job, lambda progress: True)["progress"]
+        # Of the rounds since then at least one is stored.
+        wait_for_parts(client, job, lambda progress: progress["iterations"] > 2 * before["iterations"])
+    running.stop(signal.SIGKILL)
+    running.start()
+    with running.client() as client:
+        after = wait_for_parts(client, job, lambda progress: True)["progress"]
+        assert client.delete(f"/v1/jobs/{job}").status_code == 202
+        result = client.wait(job)["result"]
+        events = client.events(job)
+    first = next(event for event in split_runs(events)[1] if event["event"] == "bounds")
+    assert before["lower"] <= first["lower"] <= SLOW_DISTANCE <= first["upper"] <= before["upper"]
+    assert first["iterations"] >= before["iterations"] and "parts" in first
+    assert first["lower"] <= after["lower"] <= result["lower"] <= SLOW_DISTANCE <= result["upper"] <= after["upper"]
+    assert result["iterations"] >= after["iterations"]
+
+
+def wait_for_parts(client, job, holds):
+    """The document of a job whose search goes on in parts, once its progress is such that holds(progress)."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        document = client.get(f"/v1/jobs/{job}").json()
+        assert document["state"] in ("queued", "running"), document
+        if "parts" in document.get("progress", {}) and holds(document["progress"]):
+            return document
+        assert time.monotonic() < end, document
+        time.sleep(0.02)

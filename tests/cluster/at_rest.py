@@ -27,6 +27,11 @@ STOP_CLAIMS = f"SELECT pg_advisory_lock({CLAIM_LOCK})"
 DROP_STOP = "DROP FUNCTION stop_claims CASCADE"
 WAITING_CLAIMS = "SELECT application_name FROM pg_stat_activity WHERE wait_event_type = 'Lock' AND wait_event = 'advisory'"
 WAITING_REAPERS = "SELECT pid FROM pg_stat_activity WHERE wait_event_type = 'Lock' AND query ILIKE '%UPDATE%nodes%state = 2%'"
+PART_NODES = """SELECT DISTINCT n.name FROM job_parts p JOIN nodes n ON n.id = p.node AND n.state = 0
+                JOIN jobs j USING (sequence) WHERE j.id = '{}'"""
+PARTS = "SELECT p.part FROM job_parts p JOIN jobs j USING (sequence) WHERE j.id = '{}'"
+BOUNDS = """SELECT b.lower, greatest(b.lower, b.settled, max(p.upper)) FROM job_bounds b JOIN jobs j USING (sequence)
+            LEFT JOIN job_parts p USING (sequence) WHERE j.id = '{}' GROUP BY b.sequence"""
 DEAD = "SELECT id FROM nodes WHERE state = 2"
 
 
@@ -46,6 +51,22 @@ def lease(query, job):
     """Who runs a job: the node's name, its life, and the epoch; None when nobody does."""
     rows = select(query, LEASE.format(job))
     return rows[0] if rows else None
+
+
+def part_nodes(query, job):
+    """The names of the nodes that run parts of a job's search."""
+    return [row[0] for row in select(query, PART_NODES.format(job))]
+
+
+def parts(query, job):
+    """The parts that are left of a job's search."""
+    return select(query, PARTS.format(job))
+
+
+def bounds(query, job):
+    """The stored bounds of a search, without the margin for roundings."""
+    lower, upper = select(query, BOUNDS.format(job))[0]
+    return float(lower), float(upper)
 
 
 def dead_nodes(query):

@@ -14,6 +14,7 @@
 #include "folder.h"
 #include "store/blob.h"
 #include "store/store.h"
+#include "store/store_parts.h"
 
 #define THREADS 8
 
@@ -767,6 +768,142 @@ static void test_one_end(void **state)
     check_reconstruction(store, &r);
 }
 
+/* ---- parts of searches ---- */
+
+static qm_store_part make_part(double upper, char *entries)
+{
+    return (qm_store_part){.upper = upper, .entries = entries, .size = strlen(entries)};
+}
+
+static qm_stored open_three(qm_store *store, const char *engine)
+{
+    const qm_store_part parts[] = {make_part(2, "two"), make_part(3, "three"), make_part(1, "")};
+    qm_store_bounds bounds = {.lower = 0.5, .settled = 0.25, .iterations = 10, .projections = 20};
+    snprintf(bounds.engine, sizeof bounds.engine, "%s", engine);
+    snprintf(bounds.witness, sizeof bounds.witness, "w0");
+    return qm_store_open_parts(store, "j_a", 0, &bounds, parts, 3);
+}
+
+static void check_bounds(qm_store *store, size_t parts, double lower, double settled, double upper,
+                         const char *witness)
+{
+    qm_store_bounds found;
+    assert_int_equal(qm_store_read_bounds(store, "j_a", NULL, 0, &found), QM_STORED);
+    assert_int_equal(found.parts, parts);
+    assert_true(found.lower == lower && found.settled == settled && found.upper == upper);
+    assert_true(found.others == upper);
+    assert_string_equal(found.witness, witness);
+}
+
+static void test_parts(void **state)
+{
+    qm_store *store = ((fixture *)*state)->store;
+    qm_store_bounds bounds;
+    qm_store_part claimed[4], again[4];
+    size_t count;
+    assert_int_equal(qm_store_read_bounds(store, "j_a", NULL, 0, &bounds), QM_STORED_NONE);
+    assert_int_equal(open_three(store, "e"), QM_STORED_LOST);
+    const qm_store_job job = make_job("j_a", NULL);
+    assert_int_equal(submit(store, &job), QM_STORED);
+    assert_int_equal(qm_store_raise_lower(store, "j_a", 1, "w"), QM_STORED_NONE);
+    assert_int_equal(open_three(store, "e"), QM_STORED);
+    check_bounds(store, 3, 0.5, 0.25, 3, "w0");
+
+    /* Those with the greatest bounds come first; others are left. */
+    assert_int_equal(qm_store_claim_parts(store, "j_a", 2, claimed, &count), QM_STORED);
+    assert_int_equal(count, 2);
+    assert_true(claimed[0].upper == 3 && claimed[1].upper == 2);
+    assert_int_equal(claimed[0].size, 5);
+    assert_memory_equal(claimed[0].entries, "three", 5);
+    assert_int_equal(qm_store_read_bounds(store, "j_a", claimed, 2, &bounds), QM_STORED);
+    assert_true(bounds.upper == 3 && bounds.others == 1);
+    assert_string_equal(bounds.engine, "e");
+    assert_int_equal(bounds.iterations, 10);
+    assert_int_equal(bounds.projections, 20);
+
+    /* To open them again changes nothing. */
+    assert_int_equal(open_three(store, "e"), QM_STORED);
+    check_bounds(store, 3, 0.5, 0.25, 3, "w0");
+
+    /* A finish replaces a part by its rest, and what it has found joins; the same a second time is LOST. */
+    qm_store_bounds found = {.lower = 0.75, .settled = 0.5, .iterations = 1, .projections = 2};
+    snprintf(found.witness, sizeof found.witness, "w1");
+    qm_store_part rest = make_part(1.5, "rest");
+    rest.tries = 7;
+    assert_int_equal(qm_store_finish_parts(store, "j_a", claimed, 1, &found, &rest, 1), QM_STORED);
+    check_bounds(store, 3, 0.75, 0.5, 2, "w1");
+    assert_int_equal(qm_store_finish_parts(store, "j_a", claimed, 1, &found, &rest, 1), QM_STORED_LOST);
+    check_bounds(store, 3, 0.75, 0.5, 2, "w1");
+
+    /* A later claim of the same process takes a part from an earlier one, whose finish is void: all of it. */
+    assert_int_equal(qm_store_claim_parts(store, "j_a", 2, again, &count), QM_STORED);
+    assert_int_equal(count, 2);
+    assert_true(again[0].number == claimed[1].number && again[0].epoch == claimed[1].epoch + 1);
+    assert_int_equal(again[1].tries, 7);
+    const qm_store_part mixed[] = {again[1], claimed[1]};
+    found.lower = 9, found.settled = 9;
+    assert_int_equal(qm_store_finish_parts(store, "j_a", mixed, 2, &found, NULL, 0), QM_STORED_LOST);
+    check_bounds(store, 3, 0.75, 0.5, 2, "w1");
+    found.lower = 0.1, found.settled = 0.1;
+    assert_int_equal(qm_store_finish_parts(store, "j_a", again, 2, &found, NULL, 0), QM_STORED);
+    check_bounds(store, 1, 0.75, 0.5, 1, "w1");
+    qm_store_parts_reset(claimed, 2);
+    qm_store_parts_reset(again, 2);
+
+    /* The lower bound is a maximum. */
+    assert_int_equal(qm_store_raise_lower(store, "j_a", 0.8, "w2"), QM_STORED);
+    assert_int_equal(qm_store_raise_lower(store, "j_a", 0.7, "w3"), QM_STORED);
+    check_bounds(store, 1, 0.8, 0.5, 1, "w2");
+
+    /* Parts of another engine are replaced. */
+    assert_int_equal(open_three(store, "f"), QM_STORED);
+    check_bounds(store, 3, 0.5, 0.25, 3, "w0");
+
+    /* The search goes with its job. */
+    end_job(store, "j_a", "");
+    assert_int_equal(qm_store_read_bounds(store, "j_a", NULL, 0, &bounds), QM_STORED_NONE);
+    assert_int_equal(qm_store_claim_parts(store, "j_a", 4, claimed, &count), QM_STORED);
+    assert_int_equal(count, 0);
+    assert_int_equal(open_three(store, "e"), QM_STORED_LOST);
+}
+
+enum { MANY_PARTS = 100 };
+
+/** Claims and finishes until nothing is left. */
+static void finish_parts(task *t)
+{
+    for (;;) {
+        qm_store_part parts[3];
+        size_t count;
+        assert_int_equal(qm_store_claim_parts(t->store, "j_a", 3, parts, &count), QM_STORED);
+        qm_store_bounds bounds, found = {.iterations = count};
+        assert_int_equal(qm_store_read_bounds(t->store, "j_a", parts, count, &bounds), QM_STORED);
+        if (bounds.parts == 0) qm_store_parts_reset(parts, count);
+        if (bounds.parts == 0) return;
+        if (count == 0) continue;
+        found.settled = parts[0].upper;
+        qm_stored stored = qm_store_finish_parts(t->store, "j_a", parts, count, &found, NULL, 0);
+        QM_CHECK(stored == QM_STORED || stored == QM_STORED_LOST, "%d", stored);
+        if (stored == QM_STORED) atomic_fetch_add(t->good, (int)count);
+        qm_store_parts_reset(parts, count);
+    }
+}
+
+/** Threads of one process take parts from each other; each part ends once. */
+static void test_parts_by_threads(void **state)
+{
+    qm_store *store = ((fixture *)*state)->store;
+    qm_store_part parts[MANY_PARTS];
+    for (int i = 0; i < MANY_PARTS; i++)
+        parts[i] = make_part(i, "entries");
+    const qm_store_job job = make_job("j_a", NULL);
+    assert_int_equal(submit(store, &job), QM_STORED);
+    const qm_store_bounds bounds = {.engine = "e"};
+    assert_int_equal(qm_store_open_parts(store, "j_a", 0, &bounds, parts, MANY_PARTS), QM_STORED);
+    assert_int_equal(run_threads(store, finish_parts), MANY_PARTS);
+    check_bounds(store, 0, 0, MANY_PARTS - 1, 0, "");
+}
+
 #define TESTS(set_up)                                                                                        \
     {                                                                                                        \
         cmocka_unit_test_setup_teardown(test_meshes, set_up, tear_down),                                     \
@@ -787,6 +924,8 @@ static void test_one_end(void **state)
             cmocka_unit_test_setup_teardown(test_reconstructions, set_up, tear_down),                        \
             cmocka_unit_test_setup_teardown(test_effects, set_up, tear_down),                                \
             cmocka_unit_test_setup_teardown(test_one_end, set_up, tear_down),                                \
+            cmocka_unit_test_setup_teardown(test_parts, set_up, tear_down),                                  \
+            cmocka_unit_test_setup_teardown(test_parts_by_threads, set_up, tear_down),                       \
     }
 
 int main(void)

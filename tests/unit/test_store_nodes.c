@@ -17,6 +17,7 @@
 #include "store/blob.h"
 #include "store/store.h"
 #include "store/store_driver.h"
+#include "store/store_parts.h"
 
 #define NODES 4
 
@@ -1054,6 +1055,80 @@ static void test_a_cancelled_wait_is_no_commit(void **state)
     assert_int_equal(count_rows(f, "jobs"), 1 + tries);
 }
 
+/* ---- searches in parts ---- */
+
+static void open_parts(qm_store *store, const char *id)
+{
+    const qm_store_part parts[] = {{.upper = 2, .entries = "a", .size = 1},
+                                   {.upper = 1, .entries = "b", .size = 1}};
+    const qm_store_bounds bounds = {.engine = "e"};
+    assert_int_equal(qm_store_open_parts(store, id, 0, &bounds, parts, 2), QM_STORED);
+}
+
+/** Claims up to two parts; their entries may be freed. */
+static size_t claim_parts(qm_store *store, const char *id, qm_store_part parts[2])
+{
+    size_t count;
+    assert_int_equal(qm_store_claim_parts(store, id, 2, parts, &count), QM_STORED);
+    qm_store_parts_reset(parts, count);
+    return count;
+}
+
+/** A part has one node at a time, and is free again when that one is dead or leaves; the owner's death loses none. */
+static void test_parts_of_nodes(void **state)
+{
+    fixture *f = *state;
+    for (int i = 0; i < 3; i++)
+        open_node(f, i, f->database);
+    qm_store *a = f->stores[0], *b = f->stores[1], *c = f->stores[2];
+    qm_store_part of_b[2], of_c[2];
+    qm_store_job job;
+    qm_store_bounds bounds;
+    const qm_store_bounds found = {.lower = 0.5, .witness = "w"};
+    size_t count;
+    assert_int_equal(qm_store_find_split_job(b, NULL, 0, &job), QM_STORED_NONE);
+    assert_int_equal(submit_claimed(a, "j_a"), QM_STORED);
+    open_parts(a, "j_a");
+    assert_int_equal(qm_store_find_split_job(a, NULL, 0, &job), QM_STORED_NONE); /* it is its own */
+    assert_int_equal(qm_store_find_split_job(b, NULL, 0, &job), QM_STORED);
+    assert_string_equal(job.id, "j_a");
+    qm_store_job_reset(&job);
+    const char except[][QM_ID_SIZE] = {"j_a"};
+    assert_int_equal(qm_store_find_split_job(b, except, 1, &job), QM_STORED_NONE);
+
+    assert_int_equal(claim_parts(b, "j_a", of_b), 2);
+    assert_int_equal(claim_parts(c, "j_a", of_c), 0);
+    assert_int_equal(qm_store_find_split_job(c, NULL, 0, &job), QM_STORED_NONE);
+    assert_int_equal(qm_store_read_bounds(c, "j_a", NULL, 0, &bounds), QM_STORED);
+    assert_int_equal(bounds.nodes, 1);
+    assert_int_equal(claim_parts(b, "j_a", of_b), 2); /* as after an answer that was lost */
+
+    silence(f, "n1");
+    assert_int_equal(qm_store_reap(a, 10, &count), QM_STORED);
+    assert_int_equal(claim_parts(c, "j_a", of_c), 2);
+    assert_int_equal(qm_store_finish_parts(b, "j_a", of_b, 2, &found, NULL, 0), QM_STORED_LOST);
+    assert_int_equal(qm_store_raise_lower(b, "j_a", 0.5, "w"), QM_STORED); /* which holds for ever */
+    assert_int_equal(qm_store_leave_jobs(c), QM_STORED);
+    assert_int_equal(claim_parts(a, "j_a", of_b), 2);
+    assert_int_equal(qm_store_finish_parts(c, "j_a", of_c, 2, &found, NULL, 0), QM_STORED_LOST);
+
+    /* The job is another node's now: the parts stay, and the first owner opens none. */
+    silence(f, "n0");
+    assert_int_equal(qm_store_join(b), QM_STORED);
+    assert_int_equal(qm_store_reap(b, 10, &count), QM_STORED);
+    assert_int_equal(qm_store_open_parts(a, "j_a", 0, &found, NULL, 0), QM_STORED_LOST);
+    check_claim(b, 1, 0, 0, "j_a");
+    assert_int_equal(claim_parts(b, "j_a", of_b), 2);
+    check_job(b, "j_a", QM_JOB_RUNNING, 1, 1);
+    assert_int_equal(qm_store_finish_parts(b, "j_a", of_b, 1, &found, NULL, 0), QM_STORED);
+    check_job(b, "j_a", QM_JOB_RUNNING, 1, 0); /* it gets on */
+    assert_int_equal(qm_store_read_bounds(b, "j_a", NULL, 0, &bounds), QM_STORED);
+    assert_true(bounds.parts == 1 && bounds.lower == 0.5);
+    assert_int_equal(finish(b, "j_a", 1), QM_STORED);
+    assert_int_equal(count_rows(f, "job_parts"), 0);
+    assert_int_equal(count_rows(f, "job_bounds"), 0);
+}
+
 /* ---- opening ---- */
 
 static qm_stored try_to_open(fixture *f, const char *address, bool is_unsafe, char message[QM_MESSAGE_SIZE])
@@ -1083,6 +1158,36 @@ static void test_what_is_not_opened(void **state)
     assert_int_equal(try_to_open(f, f->database, true, message), QM_STORED_FAULT);
     assert_non_null(strstr(message, "version 1000"));
     assert_int_equal(qm_database_ask(f->database, "SELECT version FROM quadmeshd.about"), 1000);
+}
+
+/** Tables of version 1 become those of this version at a start while no node lives, or when they are asked to. */
+static void test_earlier_tables(void **state)
+{
+    fixture *f = *state;
+    char message[QM_MESSAGE_SIZE] = "";
+    assert_int_equal(try_to_open(f, f->database, false, message), QM_STORED);
+    int64_t version = qm_database_ask(f->database, "SELECT version FROM quadmeshd.about");
+    for (int is_asked = 0; is_asked < 2; is_asked++) {
+        qm_database_ask(f->database, "DROP TABLE quadmeshd.job_parts, quadmeshd.job_bounds");
+        qm_database_ask(f->database, "UPDATE quadmeshd.about SET version = 1");
+        qm_database_ask(f->database, "UPDATE quadmeshd.nodes SET state = 0");
+        qm_database_ask(f->database, "UPDATE quadmeshd.node_beats SET beat = clock_timestamp()");
+        assert_int_equal(try_to_open(f, f->database, false, message), QM_STORED_FAULT);
+        assert_non_null(strstr(message, "--migrate"));
+        assert_int_equal(qm_database_ask(f->database, "SELECT version FROM quadmeshd.about"), 1);
+        if (is_asked)
+            assert_int_equal(qm_store_migrate(f->database, f->folders[0], message), QM_STORED);
+        else
+            qm_database_ask(f->database, "UPDATE quadmeshd.nodes SET state = 2");
+        assert_int_equal(try_to_open(f, f->database, false, message), QM_STORED);
+        assert_int_equal(qm_database_ask(f->database, "SELECT version FROM quadmeshd.about"), version);
+        assert_int_equal(count_rows(f, "job_parts"), 0);
+    }
+    /* The next version only adds to the tables of this one; the one after may drop some. */
+    qm_database_ask(f->database, "UPDATE quadmeshd.about SET version = version + 1");
+    assert_int_equal(try_to_open(f, f->database, false, message), QM_STORED);
+    qm_database_ask(f->database, "UPDATE quadmeshd.about SET version = version + 1");
+    assert_int_equal(try_to_open(f, f->database, false, message), QM_STORED_FAULT);
 }
 
 static void *open_one(void *user)
@@ -1135,6 +1240,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_the_database_is_away, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_cancelled_wait_is_no_commit, set_up, tear_down_standbys),
         cmocka_unit_test_setup_teardown(test_what_is_not_opened, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_parts_of_nodes, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_earlier_tables, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_tables_are_made_once, set_up, tear_down),
     };
     if (qm_database_server()) return cmocka_run_group_tests(tests, NULL, NULL);

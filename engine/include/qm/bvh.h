@@ -44,6 +44,13 @@ void qm_bvh_destroy(qm_context *ctx, qm_bvh *bvh);
 /** The mesh that the tree was built over; lives as long as the tree. */
 const qm_mesh *qm_bvh_mesh(const qm_bvh *bvh);
 
+/**
+ * A number that trees of equal arrays, built alike, have in common, also in other processes: what is known of a node or pack of
+ * one (qm_hausdorff_part) holds for that of the other. Other trees have another number but by a chance of 2^-64: that of moved
+ * vertices, that of a refitted tree, whose packs are not as a new one's. Reads all arrays once.
+ */
+uint64_t qm_bvh_fingerprint(const qm_bvh *bvh);
+
 /** Bytes that the tree holds, without the mesh. */
 size_t qm_bvh_memory_size(const qm_bvh *bvh);
 

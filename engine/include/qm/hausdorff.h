@@ -55,6 +55,9 @@ typedef enum qm_hausdorff_side { QM_HAUSDORFF_FROM_A, QM_HAUSDORFF_FROM_B } qm_h
 #define QM_HAUSDORFF_BASE_WORK 16384
 #define QM_HAUSDORFF_FACE_WORK 32
 
+/** The default limit of a search: see QM_HAUSDORFF_BASE_WORK. */
+uint64_t qm_hausdorff_default_work(const qm_bvh *a, const qm_bvh *b, qm_direction direction);
+
 /** The default memory limit: bytes that the queues of a search take at most. */
 #define QM_HAUSDORFF_MEMORY ((size_t)1 << 30)
 

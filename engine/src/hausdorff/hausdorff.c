@@ -172,19 +172,22 @@ static qm_status build_locators(qm_context *ctx, qm_search *search)
     return status;
 }
 
+uint64_t qm_hausdorff_default_work(const qm_bvh *a, const qm_bvh *b, qm_direction direction)
+{
+    QM_ASSERT(a && b);
+    uint64_t sides = direction == QM_TWO_SIDED ? 2 : 1, packs = (uint64_t)a->pack_count + b->pack_count;
+    return QM_HAUSDORFF_BASE_WORK + sides * QM_HAUSDORFF_FACE_WORK * QM_PACK_LANES * packs;
+}
+
 static void set_limits(qm_search *search, int workers)
 {
     const qm_hausdorff_options *options = search->options;
     search->work_limit = options->work_limit;
     search->work_stop = QM_STOP_DEADLINE;
     if (search->work_limit == 0) {
-        search->work_limit = QM_HAUSDORFF_BASE_WORK;
         search->work_stop = QM_STOP_WORK;
-        for (int i = 0; i < search->side_count; i++) {
-            const qm_side *side = &search->side[i];
-            uint64_t packs = (uint64_t)side->source->pack_count + side->target->pack_count;
-            search->work_limit += QM_HAUSDORFF_FACE_WORK * QM_PACK_LANES * packs;
-        }
+        search->work_limit =
+            qm_hausdorff_default_work(search->side[0].source, search->side[0].target, options->direction);
     }
     size_t memory = options->memory_limit > 0 ? options->memory_limit : QM_HAUSDORFF_MEMORY;
     search->memory_limit = memory / (size_t)workers;
