@@ -90,3 +90,11 @@ void qm_database_drop(char *address)
     qm_database_ask(qm_database_server(), "DROP DATABASE %s WITH (FORCE)", strrchr(address, '/') + 1);
     free(address);
 }
+
+void qm_database_age(const char *address)
+{
+    qm_database_ask(
+        address,
+        "DROP TABLE quadmeshd.job_parts, quadmeshd.job_bounds, quadmeshd.blob_place, quadmeshd.blob_objects;"
+        " UPDATE quadmeshd.about SET version = 1");
+}

@@ -22,6 +22,9 @@ char *qm_database_make(void);
 /** Removes the database with its connections, and frees the address. */
 void qm_database_drop(char *address);
 
+/** Makes the tables of a store those of version 1, with what they hold. */
+void qm_database_age(const char *address);
+
 /** Runs statements; returns the first value of the last one as a number, or 0. A fault ends the test program. */
 int64_t qm_database_ask(const char *address, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
