@@ -115,6 +115,7 @@ typedef struct qm_shortlist {
 /** The candidates to cover a piece with, a facet a lane, and their cutoffs. */
 typedef struct qm_candidates {
     int count;
+    uint32_t id[QM_COVER_PACKS]; /* indices of the packs in the target */
     const qm_pack *pack[QM_COVER_PACKS];
     qm_pack spare[QM_COVER_PACKS]; /* for packs that the target has no room to keep */
     _Alignas(64) double cutoff2[QM_COVER_PACKS][QM_PACK_LANES]; /* squared cutoff; -1: covers nothing */

@@ -29,6 +29,7 @@ void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const ui
     QM_ASSERT(count >= 0 && count <= QM_COVER_PACKS);
     candidates->count = count;
     for (int k = 0; k < count; k++) {
+        candidates->id[k] = packs[k];
         candidates->pack[k] = qm_bvh_pack(side->target, packs[k], &candidates->spare[k]);
         for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++)
             qm_candidates_set_cutoff(candidates, k, lane, qm_side_twist(side, packs[k], lane), cutoff);
@@ -82,15 +83,17 @@ typedef struct quad_list {
 static void list_quads(const qm_piece_work *work, qm_vec p, double min_twist, quad_list *list)
 {
     list->count = 0;
-    for (int k = 0; k < work->pack_count; k++) {
-        const qm_pack_lanes *lanes = &work->side->target->lanes[work->packs[k]];
+    const qm_candidates *candidates =
+        &work->candidates; /* a pack may have been added since they were filled */
+    for (int k = 0; k < candidates->count; k++) {
+        const qm_pack_lanes *lanes = &work->side->target->lanes[candidates->id[k]];
         double d2[QM_PACK_LANES];
-        work->kernel->pack_distances(work->candidates.pack[k], p, d2);
+        work->kernel->pack_distances(candidates->pack[k], p, d2);
         for (uint32_t lane = 1; lane < lanes->lane_count; lane++) {
-            double twist = work->candidates.twist[k][lane];
+            double twist = candidates->twist[k][lane];
             if (!qm_lane_is_second(lanes, lane) || twist < min_twist) continue;
             list->at[list->count++] = (struct listed_quad){sqrt(fmin(d2[lane - 1], d2[lane])), twist,
-                                                           lanes->face[lane], work->packs[k]};
+                                                           lanes->face[lane], candidates->id[k]};
         }
     }
 }

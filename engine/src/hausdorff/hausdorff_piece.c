@@ -95,11 +95,11 @@ static void reach_corners(const qm_piece_work *work, qm_polygon *polygon)
 static double piece_bound(const qm_piece_work *work, const qm_piece *piece, uint32_t *hint)
 {
     QM_ASSERT(piece->corner_count == 3 || piece->corner_count == 4);
-    QM_ASSERT(work->pack_count > 0);
+    QM_ASSERT(work->candidates.count > 0);
     int index;
     double upper = work->kernel->hull_upper(&work->candidates, piece->corner, piece->corner_count, &index);
     double known = work->entry.upper * work->side->scale - work->slack;
-    *hint = work->packs[index < work->pack_count ? index : 0];
+    *hint = work->candidates.id[index];
     if (!work->side->target_patches) return upper + work->slack;
     /* The ball is measured to the patches themselves: its bound falls with the size, a label's does not. */
     upper = fmin(upper, known);
@@ -314,7 +314,7 @@ static bool sample_unreached(qm_piece_work *work, qm_vec p)
     int index;
     double upper = work->kernel->hull_upper(&work->candidates, &p, 1, &index);
     if (upper + work->slack <= qm_candidates_cutoff(work) || patch_reaches(work, p, 0.0)) return false;
-    uint32_t hint = work->packs[index];
+    uint32_t hint = work->candidates.id[index];
     qm_sample_point(work->worker, work->side, p, work->slack, work->piece.face, 0.0, &hint);
     bool added = qm_candidates_add(work, hint);
     bool raised = qm_candidates_cutoff(work) > work->filled_for;
