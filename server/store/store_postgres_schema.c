@@ -216,7 +216,7 @@ static qm_stored take_steps(qm_postgres_connection *connection, void *user)
         if (status == QM_STORED)
             status = ask(connection,
                          "SELECT count(*) FROM quadmeshd.nodes JOIN quadmeshd.node_beats USING (id)"
-                         " WHERE state < 2 AND beat > clock_timestamp() - interval '" LIVES_S " s'",
+                         " WHERE state = 0 AND beat > clock_timestamp() - interval '" LIVES_S " s'",
                          &nodes);
     }
     m->is_joined = nodes > 0;
