@@ -366,10 +366,11 @@ static qm_stored store_array(qm_job *job, const qm_job_result *result, qm_proble
     size_t count;
     const double *numbers = job->on_end ? NULL : qm_job_result_array(result, &count);
     qm_stored stored = QM_STORED;
-    if (numbers) do {
-            stored = qm_result_file_write(job->jobs->store, job->id, numbers, count);
-            *problem = qm_store_write_problem(stored, "the result");
-        } while (stored != QM_STORED && qm_job_outlasts(job, problem));
+    if (!numbers) return stored;
+    do {
+        stored = qm_result_file_write(job->jobs->store, job->id, numbers, count);
+        *problem = qm_store_write_problem(stored, "the result");
+    } while (stored != QM_STORED && qm_job_outlasts(job, problem));
     return stored;
 }
 

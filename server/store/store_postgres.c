@@ -147,19 +147,32 @@ static qm_stored open_database(qm_store *store, const char *address, bool is_uns
     return status;
 }
 
-qm_stored qm_postgres_visit(const char *address, const qm_store_node *self, const char *folder,
-                            bool is_reader, qm_store **out, char message[QM_MESSAGE_SIZE])
+/** A store without connections. */
+static qm_stored create_store(const qm_store_node *self, const char *folder, qm_store **out,
+                              char message[QM_MESSAGE_SIZE])
 {
     *out = NULL;
     if (!qm_postgres_load_library(message)) return QM_STORED_AWAY;
     qm_store *store = qm_store_create(folder, message);
     if (!store) return QM_STORED_NO_MEMORY;
     store->driver = &qm_postgres_driver;
-    qm_stored status = QM_STORED_NO_MEMORY;
-    if (create_postgres(store, self))
-        status = qm_postgres_open_pool(store, address, is_reader, message);
-    else
-        snprintf(message, QM_MESSAGE_SIZE, "%s", qm_status_text(QM_E_NO_MEMORY));
+    if (create_postgres(store, self)) {
+        *out = store;
+        return QM_STORED;
+    }
+    snprintf(message, QM_MESSAGE_SIZE, "%s", qm_status_text(QM_E_NO_MEMORY));
+    qm_store_close(store);
+    return QM_STORED_NO_MEMORY;
+}
+
+qm_stored qm_postgres_visit(const char *address, const qm_store_node *self, const char *folder,
+                            bool is_reader, qm_store **out, char message[QM_MESSAGE_SIZE])
+{
+    qm_store *store;
+    *out = NULL;
+    qm_stored status = create_store(self, folder, &store, message);
+    if (status != QM_STORED) return status;
+    status = qm_postgres_open_pool(store, address, is_reader, message);
     if (status == QM_STORED)
         *out = store;
     else
@@ -222,16 +235,11 @@ qm_stored qm_store_visit_to_write(const char *address, const qm_store_node *self
 qm_stored qm_store_open_shared(const char *address, const char *folder, const qm_store_node *self,
                                bool is_unsafe, qm_store **out, char message[QM_MESSAGE_SIZE])
 {
+    qm_store *store;
     *out = NULL;
-    if (!qm_postgres_load_library(message)) return QM_STORED_AWAY;
-    qm_store *store = qm_store_create(folder, message);
-    if (!store) return QM_STORED_NO_MEMORY;
-    store->driver = &qm_postgres_driver;
-    qm_stored status = QM_STORED_NO_MEMORY;
-    if (create_postgres(store, self))
-        status = take_folder(store, message);
-    else
-        snprintf(message, QM_MESSAGE_SIZE, "%s", qm_status_text(QM_E_NO_MEMORY));
+    qm_stored status = create_store(self, folder, &store, message);
+    if (status != QM_STORED) return status;
+    status = take_folder(store, message);
     if (status == QM_STORED) status = open_database(store, address, is_unsafe, message);
     if (status == QM_STORED)
         *out = store;

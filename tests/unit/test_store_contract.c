@@ -15,49 +15,9 @@
 #include "store/blob.h"
 #include "store/store.h"
 #include "store/store_parts.h"
+#include "stored.h"
 
 #define THREADS 8
-
-typedef struct fixture {
-    char *folder, *database; /* no database: embedded */
-    qm_store *store;
-} fixture;
-
-static int set_up(void **state, char *database)
-{
-    fixture *f = calloc(1, sizeof *f);
-    if (!f) return -1;
-    char message[QM_MESSAGE_SIZE] = "";
-    *f = (fixture){.folder = qm_folder_make(), .database = database};
-    const qm_store_node self = {.name = "one", .version = "test", .workers = 2, .memory = 1 << 30};
-    if (database)
-        qm_store_open_shared(database, f->folder, &self, false, &f->store, message);
-    else
-        qm_store_open(f->folder, QM_STORE_SERVE, &f->store, message);
-    QM_CHECK(f->store, "%s", message);
-    *state = f;
-    return 0;
-}
-
-static int set_up_embedded(void **state)
-{
-    return set_up(state, NULL);
-}
-
-static int set_up_shared(void **state)
-{
-    return set_up(state, qm_database_make());
-}
-
-static int tear_down(void **state)
-{
-    fixture *f = *state;
-    qm_store_close(f->store);
-    qm_folder_remove(f->folder);
-    if (f->database) qm_database_drop(f->database);
-    free(f);
-    return 0;
-}
 
 /** Runs a function in several threads, each with its number. */
 typedef struct task {
@@ -90,14 +50,6 @@ static int run_threads(qm_store *store, void (*run)(task *task))
 
 /* ---- meshes ---- */
 
-/** Stores bytes; false after a fault. */
-static bool keep_blob(qm_store *store, const char *text, char hash[QM_HASH_SIZE])
-{
-    qm_blob_writer *writer;
-    return qm_blob_begin(store, 0, &writer) == QM_OK && qm_blob_write(writer, text, strlen(text)) == QM_OK &&
-           qm_blob_seal(writer, hash) == QM_OK && qm_blob_keep(writer) == QM_STORED;
-}
-
 static qm_store_mesh make_mesh(qm_store *store, const char *id, const char *content)
 {
     qm_store_mesh mesh = {.options = "format=off",
@@ -106,7 +58,7 @@ static qm_store_mesh make_mesh(qm_store *store, const char *id, const char *cont
                           .created = "2026-01-02T03:04:05.678Z",
                           .format = 3};
     snprintf(mesh.id, sizeof mesh.id, "%s", id);
-    assert_true(keep_blob(store, content, mesh.hash));
+    assert_true(qm_stored_keep_blob(store, content, mesh.hash));
     return mesh;
 }
 
@@ -131,7 +83,7 @@ static void check_mesh(qm_store *store, const qm_store_mesh *expected)
 
 static void test_meshes(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_mesh a = make_mesh(store, "m_a", "content"), b = a, found;
     assert_int_equal(qm_store_find_mesh(store, "m_a", &found), QM_STORED_NONE);
     assert_int_equal(qm_store_put_mesh(store, &a), QM_STORED);
@@ -154,7 +106,7 @@ static void test_meshes(void **state)
 
 static void test_lists_of_meshes(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     char id[QM_ID_SIZE], name[16], options[32];
     for (int i = 0; i < 10; i++) {
         snprintf(id, sizeof id, "m_%d", i);
@@ -198,22 +150,22 @@ static void put_same_content(task *t)
 
 static void test_one_row_of_a_content(void **state)
 {
-    assert_int_equal(run_threads(((fixture *)*state)->store, put_same_content), 1);
+    assert_int_equal(run_threads(((qm_stored_fixture *)*state)->store, put_same_content), 1);
 }
 
 static void test_revisions(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_mesh mesh = make_mesh(store, "m_a", "content"), next = mesh;
     next.revision = 1, next.options = "deformed m_a", next.document = "{\"revision\":1}";
-    assert_true(keep_blob(store, "positions of 1", next.positions));
+    assert_true(qm_stored_keep_blob(store, "positions of 1", next.positions));
     assert_int_equal(qm_store_revise_mesh(store, &next), QM_STORED_NONE);
     assert_int_equal(qm_store_put_mesh(store, &mesh), QM_STORED);
     assert_int_equal(qm_store_revise_mesh(store, &next), QM_STORED);
     assert_int_equal(qm_store_revise_mesh(store, &next), QM_STORED); /* an equal call */
     check_mesh(store, &next);
     qm_store_mesh stale = next;
-    assert_true(keep_blob(store, "other positions of 1", stale.positions));
+    assert_true(qm_stored_keep_blob(store, "other positions of 1", stale.positions));
     assert_int_equal(qm_store_revise_mesh(store, &stale), QM_STORED_LATE);
     stale.revision = 3;
     assert_int_equal(qm_store_revise_mesh(store, &stale), QM_STORED_LATE);
@@ -231,7 +183,7 @@ static void revise_again_and_again(task *t)
             assert_int_equal(qm_store_find_mesh(t->store, "m_a", &mesh), QM_STORED);
             mesh.revision++;
             snprintf(text, sizeof text, "thread %d change %d of %d", t->number, i, (int)mesh.revision);
-            bool is_kept = keep_blob(t->store, text, mesh.positions);
+            bool is_kept = qm_stored_keep_blob(t->store, text, mesh.positions);
             qm_stored stored = is_kept ? qm_store_revise_mesh(t->store, &mesh) : QM_STORED_FAULT;
             qm_store_mesh_reset(&mesh);
             QM_CHECK(stored == QM_STORED || stored == QM_STORED_LATE, "%d", stored);
@@ -244,7 +196,7 @@ static void revise_again_and_again(task *t)
 /** No revision is missing, and none is written twice. */
 static void test_revisions_by_threads(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_mesh mesh = make_mesh(store, "m_a", "content");
     uint64_t revision;
     assert_int_equal(qm_store_put_mesh(store, &mesh), QM_STORED);
@@ -280,7 +232,7 @@ static void end_job(qm_store *store, const char *id, const char *revisions)
 /** A mesh that a job, a layout or a reconstruction needs stays. */
 static void test_expiry(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     char past[QM_TIME_SIZE], now[QM_TIME_SIZE], future[QM_TIME_SIZE];
     qm_store_mesh mesh = make_mesh(store, "m_a", "content"), found;
     qm_clock_format_steady(-100.0, past);
@@ -316,7 +268,7 @@ static void test_expiry(void **state)
 
 static void test_submissions(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_job a = make_job("j_a", "key"), b = make_job("j_b", "key"), c = make_job("j_c", NULL), found;
     assert_int_equal(qm_store_find_job(store, "j_a", &found), QM_STORED_NONE);
     assert_int_equal(submit(store, &a), QM_STORED);
@@ -352,7 +304,7 @@ static void submit_one_key(task *t)
 
 static void test_one_job_of_a_key(void **state)
 {
-    assert_int_equal(run_threads(((fixture *)*state)->store, submit_one_key), 1);
+    assert_int_equal(run_threads(((qm_stored_fixture *)*state)->store, submit_one_key), 1);
 }
 
 /** Events as one text: seq name members, a line each. */
@@ -379,7 +331,7 @@ static bool refuse_event(void *user, const qm_store_event *event)
 
 static void test_events(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_job a = make_job("j_a", NULL), b = make_job("j_b", NULL);
     assert_int_equal(submit(store, &a), QM_STORED);
     assert_int_equal(submit(store, &b), QM_STORED);
@@ -407,7 +359,7 @@ static void test_events(void **state)
 
 static void test_ends(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_job job = make_job("j_a", NULL), end = job, found;
     const qm_store_event last = {"j_a", 5, "result", "\"x\":1"}, other = {"j_a", 6, "result", "\"x\":2"};
     end.state = QM_JOB_SUCCEEDED, end.document = "\"state\":\"succeeded\"", end.result = "{\"upper\":2}";
@@ -439,7 +391,7 @@ static void test_ends(void **state)
 
 static void test_lists_of_jobs(void **state)
 {
-    fixture *f = *state;
+    qm_stored_fixture *f = *state;
     qm_store *store = f->store;
     for (int i = 0; i < 9; i++) {
         char id[QM_ID_SIZE];
@@ -487,11 +439,11 @@ static void test_lists_of_jobs(void **state)
 
 static void test_arrays(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_job job = make_job("j_a", NULL);
     uint64_t sums[] = {0, UINT64_MAX, 0x0102030405060708};
     qm_store_array array = {2 * QM_STORE_ARRAY_BLOCK + 1, sums, ""}, found;
-    assert_true(keep_blob(store, "numbers", array.hash));
+    assert_true(qm_stored_keep_blob(store, "numbers", array.hash));
     assert_int_equal(submit(store, &job), QM_STORED);
     assert_int_equal(qm_store_find_array(store, "j_a", &found), QM_STORED_NONE);
     assert_int_equal(qm_store_put_array(store, "j_a", &array), QM_STORED);
@@ -540,7 +492,7 @@ static qm_stored edit(qm_store *store, const char *id, int64_t revision, const c
 
 static void test_layouts(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_layout layout = make_layout("l_a", "0"), twin = make_layout("l_b", "0");
     const qm_store_idempotency key = {"key", "hash"};
     qm_store_idempotency_record record;
@@ -582,7 +534,7 @@ static void test_layouts(void **state)
 
 static void test_old_revisions_of_layouts_go(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_layout layout = make_layout("l_a", "0");
     char text[16];
     assert_int_equal(qm_store_put_layout(store, &layout, &(qm_store_idempotency){0}), QM_STORED);
@@ -611,7 +563,7 @@ static void edit_again_and_again(task *t)
 
 static void test_edits_by_threads(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_layout layout = make_layout("l_a", "text");
     assert_int_equal(qm_store_put_layout(store, &layout, &(qm_store_idempotency){0}), QM_STORED);
     assert_int_equal(run_threads(store, edit_again_and_again), THREADS * EACH);
@@ -653,7 +605,7 @@ static void check_reconstruction(qm_store *store, const qm_store_reconstruction 
 
 static void test_reconstructions(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_mesh mesh = make_mesh(store, "m_0", "mesh 0"), next_mesh = make_mesh(store, "m_1", "mesh 1"),
                   none;
     qm_store_mesh twin_mesh = mesh;
@@ -704,7 +656,7 @@ static void test_reconstructions(void **state)
 /** The end of a job and its effect: both are stored, or neither. */
 static void test_effects(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_job job = make_job("j_a", NULL), end = job, found;
     qm_store_reconstruction r = make_reconstruction("r_a", "m_0"), next = r;
     qm_store_mesh mesh = make_mesh(store, "m_1", "mesh 1"), none;
@@ -756,7 +708,7 @@ static void finish_one_job(task *t)
 /** A job that several threads end has one end, and its effect if that has one. */
 static void test_one_end(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_job job = make_job("j_a", NULL), found;
     qm_store_reconstruction r = make_reconstruction("r_a", "m_0");
     assert_int_equal(qm_store_put_reconstruction(store, &r, NULL, &(qm_store_idempotency){0}), QM_STORED);
@@ -797,7 +749,7 @@ static void check_bounds(qm_store *store, size_t parts, double lower, double set
 
 static void test_parts(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_bounds bounds;
     qm_store_part claimed[4], again[4];
     size_t count;
@@ -892,7 +844,7 @@ static void finish_parts(task *t)
 /** Threads of one process take parts from each other; each part ends once. */
 static void test_parts_by_threads(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_part parts[MANY_PARTS];
     for (int i = 0; i < MANY_PARTS; i++)
         parts[i] = make_part(i, "entries");
@@ -906,31 +858,32 @@ static void test_parts_by_threads(void **state)
 
 #define TESTS(set_up)                                                                                        \
     {                                                                                                        \
-        cmocka_unit_test_setup_teardown(test_meshes, set_up, tear_down),                                     \
-            cmocka_unit_test_setup_teardown(test_lists_of_meshes, set_up, tear_down),                        \
-            cmocka_unit_test_setup_teardown(test_one_row_of_a_content, set_up, tear_down),                   \
-            cmocka_unit_test_setup_teardown(test_revisions, set_up, tear_down),                              \
-            cmocka_unit_test_setup_teardown(test_revisions_by_threads, set_up, tear_down),                   \
-            cmocka_unit_test_setup_teardown(test_expiry, set_up, tear_down),                                 \
-            cmocka_unit_test_setup_teardown(test_submissions, set_up, tear_down),                            \
-            cmocka_unit_test_setup_teardown(test_one_job_of_a_key, set_up, tear_down),                       \
-            cmocka_unit_test_setup_teardown(test_events, set_up, tear_down),                                 \
-            cmocka_unit_test_setup_teardown(test_ends, set_up, tear_down),                                   \
-            cmocka_unit_test_setup_teardown(test_lists_of_jobs, set_up, tear_down),                          \
-            cmocka_unit_test_setup_teardown(test_arrays, set_up, tear_down),                                 \
-            cmocka_unit_test_setup_teardown(test_layouts, set_up, tear_down),                                \
-            cmocka_unit_test_setup_teardown(test_old_revisions_of_layouts_go, set_up, tear_down),            \
-            cmocka_unit_test_setup_teardown(test_edits_by_threads, set_up, tear_down),                       \
-            cmocka_unit_test_setup_teardown(test_reconstructions, set_up, tear_down),                        \
-            cmocka_unit_test_setup_teardown(test_effects, set_up, tear_down),                                \
-            cmocka_unit_test_setup_teardown(test_one_end, set_up, tear_down),                                \
-            cmocka_unit_test_setup_teardown(test_parts, set_up, tear_down),                                  \
-            cmocka_unit_test_setup_teardown(test_parts_by_threads, set_up, tear_down),                       \
+        cmocka_unit_test_setup_teardown(test_meshes, set_up, qm_stored_tear_down),                           \
+            cmocka_unit_test_setup_teardown(test_lists_of_meshes, set_up, qm_stored_tear_down),              \
+            cmocka_unit_test_setup_teardown(test_one_row_of_a_content, set_up, qm_stored_tear_down),         \
+            cmocka_unit_test_setup_teardown(test_revisions, set_up, qm_stored_tear_down),                    \
+            cmocka_unit_test_setup_teardown(test_revisions_by_threads, set_up, qm_stored_tear_down),         \
+            cmocka_unit_test_setup_teardown(test_expiry, set_up, qm_stored_tear_down),                       \
+            cmocka_unit_test_setup_teardown(test_submissions, set_up, qm_stored_tear_down),                  \
+            cmocka_unit_test_setup_teardown(test_one_job_of_a_key, set_up, qm_stored_tear_down),             \
+            cmocka_unit_test_setup_teardown(test_events, set_up, qm_stored_tear_down),                       \
+            cmocka_unit_test_setup_teardown(test_ends, set_up, qm_stored_tear_down),                         \
+            cmocka_unit_test_setup_teardown(test_lists_of_jobs, set_up, qm_stored_tear_down),                \
+            cmocka_unit_test_setup_teardown(test_arrays, set_up, qm_stored_tear_down),                       \
+            cmocka_unit_test_setup_teardown(test_layouts, set_up, qm_stored_tear_down),                      \
+            cmocka_unit_test_setup_teardown(test_old_revisions_of_layouts_go, set_up, qm_stored_tear_down),  \
+            cmocka_unit_test_setup_teardown(test_edits_by_threads, set_up, qm_stored_tear_down),             \
+            cmocka_unit_test_setup_teardown(test_reconstructions, set_up, qm_stored_tear_down),              \
+            cmocka_unit_test_setup_teardown(test_effects, set_up, qm_stored_tear_down),                      \
+            cmocka_unit_test_setup_teardown(test_one_end, set_up, qm_stored_tear_down),                      \
+            cmocka_unit_test_setup_teardown(test_parts, set_up, qm_stored_tear_down),                        \
+            cmocka_unit_test_setup_teardown(test_parts_by_threads, set_up, qm_stored_tear_down),             \
     }
 
 int main(void)
 {
-    const struct CMUnitTest embedded[] = TESTS(set_up_embedded), shared[] = TESTS(set_up_shared);
+    const struct CMUnitTest embedded[] = TESTS(qm_stored_set_up_embedded),
+                            shared[] = TESTS(qm_stored_set_up_shared);
     int failed = cmocka_run_group_tests_name("embedded", embedded, NULL, NULL);
     if (qm_database_server())
         failed += cmocka_run_group_tests_name("shared", shared, NULL, NULL);

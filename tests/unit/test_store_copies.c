@@ -13,72 +13,7 @@
 #include "store/result_file.h"
 #include "store/store.h"
 #include "store/store_copy.h"
-
-typedef struct fixture {
-    char *folder, *database; /* no database: embedded */
-    qm_store *store;
-} fixture;
-
-static qm_store *open_embedded(const char *folder, qm_store_purpose purpose)
-{
-    char message[QM_MESSAGE_SIZE] = "";
-    qm_store *store;
-    qm_store_open(folder, purpose, &store, message);
-    QM_CHECK(store, "%s", message);
-    return store;
-}
-
-static const qm_store_node self = {.name = "one", .version = "test", .workers = 2, .memory = 1 << 30};
-
-/** A node of a shared store. */
-static qm_store *open_node(const char *database, const char *folder)
-{
-    char message[QM_MESSAGE_SIZE] = "";
-    qm_store *store;
-    qm_store_open_shared(database, folder, &self, false, &store, message);
-    QM_CHECK(store, "%s", message);
-    return store;
-}
-
-static int set_up(void **state, char *database)
-{
-    fixture *f = calloc(1, sizeof *f);
-    if (!f) return -1;
-    *f = (fixture){.folder = qm_folder_make(), .database = database};
-    f->store = database ? open_node(database, f->folder) : open_embedded(f->folder, QM_STORE_SERVE);
-    *state = f;
-    return 0;
-}
-
-static int set_up_embedded(void **state)
-{
-    return set_up(state, NULL);
-}
-
-static int set_up_shared(void **state)
-{
-    return set_up(state, qm_database_make());
-}
-
-static int tear_down(void **state)
-{
-    fixture *f = *state;
-    qm_store_close(f->store);
-    qm_folder_remove(f->folder);
-    if (f->database) qm_database_drop(f->database);
-    free(f);
-    return 0;
-}
-
-/** Stores bytes. */
-static void keep_blob(qm_store *store, const char *text, char hash[QM_HASH_SIZE])
-{
-    qm_blob_writer *writer;
-    assert_int_equal(qm_blob_begin(store, 0, &writer), QM_OK);
-    assert_int_equal(qm_blob_write(writer, text, strlen(text)), QM_OK);
-    assert_int_equal(qm_blob_seal(writer, hash), QM_OK);
-    assert_int_equal(qm_blob_keep(writer), QM_OK);
-}
+#include "stored.h"
 
 /* ---- jobs ---- */
 
@@ -169,13 +104,13 @@ static void check_events(qm_store *store, const char *id)
 
 static void test_jobs_that_have_ended(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_job_copy a = make_ended("j_a", "key"), other = make_ended("j_a", "other key"),
                       b = make_ended("j_b", "key");
     qm_store_job found;
     uint64_t sums[] = {5, UINT64_MAX};
     qm_store_array array = {QM_STORE_ARRAY_BLOCK + 1, sums, ""}, read;
-    keep_blob(store, "numbers", array.hash);
+    assert_true(qm_stored_keep_blob(store, "numbers", array.hash));
     assert_int_equal(qm_store_put_job_copy(store, &a, events, 2, &array), QM_STORED);
     check_only(store, &a);
     check_events(store, "j_a");
@@ -205,7 +140,7 @@ static void test_jobs_that_have_ended(void **state)
 
 static void test_copies_of_unclaimed_jobs(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_job_copy waiting = make_waiting("j_w");
     waiting.claims = waiting.job.deaths = 0;
     assert_int_equal(qm_store_put_job_copy(store, &waiting, NULL, 0, NULL), QM_STORED);
@@ -217,13 +152,13 @@ static void test_copies_of_unclaimed_jobs(void **state)
 /** A job that waits is claimed once, and its events come after those of the runs before. */
 static void test_jobs_that_wait(void **state)
 {
-    fixture *f = *state;
+    qm_stored_fixture *f = *state;
     qm_store_job_copy waiting = make_waiting("j_w");
     assert_int_equal(qm_store_put_job_copy(f->store, &waiting, events, 2, NULL), QM_STORED);
     check_only(f->store, &waiting);
     if (!f->database) { /* another process */
         qm_store_close(f->store);
-        f->store = open_embedded(f->folder, QM_STORE_SERVE);
+        f->store = qm_stored_open_embedded(f->folder, QM_STORE_SERVE);
     }
     qm_store_job rows[2];
     size_t count;
@@ -240,7 +175,7 @@ static void test_jobs_that_wait(void **state)
 
 static void test_pages_of_jobs(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     char id[QM_ID_SIZE];
     for (int i = 0; i < 7; i++) {
         snprintf(id, sizeof id, "j_%d", i);
@@ -307,7 +242,7 @@ static void check_revisions(qm_store *store, const char *id, const qm_store_layo
 
 static void test_layouts(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_layout a[COUNT], b[COUNT], found;
     char texts[COUNT][32];
     qm_store_origin origin;
@@ -338,7 +273,7 @@ static void test_layouts(void **state)
 /** Revisions that an undo and an edit have thrown away are in no copy. */
 static void test_undone_revisions(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_layout a[COUNT], rows[COUNT];
     char texts[COUNT][32];
     size_t count;
@@ -356,7 +291,7 @@ static void test_undone_revisions(void **state)
 
 static void test_origins_of_reconstructions(void **state)
 {
-    qm_store *store = ((fixture *)*state)->store;
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_origin origin;
     qm_store_reconstruction r = {.id = "r_a",
                                  .source = "m_s",
@@ -391,7 +326,7 @@ static qm_store_mesh make_mesh(qm_store *store, const char *id, const char *cont
                           .created = "2026-01-02T03:04:05.678Z",
                           .format = 3};
     snprintf(mesh.id, sizeof mesh.id, "%s", id);
-    keep_blob(store, content, mesh.hash);
+    assert_true(qm_stored_keep_blob(store, content, mesh.hash));
     return mesh;
 }
 
@@ -404,7 +339,7 @@ static void fill(qm_store *store)
     qm_store_mesh mesh = make_mesh(store, "m_a", "content"), next = mesh;
     assert_int_equal(qm_store_put_mesh(store, &mesh), QM_STORED);
     next.revision = 1, next.options = "deformed m_a";
-    keep_blob(store, "positions", next.positions);
+    assert_true(qm_stored_keep_blob(store, "positions", next.positions));
     assert_int_equal(qm_store_revise_mesh(store, &next), QM_STORED);
     qm_store_layout layouts[COUNT];
     char texts[COUNT][32];
@@ -463,7 +398,7 @@ static journey *begin_journey(void)
     if (!j) abort();
     j->folder = qm_folder_make(), j->cache = qm_folder_make(), j->database = qm_database_make();
     snprintf(j->back, sizeof j->back, "%s/back", j->cache);
-    qm_store *store = open_embedded(j->folder, QM_STORE_SERVE);
+    qm_store *store = qm_stored_open_embedded(j->folder, QM_STORE_SERVE);
     fill(store);
     qm_store_close(store);
     return j;
@@ -479,7 +414,7 @@ static void end_journey(journey *j)
 
 static qm_stored import(journey *j)
 {
-    return qm_store_import(j->folder, j->database, &self, false, stderr, &j->copied, j->message);
+    return qm_store_import(j->folder, j->database, &qm_stored_node, false, stderr, &j->copied, j->message);
 }
 
 static void test_there_and_back(void **state)
@@ -494,22 +429,24 @@ static void test_there_and_back(void **state)
     assert_int_equal(import(j), QM_STORED); /* nothing is left to do */
     assert_int_equal(j->copied.meshes + j->copied.layouts + j->copied.jobs + j->copied.faults, 0);
     assert_int_equal(j->copied.before, 4);
-    qm_store *store = open_node(j->database, j->cache);
+    qm_store *store = qm_stored_open_node(j->database, j->cache);
     check_all(store);
     qm_store_close(store);
-    QM_CHECK(qm_store_export(j->database, &self, j->back, stderr, &j->copied, j->message) == QM_STORED, "%s",
-             j->message);
+    QM_CHECK(qm_store_export(j->database, &qm_stored_node, j->back, stderr, &j->copied, j->message) ==
+                 QM_STORED,
+             "%s", j->message);
     assert_int_equal(j->copied.jobs, 2);
-    assert_int_equal(qm_store_export(j->database, &self, j->back, stderr, &j->copied, j->message),
+    assert_int_equal(qm_store_export(j->database, &qm_stored_node, j->back, stderr, &j->copied, j->message),
                      QM_STORED_FAULT); /* it is not empty */
-    store = open_embedded(j->back, QM_STORE_SERVE);
+    store = qm_stored_open_embedded(j->back, QM_STORE_SERVE);
     check_all(store);
     qm_store_close(store);
     qm_store_findings found;
     assert_int_equal(qm_store_check(j->back, false, stderr, &found, j->message), QM_OK);
     assert_int_equal(found.faults, 0);
     assert_int_equal(found.files, 2);
-    assert_int_equal(qm_store_check_shared(j->database, &self, stderr, &found, j->message), QM_STORED);
+    assert_int_equal(qm_store_check_shared(j->database, &qm_stored_node, stderr, &found, j->message),
+                     QM_STORED);
     assert_int_equal(found.faults, 0);
     assert_int_equal(found.meshes, 1);
     assert_int_equal(found.jobs, 2);
@@ -521,7 +458,7 @@ static void test_what_is_taken(void **state)
 {
     (void)state;
     journey *j = begin_journey();
-    qm_store *store = open_node(j->database, j->cache);
+    qm_store *store = qm_stored_open_node(j->database, j->cache);
     qm_store_mesh other = make_mesh(store, "m_other", "content"), found;
     other.options = "deformed m_a"; /* as the one in the folder has */
     assert_int_equal(qm_store_put_mesh(store, &other), QM_STORED);
@@ -560,7 +497,7 @@ static void test_damages(void **state)
 {
     (void)state;
     journey *j = begin_journey();
-    qm_store *store = open_embedded(j->folder, QM_STORE_SERVE);
+    qm_store *store = qm_stored_open_embedded(j->folder, QM_STORE_SERVE);
     qm_store_mesh mesh, good = make_mesh(store, "m_good", "other content");
     char name[QM_HASH_SIZE + 16];
     assert_int_equal(qm_store_put_mesh(store, &good), QM_STORED);
@@ -574,8 +511,9 @@ static void test_damages(void **state)
     size_t size = 0;
     FILE *out = open_memstream(&text, &size);
     assert_non_null(out);
-    assert_int_equal(qm_store_import(j->folder, j->database, &self, false, out, &j->copied, j->message),
-                     QM_STORED);
+    assert_int_equal(
+        qm_store_import(j->folder, j->database, &qm_stored_node, false, out, &j->copied, j->message),
+        QM_STORED);
     fclose(out);
     QM_CHECK(strstr(text, "mesh m_a: file ") && strstr(text, " is damaged") && strstr(text, "job j_a: "),
              "%s", text);
@@ -584,7 +522,7 @@ static void test_damages(void **state)
     assert_int_equal(j->copied.meshes, 1);
     assert_int_equal(j->copied.jobs, 2);
     qm_store_job found;
-    store = open_node(j->database, j->cache);
+    store = qm_stored_open_node(j->database, j->cache);
     assert_int_equal(qm_store_find_mesh(store, "m_a", &mesh), QM_STORED_NONE);
     assert_int_equal(qm_store_find_job_by_key(store, "hash of the request", "1 2", QM_JOB_FAILED, &found),
                      QM_STORED_NONE); /* it answers no later request */
@@ -602,13 +540,15 @@ static void test_damages_of_the_database(void **state)
     qm_database_ask(j->database, "UPDATE quadmeshd.blob_chunks SET bytes = set_byte(bytes, 0, 0)"
                                  " WHERE generation = (SELECT generation FROM quadmeshd.blobs b"
                                  "   JOIN quadmeshd.meshes m ON m.hash = b.hash)");
-    assert_int_equal(qm_store_check_shared(j->database, &self, stderr, &found, j->message), QM_STORED);
+    assert_int_equal(qm_store_check_shared(j->database, &qm_stored_node, stderr, &found, j->message),
+                     QM_STORED);
     assert_int_equal(found.faults, 1);
-    assert_int_equal(qm_store_export(j->database, &self, j->back, stderr, &j->copied, j->message), QM_STORED);
+    assert_int_equal(qm_store_export(j->database, &qm_stored_node, j->back, stderr, &j->copied, j->message),
+                     QM_STORED);
     assert_int_equal(j->copied.faults, 1);
     assert_int_equal(j->copied.meshes, 0);
     assert_int_equal(j->copied.jobs, 2);
-    qm_store *store = open_embedded(j->back, QM_STORE_SERVE);
+    qm_store *store = qm_stored_open_embedded(j->back, QM_STORE_SERVE);
     check_events(store, "j_a");
     qm_store_close(store);
     end_journey(j);
@@ -622,8 +562,9 @@ static void test_a_reader_has_a_snapshot(void **state)
     qm_store *reader;
     qm_store_mesh mesh;
     assert_int_equal(import(j), QM_STORED);
-    assert_int_equal(qm_store_visit_to_read(j->database, &self, NULL, &reader, j->message), QM_STORED);
-    qm_store *node = open_node(j->database, j->cache);
+    assert_int_equal(qm_store_visit_to_read(j->database, &qm_stored_node, NULL, &reader, j->message),
+                     QM_STORED);
+    qm_store *node = qm_stored_open_node(j->database, j->cache);
     assert_int_equal(qm_store_delete_mesh(node, "m_a"), QM_STORED);
     assert_int_equal(qm_store_find_mesh(reader, "m_a", &mesh), QM_STORED);
     qm_store_mesh_reset(&mesh);
@@ -639,7 +580,8 @@ static void check_status(const char *database, size_t faults, const char *line)
     size_t size = 0, found;
     FILE *out = open_memstream(&text, &size);
     assert_non_null(out);
-    QM_CHECK(qm_store_print_status(database, &self, out, &found, message) == QM_STORED, "%s", message);
+    QM_CHECK(qm_store_print_status(database, &qm_stored_node, out, &found, message) == QM_STORED, "%s",
+             message);
     fclose(out);
     QM_CHECK(found == faults && strstr(text, line), "%s", text);
     free(text);
@@ -650,7 +592,7 @@ static void test_status(void **state)
     (void)state;
     char *folder = qm_folder_make(), *database = qm_database_make();
     check_status(database, 2, "\ntables: 0\n");
-    qm_store *node = open_node(database, folder);
+    qm_store *node = qm_stored_open_node(database, folder);
     check_status(database, 0, "\nnode: name=one id=one.");
     check_status(database, 0, "\nnodes that live: 1\n");
     check_status(database, 0, "\njobs waiting: 0\n");
@@ -667,18 +609,19 @@ static void test_status(void **state)
 
 #define TESTS(set_up)                                                                                        \
     {                                                                                                        \
-        cmocka_unit_test_setup_teardown(test_jobs_that_have_ended, set_up, tear_down),                       \
-            cmocka_unit_test_setup_teardown(test_copies_of_unclaimed_jobs, set_up, tear_down),               \
-            cmocka_unit_test_setup_teardown(test_jobs_that_wait, set_up, tear_down),                         \
-            cmocka_unit_test_setup_teardown(test_pages_of_jobs, set_up, tear_down),                          \
-            cmocka_unit_test_setup_teardown(test_layouts, set_up, tear_down),                                \
-            cmocka_unit_test_setup_teardown(test_undone_revisions, set_up, tear_down),                       \
-            cmocka_unit_test_setup_teardown(test_origins_of_reconstructions, set_up, tear_down),             \
+        cmocka_unit_test_setup_teardown(test_jobs_that_have_ended, set_up, qm_stored_tear_down),             \
+            cmocka_unit_test_setup_teardown(test_copies_of_unclaimed_jobs, set_up, qm_stored_tear_down),     \
+            cmocka_unit_test_setup_teardown(test_jobs_that_wait, set_up, qm_stored_tear_down),               \
+            cmocka_unit_test_setup_teardown(test_pages_of_jobs, set_up, qm_stored_tear_down),                \
+            cmocka_unit_test_setup_teardown(test_layouts, set_up, qm_stored_tear_down),                      \
+            cmocka_unit_test_setup_teardown(test_undone_revisions, set_up, qm_stored_tear_down),             \
+            cmocka_unit_test_setup_teardown(test_origins_of_reconstructions, set_up, qm_stored_tear_down),   \
     }
 
 int main(void)
 {
-    const struct CMUnitTest embedded[] = TESTS(set_up_embedded), shared[] = TESTS(set_up_shared);
+    const struct CMUnitTest embedded[] = TESTS(qm_stored_set_up_embedded),
+                            shared[] = TESTS(qm_stored_set_up_shared);
     const struct CMUnitTest both[] = {
         cmocka_unit_test(test_there_and_back), cmocka_unit_test(test_what_is_taken),
         cmocka_unit_test(test_damages),        cmocka_unit_test(test_damages_of_the_database),
