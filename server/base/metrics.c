@@ -23,12 +23,12 @@ enum { SERIES_FREE, SERIES_CLAIMED, SERIES_READY };
 typedef struct series {
     atomic_int state;
     const char *first, *second;
-    int status; /* of a request, 0 for jobs */
+    int status; /* of a request, 0 for others */
     _Atomic uint64_t buckets[BUCKET_END_COUNT + 1];
     _Atomic uint64_t nanoseconds;
 } series;
 
-static series requests[MAX_SERIES], jobs[MAX_SERIES], waits[MAX_SERIES];
+static series requests[MAX_SERIES], jobs[MAX_SERIES], waits[MAX_SERIES], verbs[MAX_SERIES];
 static _Atomic uint64_t counters[QM_METRICS_COUNTER_COUNT];
 
 void qm_metrics_add(qm_metrics_counter counter, uint64_t amount)
@@ -91,6 +91,11 @@ void qm_metrics_add_wait(const char *type, double seconds)
     add_time(find_series(waits, type, "", 0), seconds);
 }
 
+void qm_metrics_add_store(const char *verb, const char *outcome, double seconds)
+{
+    add_time(find_series(verbs, verb, outcome, 0), seconds);
+}
+
 /* ---- writing ---- */
 
 static void write_head(qm_text *out, const char *name, const char *type, const char *help)
@@ -130,6 +135,8 @@ static void write_histogram(qm_text *out, const char *name, const char *help, co
                            s->status);
         else if (table == waits)
             qm_text_printf(&labels, "type=\"%s\"", s->first);
+        else if (table == verbs)
+            qm_text_printf(&labels, "verb=\"%s\",outcome=\"%s\"", s->first, s->second);
         else
             qm_text_printf(&labels, "type=\"%s\",state=\"%s\"", s->first, s->second);
         if (labels.failed)
@@ -160,6 +167,8 @@ void qm_metrics_write(qm_text *out, const qm_metrics_gauge *gauges, size_t count
     write_histogram(out, "request_seconds", "Time from the first header to the end of the reply.", requests);
     write_histogram(out, "job_wait_seconds", "Time that a job waited for its first turn.", waits);
     write_histogram(out, "job_seconds", "Time from a job's first turn to its end.", jobs);
+    if (atomic_load(&verbs[0].state) == SERIES_READY)
+        write_histogram(out, "store_seconds", "Time of a call of the shared store.", verbs);
 }
 
 void qm_metrics_write_plain(qm_text *out, const char *name, const char *type, const char *help, double value)

@@ -46,6 +46,9 @@ void qm_metrics_add_job(const char *type, const char *state, double seconds);
 /** Counts the time that a job waited for its first turn. */
 void qm_metrics_add_wait(const char *type, double seconds);
 
+/** Counts a call of a shared store; both names are literals. */
+void qm_metrics_add_store(const char *verb, const char *outcome, double seconds);
+
 /** A current value. */
 typedef struct qm_metrics_gauge {
     const char *name, *help; /* without the prefix */

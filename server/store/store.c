@@ -3,6 +3,8 @@
  */
 #include <stdlib.h>
 
+#include "base/clock.h"
+#include "base/metrics.h"
 #include "store_driver.h"
 
 bool qm_store_is_shared(const qm_store *store)
@@ -35,54 +37,69 @@ qm_status qm_store_status(qm_stored stored)
     return QM_E_ARGUMENT;
 }
 
+/** Names of outcomes in metrics. */
+static const char *const outcome_names[] = {
+    [QM_STORED] = "stored",          [QM_STORED_NONE] = "none",       [QM_STORED_LATE] = "late",
+    [QM_STORED_TAKEN] = "taken",     [QM_STORED_LOST] = "lost",       [QM_STORED_FULL] = "full",
+    [QM_STORED_NO_ROOM] = "no_room", [QM_STORED_DAMAGED] = "damaged", [QM_STORED_NO_MEMORY] = "no_memory",
+    [QM_STORED_AWAY] = "away",       [QM_STORED_FAULT] = "fault"};
+
+/** The body of a verb: calls the driver, and counts the time of a shared store. */
+#define RETURN_VERB(store, verb, ...)                                                                        \
+    double start_ms = qm_clock_now_ms();                                                                     \
+    qm_stored stored = (store)->driver->verb(__VA_ARGS__);                                                   \
+    if ((store)->postgres)                                                                                   \
+        qm_metrics_add_store(#verb, outcome_names[stored], 1e-3 * (qm_clock_now_ms() - start_ms));           \
+    return stored
+
 /* ---- meshes ---- */
 
 qm_stored qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
-    return store->driver->put_mesh(store, mesh);
+    RETURN_VERB(store, put_mesh, store, mesh);
 }
 
 qm_stored qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out)
 {
-    return store->driver->find_mesh(store, id, out);
+    RETURN_VERB(store, find_mesh, store, id, out);
 }
 
 qm_stored qm_store_find_revision(qm_store *store, const char *id, uint64_t *revision)
 {
-    return store->driver->find_revision(store, id, revision);
+    RETURN_VERB(store, find_revision, store, id, revision);
 }
 
 qm_stored qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
                                         qm_store_mesh *out)
 {
-    return store->driver->find_mesh_by_content(store, hash, options, out);
+    RETURN_VERB(store, find_mesh_by_content, store, hash, options, out);
 }
 
 qm_stored qm_store_list_meshes(qm_store *store, const qm_store_page *page, const qm_store_mesh_filter *filter,
                                qm_store_mesh *out, size_t *count)
 {
-    return store->driver->list_meshes(store, page, filter, out, count);
+    RETURN_VERB(store, list_meshes, store, page, filter, out, count);
 }
 
 qm_stored qm_store_revise_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
     QM_ASSERT(mesh->revision > 0);
-    return store->driver->revise_mesh(store, mesh);
+    RETURN_VERB(store, revise_mesh, store, mesh);
 }
 
 qm_stored qm_store_set_expiry(qm_store *store, const char *id, const char *expires)
 {
-    return store->driver->set_expiry(store, id, expires);
+    RETURN_VERB(store, set_expiry, store, id, expires);
 }
 
 qm_stored qm_store_find_expired_mesh(qm_store *store, const char *before, qm_store_mesh *out)
 {
-    return store->driver->find_expired_mesh(store, before, out);
+    RETURN_VERB(store, find_expired_mesh, store, before, out);
 }
 
 qm_stored qm_store_delete_mesh(qm_store *store, const char *id)
 {
-    return store->driver->delete_mesh(store, id);
+    RETURN_VERB(store, delete_mesh, store, id);
 }
 
 void qm_store_mesh_reset(qm_store_mesh *mesh)
@@ -99,89 +116,89 @@ void qm_store_mesh_reset(qm_store_mesh *mesh)
 qm_stored qm_store_submit_job(qm_store *store, const qm_store_submission *submission)
 {
     QM_ASSERT(submission->job && submission->job->state == QM_JOB_QUEUED);
-    return store->driver->submit_job(store, submission);
+    RETURN_VERB(store, submit_job, store, submission);
 }
 
 qm_stored qm_store_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_store_job *out, size_t *count)
 {
-    return store->driver->claim_jobs(store, wish, out, count);
+    RETURN_VERB(store, claim_jobs, store, wish, out, count);
 }
 
 qm_stored qm_store_begin_job(qm_store *store, const char *id)
 {
-    return store->driver->begin_job(store, id);
+    RETURN_VERB(store, begin_job, store, id);
 }
 
 qm_stored qm_store_append_events(qm_store *store, qm_store_run *runs, size_t run_count,
                                  const qm_store_event *events, size_t count)
 {
-    return store->driver->append_events(store, runs, run_count, events, count);
+    RETURN_VERB(store, append_events, store, runs, run_count, events, count);
 }
 
 qm_stored qm_store_finish_job(qm_store *store, const qm_store_job *end, const char *revisions,
                               const qm_store_event *events, size_t count, const qm_store_effect *effect)
 {
     QM_ASSERT(end->state > QM_JOB_RUNNING && end->document);
-    return store->driver->finish_job(store, end, revisions, events, count, effect);
+    RETURN_VERB(store, finish_job, store, end, revisions, events, count, effect);
 }
 
 qm_stored qm_store_leave_jobs(qm_store *store)
 {
-    return store->driver->leave_jobs(store);
+    RETURN_VERB(store, leave_jobs, store);
 }
 
 qm_stored qm_store_read_events(qm_store *store, const char *id, uint64_t after, qm_store_event_fn *take,
                                void *user)
 {
-    return store->driver->read_events(store, id, after, take, user);
+    RETURN_VERB(store, read_events, store, id, after, take, user);
 }
 
 qm_stored qm_store_find_job(qm_store *store, const char *id, qm_store_job *out)
 {
-    return store->driver->find_job(store, id, out);
+    RETURN_VERB(store, find_job, store, id, out);
 }
 
 qm_stored qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions,
                                    qm_job_state state, qm_store_job *out)
 {
-    return store->driver->find_job_by_key(store, key, revisions, state, out);
+    RETURN_VERB(store, find_job_by_key, store, key, revisions, state, out);
 }
 
 qm_stored qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out)
 {
-    return store->driver->find_job_by_idempotency_key(store, key, out);
+    RETURN_VERB(store, find_job_by_idempotency_key, store, key, out);
 }
 
 qm_stored qm_store_forget_answer(qm_store *store, const char *id)
 {
-    return store->driver->forget_answer(store, id);
+    RETURN_VERB(store, forget_answer, store, id);
 }
 
 qm_stored qm_store_list_jobs(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
                              qm_store_job *out, size_t *count)
 {
-    return store->driver->list_jobs(store, page, filter, out, count);
+    RETURN_VERB(store, list_jobs, store, page, filter, out, count);
 }
 
 qm_stored qm_store_drop_old_jobs(qm_store *store, size_t kept, double kept_s, size_t limit,
                                  char (*ids)[QM_ID_SIZE], size_t *count)
 {
-    return store->driver->drop_old_jobs(store, kept, kept_s, limit, ids, count);
+    RETURN_VERB(store, drop_old_jobs, store, kept, kept_s, limit, ids, count);
 }
 
 qm_stored qm_store_delete_job(qm_store *store, const char *id)
 {
-    return store->driver->delete_job(store, id);
+    RETURN_VERB(store, delete_job, store, id);
 }
 
 qm_stored qm_store_put_array(qm_store *store, const char *job_id, const qm_store_array *array)
 {
-    return store->driver->put_array(store, job_id, array);
+    RETURN_VERB(store, put_array, store, job_id, array);
 }
 
 qm_stored qm_store_find_array(qm_store *store, const char *job_id, qm_store_array *out)
 {
-    return store->driver->find_array(store, job_id, out);
+    RETURN_VERB(store, find_array, store, job_id, out);
 }
 
 void qm_store_job_reset(qm_store_job *job)
@@ -201,39 +218,39 @@ void qm_store_job_reset(qm_store_job *job)
 qm_stored qm_store_put_layout(qm_store *store, const qm_store_layout *layout,
                               const qm_store_idempotency *idempotency)
 {
-    return store->driver->put_layout(store, layout, idempotency);
+    RETURN_VERB(store, put_layout, store, layout, idempotency);
 }
 
 qm_stored qm_store_find_layout(qm_store *store, const char *id, qm_store_layout *out)
 {
-    return store->driver->find_layout(store, id, out);
+    RETURN_VERB(store, find_layout, store, id, out);
 }
 
 qm_stored qm_store_find_layout_by_idempotency_key(qm_store *store, const char *key,
                                                   qm_store_idempotency_record *out)
 {
-    return store->driver->find_layout_by_idempotency_key(store, key, out);
+    RETURN_VERB(store, find_layout_by_idempotency_key, store, key, out);
 }
 
 qm_stored qm_store_list_layouts(qm_store *store, const qm_store_page *page, const char *mesh,
                                 qm_store_layout *out, size_t *count)
 {
-    return store->driver->list_layouts(store, page, mesh, out, count);
+    RETURN_VERB(store, list_layouts, store, page, mesh, out, count);
 }
 
 qm_stored qm_store_edit_layout(qm_store *store, const qm_store_layout *layout)
 {
-    return store->driver->edit_layout(store, layout);
+    RETURN_VERB(store, edit_layout, store, layout);
 }
 
 qm_stored qm_store_move_layout(qm_store *store, const char *id, int64_t from, int64_t to)
 {
-    return store->driver->move_layout(store, id, from, to);
+    RETURN_VERB(store, move_layout, store, id, from, to);
 }
 
 qm_stored qm_store_delete_layout(qm_store *store, const char *id)
 {
-    return store->driver->delete_layout(store, id);
+    RETURN_VERB(store, delete_layout, store, id);
 }
 
 void qm_store_layout_reset(qm_store_layout *layout)
@@ -249,34 +266,34 @@ void qm_store_layout_reset(qm_store_layout *layout)
 qm_stored qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction,
                                       const qm_store_mesh *mesh, const qm_store_idempotency *idempotency)
 {
-    return store->driver->put_reconstruction(store, reconstruction, mesh, idempotency);
+    RETURN_VERB(store, put_reconstruction, store, reconstruction, mesh, idempotency);
 }
 
 qm_stored qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out)
 {
-    return store->driver->find_reconstruction(store, id, out);
+    RETURN_VERB(store, find_reconstruction, store, id, out);
 }
 
 qm_stored qm_store_find_reconstruction_by_idempotency_key(qm_store *store, const char *key,
                                                           qm_store_idempotency_record *out)
 {
-    return store->driver->find_reconstruction_by_idempotency_key(store, key, out);
+    RETURN_VERB(store, find_reconstruction_by_idempotency_key, store, key, out);
 }
 
 qm_stored qm_store_list_reconstructions(qm_store *store, const qm_store_page *page, const char *source,
                                         qm_store_reconstruction *out, size_t *count)
 {
-    return store->driver->list_reconstructions(store, page, source, out, count);
+    RETURN_VERB(store, list_reconstructions, store, page, source, out, count);
 }
 
 qm_stored qm_store_update_reconstruction(qm_store *store, const qm_store_effect *effect)
 {
-    return store->driver->update_reconstruction(store, effect);
+    RETURN_VERB(store, update_reconstruction, store, effect);
 }
 
 qm_stored qm_store_delete_reconstruction(qm_store *store, const char *id)
 {
-    return store->driver->delete_reconstruction(store, id);
+    RETURN_VERB(store, delete_reconstruction, store, id);
 }
 
 void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction)
@@ -294,13 +311,13 @@ void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction)
 qm_stored qm_store_list_job_copies(qm_store *store, const qm_store_page *page, qm_store_job_copy *out,
                                    size_t *count)
 {
-    return store->driver->list_job_copies(store, page, out, count);
+    RETURN_VERB(store, list_job_copies, store, page, out, count);
 }
 
 qm_stored qm_store_put_job_copy(qm_store *store, const qm_store_job_copy *copy, const qm_store_event *events,
                                 size_t count, const qm_store_array *array)
 {
-    return store->driver->put_job_copy(store, copy, events, count, array);
+    RETURN_VERB(store, put_job_copy, store, copy, events, count, array);
 }
 
 void qm_store_job_copy_reset(qm_store_job_copy *copy)
@@ -314,29 +331,29 @@ void qm_store_job_copy_reset(qm_store_job_copy *copy)
 qm_stored qm_store_list_layout_revisions(qm_store *store, const char *id, const qm_store_page *page,
                                          qm_store_layout *out, size_t *count)
 {
-    return store->driver->list_layout_revisions(store, id, page, out, count);
+    RETURN_VERB(store, list_layout_revisions, store, id, page, out, count);
 }
 
 qm_stored qm_store_put_layout_copy(qm_store *store, const qm_store_layout *revisions, size_t count,
                                    int64_t current, const qm_store_idempotency *idempotency)
 {
     QM_ASSERT(count > 0 && revisions[0].revision <= current && current <= revisions[count - 1].revision);
-    return store->driver->put_layout_copy(store, revisions, count, current, idempotency);
+    RETURN_VERB(store, put_layout_copy, store, revisions, count, current, idempotency);
 }
 
 qm_stored qm_store_find_layout_origin(qm_store *store, const char *id, qm_store_origin *out)
 {
-    return store->driver->find_layout_origin(store, id, out);
+    RETURN_VERB(store, find_layout_origin, store, id, out);
 }
 
 qm_stored qm_store_find_reconstruction_origin(qm_store *store, const char *id, qm_store_origin *out)
 {
-    return store->driver->find_reconstruction_origin(store, id, out);
+    RETURN_VERB(store, find_reconstruction_origin, store, id, out);
 }
 
 qm_stored qm_store_settle(qm_store *store)
 {
-    return store->driver->settle(store);
+    RETURN_VERB(store, settle, store);
 }
 
 /* ---- nodes of a shared store ---- */
@@ -345,19 +362,19 @@ qm_stored qm_store_beat(qm_store *store, size_t free_workers, qm_store_cluster *
                         qm_store_settled_fn *settled, void *user)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    return store->driver->beat(store, free_workers, out, settled, user);
+    RETURN_VERB(store, beat, store, free_workers, out, settled, user);
 }
 
 qm_stored qm_store_join(qm_store *store)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    return store->driver->join(store);
+    RETURN_VERB(store, join, store);
 }
 
 qm_stored qm_store_reap(qm_store *store, double silence_s, size_t *count)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    return store->driver->reap(store, silence_s, count);
+    RETURN_VERB(store, reap, store, silence_s, count);
 }
 
 qm_stored qm_store_find_home(qm_store *store, const char *id, char out[QM_NODE_NAME_SIZE])
@@ -370,26 +387,26 @@ qm_stored qm_store_cancel_job(qm_store *store, const char *id, const char *docum
                               const qm_store_event *last)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    return store->driver->cancel_job(store, id, document, last);
+    RETURN_VERB(store, cancel_job, store, id, document, last);
 }
 
 qm_stored qm_store_hold_job(qm_store *store, const char *id, int owners, bool is_kept, bool *is_unwanted)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    return store->driver->hold_job(store, id, owners, is_kept, is_unwanted);
+    RETURN_VERB(store, hold_job, store, id, owners, is_kept, is_unwanted);
 }
 
 qm_stored qm_store_look_at_jobs(qm_store *store, qm_store_look *looks, size_t count, qm_store_event_fn *take,
                                 void *user)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    return store->driver->look_at_jobs(store, looks, count, take, user);
+    RETURN_VERB(store, look_at_jobs, store, looks, count, take, user);
 }
 
 qm_stored qm_store_clean_blobs(qm_store *store, double delay_s)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    return store->driver->clean_blobs(store, delay_s);
+    RETURN_VERB(store, clean_blobs, store, delay_s);
 }
 
 void qm_store_watch(qm_store *store, qm_store_news_fn *tell, void *user)

@@ -7,6 +7,7 @@ import contextlib
 import json
 import math
 import pathlib
+import re
 import shutil
 import sys
 import tempfile
@@ -24,6 +25,10 @@ import postgres
 CLIENTS = 16
 TOLERANCE = 1e-3
 IDLE_S = 5.0
+# The verbs of a small job, in their order, and how /metrics tells their times.
+VERBS = ("find_mesh", "submit_job", "append_events", "finish_job", "find_job", "beat")
+SERIES = re.compile(r'quadmeshd_store_seconds_(?P<part>bucket|sum|count)\{verb="(?P<verb>\w+)",outcome="stored"(,le="(?P<end>[^"]+)")?\} '
+                    r'(?P<value>\S+)')
 
 
 def make_daemon(folder, name, *settings):
@@ -104,6 +109,22 @@ def bench_commits(daemon, primary, count):
         idle = (points[1][part] - points[0][part]) / (points[1][2] - points[0][2])
         busy = points[2][part] - points[1][part] - idle * (points[2][2] - points[1][2])
         yield {"what": what, "figure": busy / count, "unit": unit, "note": f"a daemon without work: {idle:.1f} a second"}
+
+
+def bench_verbs(daemon):
+    """From the histograms of the daemon: the mean, and the bucket that holds the 99th percentile."""
+    _, text = daemon.call("GET", "/metrics")
+    series = {}
+    for line in text.decode().splitlines():
+        found = SERIES.fullmatch(line)
+        if found:
+            series.setdefault(found["verb"], {})[found["part"] + (found["end"] or "")] = float(found["value"])
+    for verb in VERBS:
+        values = series[verb]
+        ends = sorted((float(name.removeprefix("bucket")), count) for name, count in values.items() if name.startswith("bucket"))
+        bucket = next(end for end, count in ends if count >= 0.99 * values["count"])
+        yield {"what": f"verb {verb}", "figure": 1000 * values["sum"] / values["count"], "unit": "ms",
+               "note": f"mean of {values['count']:.0f}; 99 % within {1000 * bucket:g} ms"}
 
 
 # ---- two daemons ----
@@ -205,6 +226,7 @@ def measure(settings, say):
         with running(folder, 1) as ((daemon,), primary):
             yield from bench_jobs(daemon, "shared", jobs)
             yield from bench_commits(daemon, primary, jobs)
+            yield from bench_verbs(daemon)
         say("store: two daemons")
         with running(folder, 2) as (daemons, _):
             heap = shapes.crumpled(1500, seed=1)

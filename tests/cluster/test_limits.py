@@ -21,6 +21,10 @@ def test_what_it_tells_of_itself(cluster):
         info = node.info()
         assert info["node"].split(".")[0] == node.name
         assert info["cluster"]["queued"] >= 0 and info["cluster"]["running"] >= 0
+        with node.client() as client:
+            values = dict(line.rsplit(" ", 1) for line in client.get("/metrics").text.splitlines() if not line.startswith("#"))
+        assert values["quadmeshd_store_up"] == "1"
+        assert int(values['quadmeshd_store_seconds_count{verb="beat",outcome="stored"}']) > 0
 
 
 def test_a_database_alone_is_one_machine(make_cluster):
