@@ -22,7 +22,7 @@ class Undecided(Exception):
     """The search has become too long."""
 
 
-def linearize(calls, initial, step, limit=300_000):
+def linearize(calls, initial, step, limit=10_000_000):
     """None when there is an order, else a Refusal.
 
     step(state, call) gives the state after a call, or IMPOSSIBLE when it contradicts the answer; states are hashable. A call
