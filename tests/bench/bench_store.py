@@ -26,7 +26,7 @@ CLIENTS = 16
 TOLERANCE = 1e-3
 IDLE_S = 5.0
 # The verbs of a small job, in their order, and how /metrics tells their times.
-VERBS = ("find_mesh", "submit_job", "append_events", "finish_job", "find_job", "beat")
+VERBS = ("find_mesh", "submit_job", "append_events", "finish_job", "beat")
 SERIES = re.compile(r'quadmeshd_store_seconds_(?P<part>bucket|sum|count)\{verb="(?P<verb>\w+)",outcome="stored"(,le="(?P<end>[^"]+)")?\} '
                     r'(?P<value>\S+)')
 
