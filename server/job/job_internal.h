@@ -195,6 +195,10 @@ void qm_job_mark_running(qm_job *job);
  * go on. The caller has left its worker. */
 bool qm_job_outlasts(qm_job *job, const qm_problem *problem);
 
+/** True when a run that met this problem has no end: the store did not answer, and the job runs again, as the daemon stops
+ * or another node has the job. */
+bool qm_job_runs_again(qm_job *job, const qm_problem *problem);
+
 /** Takes a job that follows another one away from it, with the reference that the leader had. */
 void qm_job_unfollow(qm_job *job);
 

@@ -176,11 +176,27 @@ bool qm_job_outlasts(qm_job *job, const qm_problem *problem)
     return waits;
 }
 
+bool qm_job_runs_again(qm_job *job, const qm_problem *problem)
+{
+    uv_mutex_lock(&job->jobs->lock);
+    bool is_lost = job->is_lost;
+    uv_mutex_unlock(&job->jobs->lock);
+    return problem->code == QM_PROBLEM_STORE_UNAVAILABLE && !job->on_end &&
+           (is_lost || atomic_load(&job->jobs->closed));
+}
+
+/** Takes note that the store gave the job to another node, before the pulse has heard of it. */
+static void mark_lost(qm_job *job)
+{
+    uv_mutex_lock(&job->jobs->lock);
+    job->is_lost = true;
+    uv_mutex_unlock(&job->jobs->lock);
+}
+
 /** Makes the row of the end of a job and stores it. With a result other than QM_STORED there is no end. */
 static qm_stored make_and_store(qm_job *job, const qm_job_outcome *outcome, const qm_store_effect *effect,
                                 qm_job_end *end)
 {
-    qm_jobs *jobs = job->jobs;
     qm_stored stored;
     unsigned wait = MIN_WAIT_MS;
     do {
@@ -190,11 +206,7 @@ static qm_stored make_and_store(qm_job *job, const qm_job_outcome *outcome, cons
         uv_sleep(wait);
         wait = wait < MAX_WAIT_MS ? 2 * wait : wait;
     } while (stored != QM_STORED);
-    if (stored == QM_STORED_LOST) {
-        uv_mutex_lock(&jobs->lock);
-        job->is_lost = true;
-        uv_mutex_unlock(&jobs->lock);
-    }
+    if (stored == QM_STORED_LOST) mark_lost(job);
     end->is_stored = stored == QM_STORED;
     return stored;
 }
@@ -447,6 +459,7 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
     qm_hausdorff_progress_fn *progress = job->on_end ? NULL : on_progress;
     qm_job_result result;
     qm_status status = qm_job_execute(&ctx, &request, a, b, progress, &target, &result);
+    if (split.is_lost) mark_lost(job);
     bool canceled = status == QM_E_CANCELED || (status == QM_OK && result.is_canceled);
     qm_job_expiry expiry = canceled ? qm_job_get_expiry(job) : QM_JOB_IN_TIME;
     qm_scheduler_leave(job->turn);
@@ -465,10 +478,10 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
     } else if (status == QM_OK) {
         qm_problem problem;
         qm_stored stored = store_array(job, &result, &problem);
-        if (stored == QM_STORED_AWAY)
-            qm_job_interrupt(job);
-        else if (stored == QM_STORED)
+        if (stored == QM_STORED)
             qm_job_finish_with_result(job, canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED, &result);
+        else if (qm_job_runs_again(job, &problem))
+            qm_job_interrupt(job);
         else
             qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     } else {
@@ -559,8 +572,7 @@ static void run_on_meshes(qm_job *job)
         qm_job_help_run(job, first, second);
     } else if (!is_over && is_there) {
         answer(job, first, second);
-    } else if (!is_over && !job->on_end && problem.code == QM_PROBLEM_STORE_UNAVAILABLE &&
-               !qm_job_is_canceled(job)) {
+    } else if (!is_over && qm_job_runs_again(job, &problem)) {
         qm_job_interrupt(job);
     } else if (!is_over) {
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);

@@ -81,7 +81,10 @@ static void commit(qm_job *job, qm_reconstruction_lease *refining, const step_lo
         end->keeps = qm_reconstructions_commit(job->jobs->reconstructions, refining, limit, log->count,
                                                records, store_steps, &task, &problem);
     while (!end->keeps && qm_job_outlasts(job, &problem));
-    if (!end->keeps) end_with(end, problem);
+    if (!end->keeps && qm_job_runs_again(job, &problem))
+        end->how = INTERRUPTED;
+    else if (!end->keeps)
+        end_with(end, problem);
 }
 
 /** Takes the steps of a job that holds the lease. */
@@ -144,7 +147,7 @@ static void run_steps(qm_job *job)
             end.problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job was canceled before its first step");
         else if (expiry != QM_JOB_IN_TIME)
             end.problem = qm_job_expiry_problem(job, expiry);
-        else if (atomic_load(&job->cancel))
+        else if (atomic_load(&job->cancel) || qm_job_runs_again(job, &end.problem))
             end.how = INTERRUPTED;
     }
     if (end.how == INTERRUPTED)

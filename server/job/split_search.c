@@ -319,6 +319,18 @@ static qm_store_bounds found_by(const qm_hausdorff_result *result)
     return found;
 }
 
+/** Adds bounds that a call has found; the lower one comes with its witness. */
+static void join_bounds(qm_store_bounds *to, const qm_store_bounds *found)
+{
+    if (found->lower > to->lower) {
+        to->lower = found->lower;
+        memcpy(to->witness, found->witness, sizeof to->witness);
+    }
+    to->settled = fmax(to->settled, found->settled);
+    to->iterations += found->iterations;
+    to->projections += found->projections;
+}
+
 /** The margin of these trees: a call without entries computes it. */
 static qm_status find_margin(search *s)
 {
@@ -446,18 +458,12 @@ static void give_back(search *s, const qm_store_part *claimed, size_t count)
 /** How a round ended. */
 typedef enum round_end { ROUND_DONE, ROUND_FAULT, ROUND_NO_MEMORY, ROUND_FAILED } round_end;
 
-/** What a call has found joins the round, and what it has left. */
+/** What a call has found joins the round and what this process knows; what it has left joins the round. */
 static void join_call(search *s, search_round *r, const qm_hausdorff_result *result)
 {
     const qm_store_bounds found = found_by(result);
-    r->found.settled = fmax(r->found.settled, found.settled);
-    r->found.iterations += found.iterations;
-    r->found.projections += found.projections;
-    if (found.lower > r->found.lower) {
-        r->found.lower = found.lower;
-        memcpy(r->found.witness, found.witness, sizeof found.witness);
-    }
-    s->known.lower = fmax(s->known.lower, found.lower);
+    join_bounds(&r->found, &found);
+    join_bounds(&s->known, &found);
     for (size_t i = 0; i < s->rest.count; i++)
         add_entry(&r->left, &s->rest.at[i]);
     r->left.failed |= s->rest.failed;
@@ -477,7 +483,7 @@ static qm_status run_next(search *s, search_round *r, int64_t tries, qm_hausdorf
 {
     size_t left = r->entries.count - r->begun, run = left < s->share ? left : s->share;
     const qm_hausdorff_part *first = &r->entries.at[r->begun];
-    s->others = fmax(fmax(s->known.lower, fmax(s->known.settled, r->found.settled)), s->known.others);
+    s->others = fmax(s->known.lower, fmax(s->known.settled, s->known.others));
     if (run < left) s->others = fmax(s->others, first[run].upper);
     for (size_t i = 0; i < r->left.count; i++)
         s->others = fmax(s->others, r->left.at[i].upper);
@@ -557,7 +563,10 @@ static qm_status run_rounds(search *s, qm_hausdorff_result *out)
         qm_store_part claimed[QM_STORE_PART_CLAIMS];
         size_t count;
         qm_stored stored = claim_parts(s, claimed, &count);
-        if (stored == QM_STORED_NONE) break; /* the job is another node's, and over */
+        if (stored == QM_STORED_NONE) { /* the job is another node's, and over */
+            s->split->is_lost = true;
+            break;
+        }
         if (stored != QM_STORED) {
             goes_on = wait_for_store(s);
             if (stored != QM_STORED_AWAY && ++s->faults > MOST_FAULTS) {
@@ -635,13 +644,7 @@ static qm_status run_in_memory(search *s, qm_hausdorff_result *out)
     if (status != QM_OK) return status;
     const qm_store_bounds found = found_by(&result);
     qm_store_bounds *known = &s->known;
-    if (found.lower > known->lower) {
-        known->lower = found.lower;
-        memcpy(known->witness, found.witness, sizeof known->witness);
-    }
-    known->settled = fmax(known->settled, found.settled);
-    known->iterations += found.iterations;
-    known->projections += found.projections;
+    join_bounds(known, &found);
     known->parts = s->rest.count;
     known->upper = 0.0;
     for (size_t i = 0; i < s->rest.count; i++)
@@ -684,9 +687,10 @@ qm_status qm_split_measure(void *user, qm_context *ctx, const qm_bvh *a, const q
         qm_stored stored = export(&s);
         if (stored == QM_STORED)
             status = run_rounds(&s, out);
-        else if (stored == QM_STORED_LOST)
+        else if (stored == QM_STORED_LOST) {
+            s.split->is_lost = true;
             out->stop = QM_STOP_CANCELED;
-        else
+        } else
             status = run_in_memory(&s, out);
     }
     free_entries(&s.rest);

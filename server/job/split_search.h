@@ -39,12 +39,13 @@ typedef struct qm_split {
     double whole_ms, round_ms; /* the two times above, unless a test has others */
     /* Set before each report of progress, for the owner: parts that are left, and nodes that run some; 0 while the search is whole. */
     size_t parts, nodes;
+    bool is_lost; /* written, for the owner: another process has the job, or it is over */
 } qm_split;
 
 /**
  * Runs a search to its end as qm_hausdorff_measure does, with the same options and result, whose counts are those of all calls
  * that have counted; work, memory and cancelation end it as they end a whole one. Without memory for the parts, or with a
- * store that does not take them, it ends early or runs whole. QM_STOP_CANCELED also when the job is lost.
+ * store that does not take them, it ends early or runs whole. QM_STOP_CANCELED also when the job is lost (is_lost).
  * A qm_job_search with a qm_split as its user.
  */
 qm_status qm_split_measure(void *user, qm_context *ctx, const qm_bvh *a, const qm_bvh *b,

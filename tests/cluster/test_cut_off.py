@@ -70,6 +70,21 @@ def test_an_end_that_is_long_on_its_way_is_void(cluster, slow_files):
         assert client.events(job)[-1]["seq"] > 10**9
 
 
+def test_a_deadline_passes_in_an_outage(cluster, slow_files):
+    """The array of the result cannot be stored in time: the job ends all the same, once the database is back."""
+    a, b = upload_slow(cluster, slow_files)
+    with cluster.nodes[0].client() as client:
+        job = client.start(a, b, type="deviation", accuracy=1e-9, deadline_ms=2000)["id"]
+    node = runner(cluster, job)
+    cluster.database.primary.kill()
+    time.sleep(4)
+    cluster.database.primary.start()
+    cluster.wait_until_ready()
+    with node.client() as client:
+        assert client.wait(job)["state"] in ("succeeded", "failed")
+    check_job(cluster, job)
+
+
 def test_connections_are_reset_again_and_again(cluster):
     with Load(cluster, SEED) as load:
         for turn in range(choose(6, 100)):
