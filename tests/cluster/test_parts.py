@@ -6,7 +6,7 @@ import pytest
 import at_rest
 import shapes
 from api_conftest import SLOW, SLOW_DISTANCE, check_bounds, split_runs
-from faults import SILENCE, another, choose, runner
+from faults import SILENCE, another, choose, lease_of, runner
 
 # Long enough to be helped and interrupted, and no longer than a test may take.
 FOLDS = choose(900, 1500)
@@ -85,6 +85,22 @@ def test_bounds_are_held_back(cluster, folds, seconds):
         client.wait(job)
     cluster.wait_until_ready()
     check_end(cluster, job)
+
+
+def test_an_owner_stands_still_until_it_counts_as_dead(cluster, folds):
+    """Another node owns the search. The first one has no run of it left, and all its workers again."""
+    job = start(cluster, folds)
+    await_help(cluster, job)
+    owner, lease = runner(cluster, job), lease_of(cluster, job)
+    owner.pause()
+    with another(cluster, owner).client() as client:
+        cluster.wait_for("another owner", lambda: at_rest.lease(cluster.query, job) != lease)
+        owner.resume()
+        client.wait(job)
+    cluster.wait_until_ready()
+    check_end(cluster, job)
+    for node in cluster.nodes:
+        cluster.wait_for("free workers", lambda node=node: node.info()["running"] == 0)
 
 
 def test_a_search_is_canceled(cluster, slow_files):
