@@ -166,6 +166,12 @@ typedef struct qm_postgres_home {
     int64_t waiting;
 } qm_postgres_home;
 
+/** A job that this process has, or that is over while a claim is under way. */
+typedef struct qm_postgres_claim {
+    char id[QM_ID_SIZE];
+    bool is_over;
+} qm_postgres_claim;
+
 struct qm_postgres {
     struct qm_postgres_pool *pool;
     qm_place *place;               /* of the blobs */
@@ -175,8 +181,9 @@ struct qm_postgres {
     char node[QM_NODE_NAME_SIZE + 16];
     qm_postgres_home *homes; /* nodes that take work, as of the last beat */
     size_t home_count;
-    char (*claims)[QM_ID_SIZE]; /* jobs */
+    qm_postgres_claim *claims;
     size_t claim_count, claim_capacity;
+    bool is_claiming; /* the pulse asks for jobs */
 };
 
 /** The id of this start of the process. */
@@ -306,7 +313,11 @@ bool qm_postgres_read_layout(const qm_postgres_rows *rows, int row, void *out);
 bool qm_postgres_add_claim(qm_store *store, const char *id);
 void qm_postgres_remove_claim(qm_store *store, const char *id);
 void qm_postgres_remove_claims(qm_store *store);
-void qm_postgres_write_claims(qm_store *store, qm_text *array);
+/** Begins a claim, one at a time, and writes the jobs that it is to tell. */
+void qm_postgres_begin_claiming(qm_store *store, qm_text *array);
+/** True for a job that was known when the claim began, or has been added since. */
+bool qm_postgres_has_claim(qm_store *store, const char *id);
+void qm_postgres_end_claiming(qm_store *store);
 
 /* ---- verbs; store.h says what they do ---- */
 

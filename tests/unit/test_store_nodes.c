@@ -292,6 +292,48 @@ static void test_claims_that_were_not_heard_of(void **state)
     check_places(f);
 }
 
+typedef struct busy_client {
+    qm_store *store;
+    int first, count;
+    atomic_int *working;
+} busy_client;
+
+/** Submits jobs to be run at once, and ends them at once. */
+static void *submit_and_finish(void *user)
+{
+    busy_client *client = user;
+    for (int i = 0; i < client->count; i++) {
+        char id[QM_ID_SIZE];
+        snprintf(id, sizeof id, "j_at_once_%d", client->first + i);
+        qm_stored stored = submit_claimed(client->store, id);
+        QM_CHECK(stored == QM_STORED, "%s: %d", id, stored);
+        stored = finish(client->store, id, 0);
+        QM_CHECK(stored == QM_STORED, "%s: %d", id, stored);
+    }
+    atomic_fetch_sub(client->working, 1);
+    return NULL;
+}
+
+/** A claim sees the row of a job that was submitted after it had told which ones the node has. Such a job runs already. */
+static void test_a_claim_while_jobs_are_submitted(void **state)
+{
+    enum { THREADS = 6, JOBS = 150 };
+    fixture *f = *state;
+    busy_client clients[THREADS];
+    pthread_t threads[THREADS];
+    atomic_int working = THREADS;
+    open_node(f, 0, f->database);
+    for (int i = 0; i < THREADS; i++) {
+        clients[i] = (busy_client){f->stores[0], i * JOBS, JOBS, &working};
+        pthread_create(&threads[i], NULL, submit_and_finish, &clients[i]);
+    }
+    while (atomic_load(&working) > 0)
+        check_claim(f->stores[0], 8, 8, 0.0, "");
+    for (int i = 0; i < THREADS; i++)
+        pthread_join(threads[i], NULL);
+    check_places(f);
+}
+
 /* ---- nodes that end ---- */
 
 typedef struct durable_events {
@@ -1225,6 +1267,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(test_claims, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_claims_by_nodes, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_claims_that_were_not_heard_of, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(test_a_claim_while_jobs_are_submitted, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_beat_tells_durable_events, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_the_last_run_counts_from_its_beginning, set_up, tear_down),
         cmocka_unit_test_setup_teardown(test_a_silent_node_loses_its_jobs, set_up, tear_down),
