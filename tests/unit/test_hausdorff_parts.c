@@ -105,26 +105,42 @@ static int compare_nodes(const void *a, const void *b)
     return (p->index > q->index) - (p->index < q->index);
 }
 
-/** A node that came several times is one part with the largest of the bounds. */
+/** Puts packs in place of some pieces, or of all of them. */
+static void drop_pieces(pool *p, qm_random *random)
+{
+    size_t share = qm_random_below(random, 4); /* 0: every piece stays */
+    for (size_t i = 0; i < p->count; i++)
+        if (share > 0 && qm_random_below(random, share) == 0) p->part[i].piece_size = 0;
+}
+
+/** A node that came several times is one part with the largest of the bounds, which stands for pieces of it. */
 static void merge_parts(pool *p)
 {
     size_t kept = 0;
     qsort(p->part, p->count, sizeof *p->part, compare_nodes);
-    for (size_t i = 0; i < p->count; i++)
-        if (kept > 0 && compare_nodes(&p->part[kept - 1], &p->part[i]) == 0)
-            p->part[kept - 1].upper = fmax(p->part[kept - 1].upper, p->part[i].upper);
-        else
-            p->part[kept++] = p->part[i];
+    for (size_t i = 0, end; i < p->count; i = end) {
+        qm_hausdorff_part whole = p->part[i];
+        bool is_whole = false;
+        for (end = i; end < p->count && compare_nodes(&p->part[i], &p->part[end]) == 0; end++) {
+            is_whole |= p->part[end].piece_size == 0;
+            whole.upper = fmax(whole.upper, p->part[end].upper);
+        }
+        whole.piece_size = 0;
+        for (size_t k = i; k < end && !is_whole; k++)
+            p->part[kept++] = p->part[k];
+        if (is_whole) p->part[kept++] = whole;
+    }
     p->count = kept;
 }
 
 /** The end of a call: its parts leave the pool, its rest and its bounds join it. */
-static void end_call(pool *p, const call *c, const qm_hausdorff_result *r, size_t parts)
+static void end_call(pool *p, const call *c, const qm_hausdorff_result *r, size_t parts, qm_random *random)
 {
     p->count -= parts;
     assert_true(p->count + c->rest_count <= MOST_PARTS);
     if (c->rest_count > 0) memcpy(p->part + p->count, c->rest, c->rest_count * sizeof *c->rest);
     p->count += c->rest_count;
+    drop_pieces(p, random);
     merge_parts(p);
     p->discarded = fmax(p->discarded, r->discarded);
     p->lower = fmax(p->lower, fmax(r->found_lower, c->found));
@@ -165,7 +181,7 @@ static int check_search(uint64_t base, uint64_t seed, const qm_mesh *a, const qm
     int calls = 0;
     for (; calls == 0 || p.count > 0; calls++) {
         QM_CHECK(calls < MOST_CALLS, "seed %llu: %zu parts are left", (unsigned long long)seed, p.count);
-        /* A call that ends within a pack leaves all of it, so that little work may never end one. */
+        /* Where packs are put in place of pieces, little work may never end one. */
         options.work_limit =
             1 + qm_random_below(&random, most_work << (calls / PATIENCE < 16 ? calls / PATIENCE : 16));
         options.thread_count = qm_random_below(&random, 4) == 0 ? 3 : 1;
@@ -177,7 +193,7 @@ static int check_search(uint64_t base, uint64_t seed, const qm_mesh *a, const qm
         qm_hausdorff_result r = run_call(&c, a, b, options, parts);
         bool is_lost = qm_random_below(&random, 8) == 0, is_twice = qm_random_below(&random, 8) == 0;
         if (is_lost && parts > 0) continue;
-        end_call(&p, &c, &r, parts);
+        end_call(&p, &c, &r, parts, &random);
         check_bracket(&p, r.margin, size);
         if (!is_twice || p.count == 0) continue;
         /* Another process has run parts meanwhile that are others' by now: only its lower bound counts. */
