@@ -19,9 +19,9 @@
  * Entries mean the same only for trees with the same fingerprints (qm_bvh_fingerprint): who has others takes no part, and
  * an owner with others begins anew.
  *
- * A round takes QM_SPLIT_ROUND_MS at most: so much is lost with a process. What is proved inside a pack is lost with
- * each call that does not end the pack, so a round is a number of calls, about as many entries each as lately ended
- * in a twentieth of its time. A pack alone that does not end in a round gets four times as long in the next one.
+ * A round is one call of the engine about the parts that it has claimed, and takes QM_SPLIT_ROUND_MS at most: so much is lost
+ * with a process. A call that is cut off leaves its queue as it is, pieces of faces too, so that nothing is done again, and each
+ * call gets on, however much a single face takes.
  */
 #ifndef QM_SPLIT_SEARCH_H
 #define QM_SPLIT_SEARCH_H

@@ -358,9 +358,15 @@ static void limits_end_a_search(void **state)
     assert_true(r.stop == QM_STOP_DEADLINE || r.stop == QM_STOP_PRECISION);
     free_scene(&s);
     s = make_spheres(3);
+    /* The same work as of a whole search: its calls count together, and a limit is seen an interval late. */
     s.options.work_limit = 200;
     r = own(&s, 0, 1e-3, 3, INT32_MAX);
+    qm_hausdorff_result whole = qm_measured(&s.a, &s.b, &s.options);
     assert_int_equal(r.stop, QM_STOP_DEADLINE);
+    assert_int_equal(whole.stop, QM_STOP_DEADLINE);
+    QM_CHECK(r.iterations >= 200 && r.iterations <= whole.iterations + 32,
+             "%llu iterations, %llu of a whole search", (unsigned long long)r.iterations,
+             (unsigned long long)whole.iterations);
     free_scene(&s);
     s = make_spheres(4);
     s.options.memory_limit = 1;

@@ -94,6 +94,12 @@ static bool is_rectangle(const qm_piece *piece)
     return true;
 }
 
+/** True for a point that may be of the source: no coordinate is beyond all of the surfaces but for the roundings of cuts. */
+static bool is_near(const qm_side *side, qm_vec p)
+{
+    return fmax(fabs(p.x), fmax(fabs(p.y), fabs(p.z))) <= 2.0 * side->reach && !isnan(p.x + p.y + p.z);
+}
+
 /** True when a part has a piece of a face of its pack. */
 static bool has_piece(const qm_search *search, const qm_hausdorff_part *part)
 {
@@ -103,8 +109,7 @@ static bool has_piece(const qm_search *search, const qm_hausdorff_part *part)
     if (!is_in_pack(&side->source->lanes[part->index], piece.face)) return false;
     if (!(piece.slack >= 0.0) || !isfinite(piece.slack)) return false;
     for (int i = 0; i < piece.corner_count; i++)
-        if (!isfinite(piece.corner[i].x) || !isfinite(piece.corner[i].y) || !isfinite(piece.corner[i].z))
-            return false;
+        if (!is_near(side, piece.corner[i])) return false;
     bool may_be_quad = piece.corner_count == 3 || side->source_patches;
     if (!may_be_quad ||
         (piece.corner_count == 4 && side->source->mesh.faces[4 * (size_t)piece.face + 3] == QM_NO_INDEX))
