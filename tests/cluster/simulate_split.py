@@ -7,8 +7,8 @@ better lower bound reaches the others with their next claim; until then they loo
 usage: simulate_split.py [--work CORE_SECONDS] [--nodes N] [--threads N] [--load SECONDS] [--deaths PER_NODE_SECOND] [--fault]
        simulate_split.py --calibrate FILE
 Without arguments a table of seconds and speed-ups. --fault: parts are finished without a look at their lease. --calibrate holds the model
-against real runs, which bench_split.py has written (`make bench BENCH="--only store"`, build/bench/split.json): the seconds of the busiest
-node, with a processor for each thread of a node.
+against real runs, which bench_split.py has written (`make bench BENCH="--only store"`, build/bench/split.json). There nodes share the
+machine with each other and with other work: the busiest one's share of a processor is the pace of each in the model.
 Exit status: 0 when each part of the work was settled once, and no calibrated run is more than a third off.
 """
 import argparse
@@ -39,18 +39,16 @@ CLAIMS = 3000.0    # rounds a second that the database takes
 class Search:
     """One run. The work is settled when every part of it has been credited."""
 
-    def __init__(self, work, nodes, threads=THREADS, load=LOAD, deaths=0.0, fault=False, seed=2):
+    def __init__(self, work, nodes, threads=THREADS, load=LOAD, deaths=0.0, fault=False, pace=1.0, seed=2):
         self.random = random.Random(seed)
         self.deaths, self.fault, self.load = deaths, fault, load
-        self.speed = threads * (EFFICIENCY if threads > 1 else 1.0)  # core seconds a second
+        self.speed = pace * threads * (EFFICIENCY if threads > 1 else 1.0)  # core seconds a second
         self.work, self.nodes = work, nodes
         self.rest = max(0.0, work - ALONE * self.speed) * (1.0 + EXTRA * (nodes > 1))
         self.epochs, self.credited, self.voided = {}, 0.0, 0
-        self.busy = [0.0] * nodes  # seconds that each node has worked
 
     def run(self):
         """The seconds to the end."""
-        self.busy[0] = min(self.work / self.speed, ALONE)
         if self.rest == 0.0:
             return self.work / self.speed
         sizes = [self.random.lognormvariate(0, SIGMA) for _ in range(EXPORTED)]
@@ -94,7 +92,6 @@ class Search:
             return start + AWAY
         left = max(size - spent * self.speed, 0.0)
         done = start + spent + VERB / 2
-        self.busy[node] += spent
         for part, name, epoch in parts:
             self.finish(name, epoch, part * (1 - left / size))
         if left > 1e-9:
@@ -118,20 +115,18 @@ class Search:
         return math.isclose(self.credited, self.rest, rel_tol=1e-9, abs_tol=1e-9)
 
 
-def calibrate(path):
-    """Prints real runs beside the model's; the largest factor between them."""
+def calibrate(rows):
+    """Prints real runs beside the model's; the largest factor between their seconds."""
     worst = 1.0
-    print("nodes  real s  model s  (of the busiest node)   real work  model work (of a whole search's)")
-    with open(path, encoding="utf-8") as file:
-        rows = json.load(file)
+    print("nodes  work  pace  real s  model s")
     for row in rows:
         if not row["verbs"]:
             continue
-        search = Search(row["whole"], len(row["spent"]), threads=1, load=0.0)
-        search.run()
-        real, model = max(row["spent"]), max(search.busy)
+        real, nodes = row["figure"], len(row["spent"])
+        pace = max(row["spent"]) / real
+        model = Search(row["whole"], nodes, threads=1, load=0.0, pace=pace).run()
         worst = max(worst, real / model, model / real)
-        print(f"{search.nodes:5d} {real:7.1f} {model:8.1f} {sum(row['spent']) / row['whole']:34.2f} {sum(search.busy) / row['whole']:11.2f}")
+        print(f"{nodes:5d} {row['whole']:5.1f} {pace:5.2f} {real:7.1f} {model:8.1f}")
     return worst
 
 
@@ -146,7 +141,8 @@ def main():
     parser.add_argument("--calibrate", metavar="FILE")
     asked = parser.parse_args()
     if asked.calibrate:
-        return 0 if calibrate(asked.calibrate) <= 4 / 3 else 1
+        with open(asked.calibrate, encoding="utf-8") as file:
+            return 0 if calibrate(json.load(file)) <= 4 / 3 else 1
     widths = (1, 2, 8, 32, 100, 1000, 10000)
     works = (50, 500, 5e3, 5e4, 5e5, 5e6) if asked.work is None else (asked.work,)
     if asked.work is None:
