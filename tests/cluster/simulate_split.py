@@ -24,9 +24,11 @@ ALONE, ROUND, LOOK = 3.0, 2.0, 0.5
 EXPORTED, PIECES, PART_SHARE, MOST_CLAIMS, ROUND_SHARE = 256, 8, 4, 64, 0.5
 LEASE, AWAY = 12.0, 60.0  # silence until a dead node's part is open again (design), and until the node is back (an assumption)
 
-# Measured on two cores (2026-11-25, with other load; processor seconds, which that changes least).
+# Measured on two cores with other load, as processor seconds, which that changes least.
 SIGMA = 1.1     # of the logarithm of the work of an exported part: 256 parts of two pairs, each run alone: 0.95 and 1.13
-EXTRA = 0.01    # share of work that several nodes add: bench_split.py, iterations of 2 and 3 nodes against a whole search: 0 to 0.5 %
+# Share of work that several nodes add: bench_split.py's pair takes 1,132,248 iterations whole and on 1, 2 and 3 nodes, since its lower bound
+# is there in the first 3 s. For pairs that find it later this is an assumption.
+EXTRA = 0.01
 VERB = 0.012    # seconds of a round in claim_parts, read_bounds and finish_parts together: store_seconds of bench_split.py
 EFFICIENCY = 0.75  # of a node's threads: two threads are 1.5 times one on pairs above 100,000 triangles (RESULTS.md, threads)
 
