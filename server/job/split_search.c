@@ -16,10 +16,9 @@
 #define PART_ENTRIES 256 /* of an exported part, unless there are too many of these */
 #define FEWEST_PARTS 256 /* exported, when there are so many entries */
 #define MOST_PARTS 4096
-#define MOST_PIECES (1 << 20) /* that a call leaves: of more, their packs are kept */
-#define PART_SHARE 4          /* a round claims up to one of so many parts, so that others find some */
-#define WAIT_MS 50            /* while others run the parts that are left, or the store is away */
-#define MOST_FAULTS 20        /* of the store, one after the other */
+#define PART_SHARE 4   /* a round claims up to one of so many parts, so that others find some */
+#define WAIT_MS 50     /* while others run the parts that are left, or the store is away */
+#define MOST_FAULTS 20 /* of the store, one after the other */
 #define ENTRY_HEAD                                                                                           \
     19 /* bytes of a stored entry before its piece: upper, index, hint, side, level, size of the piece */
 
@@ -38,6 +37,7 @@ typedef struct search {
     qm_store_bounds known; /* as last read */
     double margin;
     entry_list rest; /* of the last call */
+    size_t merge_at; /* entries of it at which they are merged */
     size_t claims;   /* parts that a round claims */
     size_t max_queue;
     int faults;
@@ -61,11 +61,6 @@ static void add_entry(entry_list *list, const qm_hausdorff_part *entry)
         list->capacity = capacity;
     }
     list->at[list->count++] = *entry;
-}
-
-static void keep_rest(void *user, const qm_hausdorff_part *part)
-{
-    add_entry(&((search *)user)->rest, part);
 }
 
 static void free_entries(entry_list *list)
@@ -94,7 +89,7 @@ static int compare_uppers(const void *a, const void *b)
  * Makes one of the entries of a node, with the largest of their bounds; it stands for pieces of it, too. Where there are too many
  * pieces to store, their packs do. The bounds are at most `cap`; sorts by them.
  */
-static void merge_entries(entry_list *list, double cap)
+static void merge_entries(entry_list *list, double cap, size_t most_pieces)
 {
     size_t kept = 0, pieces = 0;
     if (list->count == 0) return;
@@ -105,7 +100,7 @@ static void merge_entries(entry_list *list, double cap)
     }
     for (size_t i = 0, end; i < list->count; i = end) {
         qm_hausdorff_part whole = list->at[i];
-        bool is_whole = pieces > MOST_PIECES;
+        bool is_whole = pieces > most_pieces;
         for (end = i; end < list->count && compare_nodes(&whole, &list->at[end]) == 0; end++) {
             is_whole |= list->at[end].piece_size == 0;
             whole.upper = fmax(whole.upper, list->at[end].upper);
@@ -117,6 +112,16 @@ static void merge_entries(entry_list *list, double cap)
     }
     list->count = kept;
     qsort(list->at, list->count, sizeof *list->at, compare_uppers);
+}
+
+/** Keeps what a call has left, in the memory of so many pieces as are stored. */
+static void keep_rest(void *user, const qm_hausdorff_part *part)
+{
+    search *s = user;
+    add_entry(&s->rest, part);
+    if (s->rest.count < s->merge_at) return;
+    merge_entries(&s->rest, INFINITY, s->split->most_pieces);
+    s->merge_at = 2 * (s->rest.count > s->merge_at / 2 ? s->rest.count : s->merge_at / 2);
 }
 
 /** Bytes of an entry as it is stored. */
@@ -315,6 +320,7 @@ static qm_status call(search *s, const qm_hausdorff_part *begin, size_t count, d
     options.progress_user = s;
     s->rest.count = 0;
     s->rest.failed = false;
+    s->merge_at = 2 * s->split->most_pieces + 1;
     qm_status status = qm_hausdorff_measure(s->ctx, s->a, s->b, &options, out);
     if (status != QM_OK) return status;
     s->margin = out->margin;
@@ -407,7 +413,7 @@ static bool join_parts(const qm_store_part *parts, size_t count, entry_list *out
             add_entry(out, &entry);
         }
     }
-    merge_entries(out, INFINITY);
+    merge_entries(out, INFINITY, SIZE_MAX);
     return !out->failed;
 }
 
@@ -480,7 +486,7 @@ static round_end run_parts(search *s, const qm_store_part *claimed, size_t count
     if (result.stop == QM_STOP_MEMORY && result.iterations == 0) return ROUND_NO_MEMORY;
     const qm_store_bounds found = found_by(&result);
     join_bounds(&s->known, &found);
-    merge_entries(&s->rest, upper);
+    merge_entries(&s->rest, upper, s->split->most_pieces);
     adapt_claims(s, count, start_ms, s->rest.count == 0);
     qm_stored stored = replace_parts(s, claimed, count, &found);
     if (stored == QM_STORED_NO_MEMORY || result.stop == QM_STOP_MEMORY) return ROUND_NO_MEMORY;
@@ -613,7 +619,7 @@ static qm_status run_in_memory(search *s, qm_hausdorff_result *out)
 /** What the whole search has found and left, before its export. */
 static void keep_whole(search *s, const qm_hausdorff_result *result)
 {
-    merge_entries(&s->rest, INFINITY);
+    merge_entries(&s->rest, INFINITY, s->split->most_pieces);
     s->known = found_by(result);
     s->known.parts = s->rest.count;
     s->known.upper = s->rest.at[0].upper;
