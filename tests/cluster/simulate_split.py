@@ -29,7 +29,7 @@ SIGMA = 1.1     # of the logarithm of the work of an exported part: 256 parts of
 # Share of work that several nodes add: bench_split.py's pair takes 1,132,248 iterations whole and on 1, 2 and 3 nodes, since its lower bound
 # is there in the first 3 s. For pairs that find it later this is an assumption.
 EXTRA = 0.01
-VERB = 0.012    # seconds of a round in claim_parts, read_bounds and finish_parts together: store_seconds of bench_split.py
+VERB = 0.024    # seconds of a round in claim_parts, read_bounds and finish_parts (8, 2 and 14 ms on two nodes): store_seconds of bench_split.py
 EFFICIENCY = 0.75  # of a node's threads: two threads are 1.5 times one on pairs above 100,000 triangles (RESULTS.md, threads)
 
 # Of the machines of a cluster, which are not here: assumptions.
