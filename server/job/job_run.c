@@ -452,7 +452,8 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
                       .job = job->id,
                       .restarts = job->restarts,
                       .whole_ms = QM_SPLIT_WHOLE_MS,
-                      .round_ms = QM_SPLIT_ROUND_MS};
+                      .round_ms = QM_SPLIT_ROUND_MS,
+                      .most_pieces = QM_SPLIT_MOST_PIECES};
     const qm_job_search search = {qm_split_measure, &split};
     if (may_split(job)) request.search = &search;
     progress_target target = {job, a->diagonal, &split};

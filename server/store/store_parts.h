@@ -24,7 +24,6 @@
 typedef struct qm_store_part {
     int64_t number; /* given by the store */
     int64_t epoch;  /* claims so far */
-    int64_t tries;  /* of the caller: runs that have not brought it further */
     double upper;
     void *entries; /* of a claimed part from malloc, for qm_store_parts_reset */
     size_t size;   /* bytes */

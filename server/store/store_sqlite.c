@@ -49,7 +49,7 @@ static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = 
     "CREATE TABLE job_parts ("                                                                               \
     "  part INTEGER PRIMARY KEY AUTOINCREMENT,"                                                              \
     "  job INTEGER NOT NULL REFERENCES job_bounds (job) ON DELETE CASCADE, upper REAL NOT NULL,"             \
-    "  entries BLOB NOT NULL, tries INTEGER NOT NULL, epoch INTEGER NOT NULL DEFAULT 0);"                    \
+    "  entries BLOB NOT NULL, epoch INTEGER NOT NULL DEFAULT 0);"                                            \
     "CREATE INDEX job_parts_by_upper ON job_parts (job, upper DESC);"
 
 /** Of a new database. */

@@ -23,15 +23,14 @@ static void bind_bounds(sqlite3_stmt *statement, int index, const qm_store_bound
 /** In a transaction: adds parts to the bounds of a job. */
 static bool add_parts(qm_store *store, const char *job, const qm_store_part *parts, size_t count)
 {
-    sqlite3_stmt *statement = qm_sqlite_prepare(store, "INSERT INTO job_parts (job, upper, tries, entries)"
-                                                       " SELECT sequence, ?, ?, ? FROM jobs WHERE id = ?");
+    sqlite3_stmt *statement = qm_sqlite_prepare(store, "INSERT INTO job_parts (job, upper, entries)"
+                                                       " SELECT sequence, ?, ? FROM jobs WHERE id = ?");
     bool added = statement;
     for (size_t i = 0; added && i < count; i++) {
         sqlite3_bind_double(statement, 1, parts[i].upper);
-        sqlite3_bind_int64(statement, 2, parts[i].tries);
         added = parts[i].size <= INT32_MAX &&
-                sqlite3_bind_blob(statement, 3, parts[i].entries, (int)parts[i].size, NULL) == SQLITE_OK;
-        qm_sqlite_bind_text(statement, 4, job);
+                sqlite3_bind_blob(statement, 2, parts[i].entries, (int)parts[i].size, NULL) == SQLITE_OK;
+        qm_sqlite_bind_text(statement, 3, job);
         added = added && qm_sqlite_run(store, statement);
     }
     return added;
@@ -76,14 +75,13 @@ qm_stored qm_sqlite_open_parts(qm_store *store, const char *job, int64_t restart
 
 static bool read_part(sqlite3_stmt *statement, qm_store_part *out)
 {
-    size_t size = (size_t)sqlite3_column_bytes(statement, 4);
+    size_t size = (size_t)sqlite3_column_bytes(statement, 3);
     *out = (qm_store_part){.number = sqlite3_column_int64(statement, 0),
                            .epoch = sqlite3_column_int64(statement, 1) + 1,
-                           .tries = sqlite3_column_int64(statement, 2),
-                           .upper = sqlite3_column_double(statement, 3),
+                           .upper = sqlite3_column_double(statement, 2),
                            .entries = malloc(size > 0 ? size : 1),
                            .size = size};
-    if (out->entries && size > 0) memcpy(out->entries, sqlite3_column_blob(statement, 4), size);
+    if (out->entries && size > 0) memcpy(out->entries, sqlite3_column_blob(statement, 3), size);
     return out->entries;
 }
 
@@ -91,7 +89,7 @@ static bool read_part(sqlite3_stmt *statement, qm_store_part *out)
 static qm_stored claim(qm_store *store, const char *job, size_t limit, qm_store_part *out, size_t *count)
 {
     sqlite3_stmt *top = qm_sqlite_prepare(
-        store, "SELECT p.part, p.epoch, p.tries, p.upper, p.entries FROM jobs j JOIN job_parts p"
+        store, "SELECT p.part, p.epoch, p.upper, p.entries FROM jobs j JOIN job_parts p"
                " ON p.job = j.sequence WHERE j.id = ? ORDER BY p.upper DESC, p.part LIMIT ?");
     sqlite3_stmt *taken = qm_sqlite_prepare(store, "UPDATE job_parts SET epoch = ? WHERE part = ?");
     if (!top || !taken) return QM_STORED_FAULT;

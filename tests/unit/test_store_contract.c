@@ -781,7 +781,6 @@ static void test_parts(void **state)
     qm_store_bounds found = {.lower = 0.75, .discarded = 0.5, .iterations = 1, .projections = 2};
     snprintf(found.witness, sizeof found.witness, "w1");
     qm_store_part rest = make_part(1.5, "rest");
-    rest.tries = 7;
     assert_int_equal(qm_store_finish_parts(store, "j_a", claimed, 1, &found, &rest, 1), QM_STORED);
     check_bounds(store, 3, 0.75, 0.5, 2, "w1");
     assert_int_equal(qm_store_finish_parts(store, "j_a", claimed, 1, &found, &rest, 1), QM_STORED_LOST);
@@ -791,7 +790,7 @@ static void test_parts(void **state)
     assert_int_equal(qm_store_claim_parts(store, "j_a", 2, again, &count), QM_STORED);
     assert_int_equal(count, 2);
     assert_true(again[0].number == claimed[1].number && again[0].epoch == claimed[1].epoch + 1);
-    assert_int_equal(again[1].tries, 7);
+    assert_true(again[1].upper == 1.5 && again[1].size == 4);
     const qm_store_part mixed[] = {again[1], claimed[1]};
     found.lower = 9, found.discarded = 9;
     assert_int_equal(qm_store_finish_parts(store, "j_a", mixed, 2, &found, NULL, 0), QM_STORED_LOST);
