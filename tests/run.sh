@@ -121,6 +121,8 @@ api build/asan tests/cli
 api build/asan tests/pressure
 # Several daemons, which mostly wait: three of these tests at a time.
 api build tests/cluster -n 3
+# In a build that has points of failure by name.
+api build/asan tests/cluster/test_points.py -n 3
 data=${QM_TEST_DATA:-../shared/data}
 if [ -d "$data/pairs" ]; then api build tests/pairs; else
     missing=$(cat tests/pairs/test_*.py tests/api/test_collection.py | grep -c '^def test_')

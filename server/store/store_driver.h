@@ -8,6 +8,8 @@
 #ifndef QM_STORE_DRIVER_H
 #define QM_STORE_DRIVER_H
 
+#include "base/clock.h"
+#include "base/failpoint.h"
 #include "blob.h"
 #include "space.h"
 #include "store.h"
@@ -133,6 +135,18 @@ struct qm_store {
 };
 
 extern const qm_store_driver qm_sqlite_driver, qm_postgres_driver;
+
+/** Counts the time of a verb of a shared store. */
+void qm_store_count_verb(const qm_store *store, const char *verb, qm_stored stored, double start_ms);
+
+/** The body of a verb: calls the driver, and counts the time. */
+#define QM_STORE_RETURN_VERB(store, verb, ...)                                                               \
+    double start_ms = qm_clock_now_ms();                                                                     \
+    QM_FAILPOINT_BEGIN(#verb);                                                                               \
+    qm_stored stored = (store)->driver->verb(__VA_ARGS__);                                                   \
+    QM_FAILPOINT_END();                                                                                      \
+    qm_store_count_verb(store, #verb, stored, start_ms);                                                     \
+    return stored
 
 /** The status of a call on files that depends on rows; QM_E_CANCELED: the database is away. */
 qm_status qm_store_status(qm_stored stored);

@@ -235,6 +235,16 @@ static bool make_driver(qm_store *store)
     return true;
 }
 
+#ifdef QM_FAILPOINTS
+/** All is written but the commit. */
+static int meet_commit(void *unused)
+{
+    (void)unused;
+    QM_FAILPOINT("before");
+    return 0;
+}
+#endif
+
 qm_status qm_sqlite_open_database(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE])
 {
     char path[QM_STORE_PATH_SIZE];
@@ -252,6 +262,9 @@ qm_status qm_sqlite_open_database(qm_store *store, qm_store_purpose purpose, cha
             SQLITE_OK)
         return fail_to_open(store->sqlite->database, message);
     sqlite3_busy_timeout(store->sqlite->database, BUSY_TIMEOUT_MS);
+#ifdef QM_FAILPOINTS
+    sqlite3_commit_hook(store->sqlite->database, meet_commit, NULL);
+#endif
     return set_up(store, purpose, message);
 }
 
@@ -398,8 +411,10 @@ void qm_sqlite_measure_database(qm_store *store)
 /** Gives the lock back. */
 static void leave(qm_store *store)
 {
-    if (sqlite3_total_changes(store->sqlite->database) != store->sqlite->measured)
+    if (sqlite3_total_changes(store->sqlite->database) != store->sqlite->measured) {
+        QM_FAILPOINT("after");
         qm_sqlite_measure_database(store);
+    }
     pthread_mutex_unlock(&store->sqlite->lock);
 }
 
