@@ -15,6 +15,8 @@
 #include "store.h"
 #include "store_parts.h"
 
+#define QM_STORE_IDENTITY_SIZE 48 /* of a shared store: two numbers */
+
 typedef struct qm_store_driver {
     void (*close)(qm_store *store);
 
@@ -119,6 +121,8 @@ typedef struct qm_store_driver {
     /** Blobs that no row names, in the order of their hashes, up to limit after one. */
     qm_stored (*list_orphans)(qm_store *store, const char *after, size_t limit, char (*hashes)[QM_HASH_SIZE],
                               size_t *count);
+    /** Writes what tells the database from all others, and stays when a standby takes over. */
+    qm_stored (*identify)(qm_store *store, char out[QM_STORE_IDENTITY_SIZE]);
     void (*watch)(qm_store *store, qm_store_news_fn *tell, void *user);
     void (*unwatch)(qm_store *store);
     qm_stored (*find_split_job)(qm_store *store, const char (*except)[QM_ID_SIZE], size_t count,

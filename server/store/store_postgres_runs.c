@@ -157,7 +157,8 @@ qm_stored qm_postgres_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_
                                 "epoch, deaths, progress)"
                                 " SELECT j.id, j.key, j.idempotency_key, j.body, j.created, 1, j.sequence, "
                                 "j.document, r.epoch - 1,"
-                                "   j.result, r.deaths, r.progress"
+                                "   j.result, r.deaths, r.progress, CASE WHEN r.epoch > 1 THEN 0"
+                                "     ELSE extract(epoch FROM clock_timestamp() - j.submitted) END::float8"
                                 " FROM (SELECT * FROM unheard UNION ALL SELECT * FROM made) r JOIN "
                                 "quadmeshd.jobs j USING (sequence)"
                                 " ORDER BY j.sequence",
@@ -178,6 +179,7 @@ qm_stored qm_postgres_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_
     for (int i = 0; i < rows.count; i++) {
         /* A job that does not fit into memory stays claimed, and is found by the next claim. */
         if (!qm_postgres_read_job(&rows, i, &out[*count])) break;
+        out[*count].waited_s = qm_postgres_real(&rows, i, 12);
         if (qm_postgres_add_claim(store, out[*count].id))
             ++*count;
         else

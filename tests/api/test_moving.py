@@ -7,6 +7,7 @@ import concurrent.futures
 import os
 import random
 import re
+import shutil
 import signal
 import socket
 import struct
@@ -214,12 +215,19 @@ def rows_of(store):
     return done.stdout.splitlines()
 
 
-def test_a_second_import_changes_nothing(filled):
+def test_a_folder_is_imported_once(filled):
+    """What was deleted since does not come back, but for those who ask for it; another database may have it, too."""
     store = make_database()
     copied = count(run("--store", store, "--import", filled[0]))
+    subprocess.run(["psql", "-q", "-X", store, "-c", "DELETE FROM quadmeshd.meshes WHERE id IN"
+                    " (SELECT id FROM quadmeshd.meshes ORDER BY sequence DESC LIMIT 1)"], check=True)
     before = rows_of(store)
-    assert count(run("--store", store, "--import", filled[0])) == [0, 0, 0, 0, sum(copied), 0]
+    (line,) = run("--store", store, "--import", filled[0], status=1).splitlines()
+    assert "would come back" in line and f"{filled[0]}/imported" in line
     assert rows_of(store) == before
+    (filled[0] / "imported").unlink()
+    assert count(run("--store", store, "--import", filled[0])) == [1, 0, 0, 0, sum(copied) - 1, 0]
+    assert count(run("--store", make_database(), "--import", filled[0]))[:4] == copied[:4]
 
 
 def test_a_restored_folder_is_imported(filled, tmp_path):
@@ -263,6 +271,7 @@ def test_an_import_that_is_killed_is_made_again(filled):
         time.sleep(chance.uniform(0.0, taken))
         importing.kill()
         importing.wait()
+    (filled[0] / "imported").unlink()  # one may have come to its end
     text = run("--store", store, "--import", filled[0])
     assert count(text)[5] == 0, f"seed {SEED}: {text}"
     assert anonymous(rows_of(store)) == anonymous(rows_of(whole)), f"seed {SEED}"
@@ -279,7 +288,9 @@ def test_an_export_that_is_killed_leaves_no_folder(filled, tmp_path):
     exporting.kill()
     exporting.wait()
     assert not (tmp_path / "data").exists()
-    assert "cut off" in run("--store", store, "--export", tmp_path / "data", status=1)
+    assert "cut off or still runs: in the first case, remove it" in run("--store", store, "--export", tmp_path / "data", status=1)
+    shutil.rmtree(tmp_path / "data.exporting")
+    assert count(run("--store", store, "--export", tmp_path / "data"))[4:] == [0, 0]
 
 
 def test_what_is_damaged_is_left_out(make_daemon, make_node):
@@ -356,6 +367,12 @@ def test_status_of_an_empty_a_living_and_a_dead_cluster(make_node):
     subprocess.run(["psql", "-q", "-X", store, "-c", ask], check=True)
     told = facts(run("--store", store, "--status", status=1))
     assert told["fault"] == ["no node lives"] and all(" state=silent " in line for line in told["node"])
+
+
+@pytest.mark.parametrize("name", ["two words", "a\tb", "a\nb", "a=b", "\u00fc", "n" * 64])
+def test_a_name_that_breaks_lists_is_refused(name):
+    (line,) = run("--store", "postgres://nobody@127.0.0.1/none", "--node-name", name, status=2).splitlines()
+    assert line.startswith("quadmeshd: --node-name takes at most 63 ")
 
 
 def test_status_names_commits_that_are_lost():

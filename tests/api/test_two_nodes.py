@@ -20,9 +20,9 @@ def pair(request, make_node, tmp_path):
 
 def test_each_has_what_the_other_stores(pair):
     with pair[0].client() as first, pair[1].client() as second:
-        cube = shapes.obj(shapes.cube(side=3))
-        mesh = first.upload(cube)["id"]
-        assert second.get(f"/v1/meshes/{mesh}/content").content == cube
+        mesh = first.upload(shapes.obj(shapes.cube(side=3)))["id"]
+        contents = [client.get(f"/v1/meshes/{mesh}/content?format=obj").content for client in (first, second)]
+        assert contents[0] == contents[1] and contents[0].count(b"\nf ") == 6
         reply = second.patch(f"/v1/meshes/{mesh}/vertices", json={"indices": [0], "positions": [[0.0, 0.0, -1.0]]})
         assert reply.json()["revision"] == 1
         other = second.upload(shapes.obj(shapes.cube(side=2)))["id"]

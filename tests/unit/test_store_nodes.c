@@ -293,6 +293,29 @@ static void test_claims_that_were_not_heard_of(void **state)
     check_places(f);
 }
 
+/** A deadline counts from the submission, whichever node takes the job, and after a death from the next run on. */
+static void test_claims_tell_how_long_a_job_has_waited(void **state)
+{
+    fixture *f = *state;
+    qm_store_job job;
+    size_t count;
+    const qm_store_wish wish = {1, 0, 0.0};
+    open_node(f, 0, f->database);
+    open_node(f, 1, f->database);
+    assert_int_equal(submit(f->stores[0], "j_1", "n1"), QM_STORED);
+    qm_database_ask(f->database, "UPDATE quadmeshd.jobs SET submitted = submitted - interval '1 min'");
+    assert_int_equal(qm_store_claim_jobs(f->stores[1], &wish, &job, &count), QM_STORED);
+    assert_int_equal(count, 1);
+    QM_CHECK(job.waited_s >= 60.0 && job.waited_s < 600.0, "%g", job.waited_s);
+    qm_store_job_reset(&job);
+    silence(f, "n1");
+    assert_int_equal(qm_store_reap(f->stores[0], 10.0, &count), QM_STORED);
+    assert_int_equal(qm_store_claim_jobs(f->stores[0], &wish, &job, &count), QM_STORED);
+    assert_int_equal(count, 1);
+    QM_CHECK(job.waited_s == 0.0, "%g", job.waited_s);
+    qm_store_job_reset(&job);
+}
+
 /* ---- nodes that end ---- */
 
 typedef struct settled_events {
@@ -1224,6 +1247,7 @@ static void test_tables_are_made_once(void **state)
 #define ANYWHERE(XX)                                                                                         \
     XX(test_claims)                                                                                          \
     XX(test_claims_by_nodes)                                                                                 \
+    XX(test_claims_tell_how_long_a_job_has_waited)                                                           \
     XX(test_a_beat_settles_events)                                                                           \
     XX(test_the_last_run_counts_from_its_beginning)                                                          \
     XX(test_a_silent_node_loses_its_jobs)                                                                    \
