@@ -577,6 +577,8 @@ void qm_jobs_resume(qm_jobs *jobs, const qm_store_job *row)
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     } else if (!qm_job_enqueue(jobs, job)) {
         qm_job_withdraw(jobs, job);
+    } else if (row->is_canceled) {
+        qm_jobs_cancel(jobs, job);
     }
     qm_jobs_release(jobs, job);
 }

@@ -17,7 +17,7 @@
 #define BUSY_TIMEOUT_MS 5000
 #define OLDEST_SCHEMA 7
 #define FIRST_SUMMED 10 /* schema whose pages have checksums */
-#define SCHEMA 13
+#define SCHEMA 14
 
 static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON;";
 
@@ -65,7 +65,7 @@ static const char schema[] =
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, key TEXT NOT NULL,"
     "  idempotency_key TEXT UNIQUE, body TEXT NOT NULL, created TEXT NOT NULL, document TEXT,"
     "  result TEXT, state INTEGER NOT NULL, revisions TEXT NOT NULL, restarts INTEGER NOT NULL DEFAULT 0,"
-    "  begun INTEGER NOT NULL DEFAULT 0, type TEXT NOT NULL DEFAULT '');"
+    "  begun INTEGER NOT NULL DEFAULT 0, type TEXT NOT NULL DEFAULT '', cancel INTEGER NOT NULL DEFAULT 0);"
     "CREATE INDEX jobs_by_key ON jobs (key, revisions, state);"
     "CREATE INDEX jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
     "CREATE TABLE job_events ("
@@ -110,6 +110,7 @@ static const migration migrations[SCHEMA - OLDEST_SCHEMA] = {
      NULL},                                                                                  /* 10 to 11 */
     {"ALTER TABLE meshes ADD COLUMN expires TEXT NOT NULL DEFAULT '';" CREATE_EXPIRY, NULL}, /* 11 to 12 */
     {CREATE_PARTS, NULL},                                                                    /* 12 to 13 */
+    {"ALTER TABLE jobs ADD COLUMN cancel INTEGER NOT NULL DEFAULT 0", NULL},                 /* 13 to 14 */
 };
 
 /** Writes the value of a pragma; false, and "", after a fault. */

@@ -18,7 +18,7 @@ import time
 import pytest
 
 import shapes
-from conftest import BUILD, FINDINGS, PATIENCE, ROOT, SLOW, WAIT, Daemon, make_database
+from conftest import BUILD, FINDINGS, PATIENCE, ROOT, SLOW, WAIT, Daemon, gauge, make_database
 from test_layouts import edit, saddle_layout
 
 SEED = int(os.environ.get("QM_TEST_SEED", "1"))
@@ -291,6 +291,30 @@ def test_an_export_that_is_killed_leaves_no_folder(filled, tmp_path):
     assert "cut off or still runs: in the first case, remove it" in run("--store", store, "--export", tmp_path / "data", status=1)
     shutil.rmtree(tmp_path / "data.exporting")
     assert count(run("--store", store, "--export", tmp_path / "data"))[4:] == [0, 0]
+
+
+def test_an_end_that_was_asked_for_moves_along(make_node, tmp_path, slow_files, request):
+    """The node that runs the job stands still: it has not heard of the cancelation when the database is copied."""
+    store, again = make_database(), make_database()
+    (tmp_path / "back").mkdir()
+    first, second = (make_node(name, store) for name in ("n1", "n2"))
+    with first.client() as client, second.client() as other:
+        job = start_slow(client, slow_files)
+        # The one that helps runs no job.
+        asleep, awake = (first, second) if gauge(client, "jobs_running") == 1 else (second, first)
+        assert gauge(client, "jobs_running") + gauge(other, "jobs_running") == 1
+        os.kill(asleep.process.pid, signal.SIGSTOP)
+        with awake.client() as asking:
+            assert asking.delete(f"/v1/jobs/{job}").status_code == 202
+        run("--store", store, "--export", tmp_path / "back/data")
+    for node in (first, second):
+        node.stop(signal.SIGKILL)
+    run("--store", again, "--import", tmp_path / "back/data")
+    for running in (Daemon(tmp_path / "back"), make_node("n3", again)):
+        request.addfinalizer(lambda running=running: running.stop(signal.SIGKILL))
+        with running.client() as client:
+            assert client.wait(job)["state"] == "canceled"
+            assert client.events(job)[-1]["event"] in ("result", "error")
 
 
 def test_what_is_damaged_is_left_out(make_daemon, make_node):
