@@ -67,7 +67,7 @@ struct qm_job {
     qm_job_event **events; /* by seq */
     size_t event_count, event_capacity;
     size_t saved_count;    /* the first ones, which the store has taken */
-    size_t settled_count;  /* the first of these, which no failure of a server takes away any more */
+    size_t durable_count;  /* the first of these, which no failure of a server takes away any more */
     bool is_from_row;      /* made of a row of the store, without events until qm_job_fetch_events */
     char *last_bounds;     /* the newest bounds event's own members, for the document */
     char *document;        /* members of the resource but for the result, once the job has ended */
@@ -232,8 +232,8 @@ bool qm_job_take_event(qm_job *job, const qm_store_event *event);
 void qm_job_list_events(const qm_job *job, size_t begin, size_t end, qm_store_event *out);
 
 /** Takes note of the events of a job that a shared store has for good: their number, and that of the last one. Others that it
- * had taken are saved again. A qm_store_settled_fn with the jobs as its user. */
-void qm_job_events_settle(void *jobs, const char *id, size_t count, uint64_t last);
+ * had taken are saved again. A qm_store_durable_fn with the jobs as its user. */
+void qm_job_events_note_durable(void *jobs, const char *id, size_t count, uint64_t last);
 
 /** Reads the stored events of a job back. After an error the job has those that could be read. */
 qm_stored qm_job_restore_events(qm_job *job);

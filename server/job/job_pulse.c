@@ -67,8 +67,8 @@ static void beat(struct qm_job_pulse *pulse)
     double start = qm_clock_now_ms();
     size_t busy;
     qm_store_cluster cluster;
-    qm_stored stored =
-        qm_store_beat(jobs->store, count_free_workers(jobs, &busy), &cluster, qm_job_events_settle, jobs);
+    qm_stored stored = qm_store_beat(jobs->store, count_free_workers(jobs, &busy), &cluster,
+                                     qm_job_events_note_durable, jobs);
     if (stored == QM_STORED_LOST) {
         qm_log(QM_LOG_ERROR, "this node was silent and has lost its jobs: it joins again");
         lose_all(jobs);

@@ -56,10 +56,10 @@ static qm_stored store_end(qm_job *job, const qm_job_end *end, const qm_store_ef
 {
     qm_jobs *jobs = job->jobs;
     uv_mutex_lock(&jobs->lock);
-    size_t count = job->event_count - job->settled_count;
+    size_t count = job->event_count - job->durable_count;
     qm_store_event *events = calloc(count + 1, sizeof *events);
     if (events) {
-        qm_job_list_events(job, job->settled_count, job->event_count, events);
+        qm_job_list_events(job, job->durable_count, job->event_count, events);
         events[count] =
             (qm_store_event){job->id, qm_job_next_seq(job), last_event_name(&end->outcome), end->event};
     }

@@ -196,7 +196,7 @@ static double lower_of(const search *s)
 
 static double upper_of(const search *s)
 {
-    double upper = fmax(s->known.lower, fmax(s->known.settled, s->known.upper));
+    double upper = fmax(s->known.lower, fmax(s->known.discarded, s->known.upper));
     return fmin(s->told_upper, upper + s->margin);
 }
 
@@ -271,7 +271,7 @@ static void conclude(const search *s, qm_hausdorff_stop stop, qm_hausdorff_resul
     *out = (qm_hausdorff_result){.lower = lower_of(s),
                                  .upper = upper_of(s),
                                  .found_lower = -1.0,
-                                 .discarded = s->known.settled,
+                                 .discarded = s->known.discarded,
                                  .margin = s->margin,
                                  .iterations = s->known.iterations,
                                  .projections = s->known.projections,
@@ -312,7 +312,7 @@ static qm_status call(search *s, const qm_hausdorff_part *begin, size_t count, d
 static qm_store_bounds found_by(const qm_hausdorff_result *result)
 {
     qm_store_bounds found = {
-        .settled = result->discarded, .iterations = result->iterations, .projections = result->projections};
+        .discarded = result->discarded, .iterations = result->iterations, .projections = result->projections};
     if (!result->has_witness || result->found_lower <= 0.0) return found;
     found.lower = result->found_lower;
     write_witness(result, found.witness);
@@ -326,7 +326,7 @@ static void join_bounds(qm_store_bounds *to, const qm_store_bounds *found)
         to->lower = found->lower;
         memcpy(to->witness, found->witness, sizeof to->witness);
     }
-    to->settled = fmax(to->settled, found->settled);
+    to->discarded = fmax(to->discarded, found->discarded);
     to->iterations += found->iterations;
     to->projections += found->projections;
 }
@@ -483,7 +483,7 @@ static qm_status run_next(search *s, search_round *r, int64_t tries, qm_hausdorf
 {
     size_t left = r->entries.count - r->begun, run = left < s->share ? left : s->share;
     const qm_hausdorff_part *first = &r->entries.at[r->begun];
-    s->others = fmax(s->known.lower, fmax(s->known.settled, s->known.others));
+    s->others = fmax(s->known.lower, fmax(s->known.discarded, s->known.others));
     if (run < left) s->others = fmax(s->others, first[run].upper);
     for (size_t i = 0; i < r->left.count; i++)
         s->others = fmax(s->others, r->left.at[i].upper);
@@ -637,7 +637,7 @@ static qm_status run_in_memory(search *s, qm_hausdorff_result *out)
 {
     entry_list left = s->rest;
     s->rest = (entry_list){0};
-    s->others = fmax(s->known.lower, s->known.settled);
+    s->others = fmax(s->known.lower, s->known.discarded);
     qm_hausdorff_result result;
     qm_status status = call(s, left.at, left.count, INFINITY, &result);
     free_entries(&left);

@@ -348,18 +348,18 @@ qm_stored qm_store_find_reconstruction_origin(qm_store *store, const char *id, q
     QM_STORE_RETURN_VERB(store, find_reconstruction_origin, store, id, out);
 }
 
-qm_stored qm_store_settle(qm_store *store)
+qm_stored qm_store_sync(qm_store *store)
 {
-    QM_STORE_RETURN_VERB(store, settle, store);
+    QM_STORE_RETURN_VERB(store, sync, store);
 }
 
 /* ---- nodes of a shared store ---- */
 
 qm_stored qm_store_beat(qm_store *store, size_t free_workers, qm_store_cluster *out,
-                        qm_store_settled_fn *settled, void *user)
+                        qm_store_durable_fn *take, void *user)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    QM_STORE_RETURN_VERB(store, beat, store, free_workers, out, settled, user);
+    QM_STORE_RETURN_VERB(store, beat, store, free_workers, out, take, user);
 }
 
 qm_stored qm_store_join(qm_store *store)

@@ -384,7 +384,7 @@ static qm_stored copy_all(copy *work, size_t *count)
     if (stored == QM_STORED) stored = copy_kind(work, &layouts, &done->layouts);
     if (stored == QM_STORED) stored = copy_kind(work, &reconstructions, &done->reconstructions);
     if (stored == QM_STORED) stored = copy_kind(work, &jobs, &done->jobs);
-    if (stored == QM_STORED) stored = qm_store_settle(work->to);
+    if (stored == QM_STORED) stored = qm_store_sync(work->to);
     *count = done->meshes + done->layouts + done->reconstructions + done->jobs;
     return stored;
 }
@@ -395,7 +395,7 @@ qm_stored qm_store_copy(qm_store *from, qm_store *to, FILE *out, qm_store_copied
     size_t count;
     qm_stored stored = copy_all(&work, &count);
     /* A database that was started again meanwhile, or another one in its place, may have lost rows that were copied before
-     * they were settled. What a look after that finds is there for good. */
+     * they were durable. What a look after that finds is there for good. */
     while (stored == QM_STORED && count > 0 && qm_store_is_shared(to)) {
         copy again = {.from = from, .to = to};
         stored = copy_all(&again, &count);

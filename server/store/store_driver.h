@@ -86,7 +86,7 @@ typedef struct qm_store_driver {
                                  int64_t current, const qm_store_idempotency *idempotency);
     qm_stored (*find_layout_origin)(qm_store *store, const char *id, qm_store_origin *out);
     qm_stored (*find_reconstruction_origin)(qm_store *store, const char *id, qm_store_origin *out);
-    qm_stored (*settle)(qm_store *store);
+    qm_stored (*sync)(qm_store *store);
     qm_stored (*open_parts)(qm_store *store, const char *job, int64_t restarts, const qm_store_bounds *bounds,
                             const qm_store_part *parts, size_t count);
     qm_stored (*claim_parts)(qm_store *store, const char *job, size_t limit, qm_store_part *out,
@@ -102,8 +102,8 @@ typedef struct qm_store_driver {
     bool (*has_job)(qm_store *store, const char *id);      /* true after a fault */
 
     /* Of a shared store; NULL in the driver of an embedded one. */
-    qm_stored (*beat)(qm_store *store, size_t free_workers, qm_store_cluster *out,
-                      qm_store_settled_fn *settled, void *user);
+    qm_stored (*beat)(qm_store *store, size_t free_workers, qm_store_cluster *out, qm_store_durable_fn *take,
+                      void *user);
     qm_stored (*join)(qm_store *store);
     qm_stored (*reap)(qm_store *store, double silence_s, size_t *count);
     qm_stored (*find_home)(qm_store *store, const char *id, char out[QM_NODE_NAME_SIZE]);

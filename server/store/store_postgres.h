@@ -376,7 +376,7 @@ qm_stored qm_postgres_list_reconstructions(qm_store *store, const qm_store_page 
 qm_stored qm_postgres_update_reconstruction(qm_store *store, const qm_store_effect *effect);
 qm_stored qm_postgres_delete_reconstruction(qm_store *store, const char *id);
 qm_stored qm_postgres_beat(qm_store *store, size_t free_workers, qm_store_cluster *out,
-                           qm_store_settled_fn *settled, void *user);
+                           qm_store_durable_fn *take, void *user);
 qm_stored qm_postgres_join(qm_store *store);
 qm_stored qm_postgres_reap(qm_store *store, double silence_s, size_t *count);
 qm_stored qm_postgres_find_home(qm_store *store, const char *id, char out[QM_NODE_NAME_SIZE]);
@@ -401,6 +401,6 @@ qm_stored qm_postgres_put_layout_copy(qm_store *store, const qm_store_layout *re
 qm_stored qm_postgres_find_layout_origin(qm_store *store, const char *id, qm_store_origin *out);
 qm_stored qm_postgres_find_reconstruction_origin(qm_store *store, const char *id, qm_store_origin *out);
 qm_stored qm_postgres_identify(qm_store *store, char out[QM_STORE_IDENTITY_SIZE]);
-qm_stored qm_postgres_settle(qm_store *store);
+qm_stored qm_postgres_sync(qm_store *store);
 
 #endif

@@ -1,6 +1,6 @@
 /**
  * store_postgres_copy.c: rows of a shared store as copies: all that it has of them, read for another store and written
- * from one. Copies of jobs are many, so their commits wait for no disk; qm_postgres_settle makes them durable at the end.
+ * from one. Copies of jobs are many, so their commits wait for no disk; qm_postgres_sync makes them durable at the end.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -220,7 +220,7 @@ qm_stored qm_postgres_identify(qm_store *store, char out[QM_STORE_IDENTITY_SIZE]
     return status;
 }
 
-qm_stored qm_postgres_settle(qm_store *store)
+qm_stored qm_postgres_sync(qm_store *store)
 {
     return qm_postgres_confirm(store, QM_STORED);
 }

@@ -56,7 +56,7 @@ static void reset_parts(part_arrays *arrays)
 
 static void add_found(qm_postgres_query *query, const qm_store_bounds *found)
 {
-    qm_postgres_add_real(query, found->settled);
+    qm_postgres_add_real(query, found->discarded);
     qm_postgres_add_real(query, found->lower);
     qm_postgres_add_text(query, found->witness);
     qm_postgres_add_integer(query, (int64_t)found->iterations);
@@ -67,21 +67,22 @@ qm_stored qm_postgres_open_parts(qm_store *store, const char *job, int64_t resta
                                  const qm_store_bounds *bounds, const qm_store_part *parts, size_t count)
 {
     qm_postgres_query query = {
-        .sql = "WITH lease AS (SELECT r.sequence FROM quadmeshd.jobs j JOIN quadmeshd.job_runs r USING "
-               "(sequence)"
-               "   WHERE j.id = $1 AND r.node = $2 AND r.epoch = $3::int + 1 FOR UPDATE OF r),"
-               " old AS (DELETE FROM quadmeshd.job_parts p USING lease, quadmeshd.job_bounds b"
-               "   WHERE p.sequence = lease.sequence AND b.sequence = lease.sequence AND b.engine <> $9),"
-               " made AS (INSERT INTO quadmeshd.job_bounds AS b"
-               "   (sequence, settled, lower, witness, iterations, projections, engine)"
-               "   SELECT sequence, $4::float8, $5::float8, $6::text, $7::bigint, $8::bigint, $9::text FROM "
-               "lease"
-               "   ON CONFLICT (sequence) DO UPDATE SET settled = EXCLUDED.settled, lower = EXCLUDED.lower,"
-               "     witness = EXCLUDED.witness, iterations = EXCLUDED.iterations,"
-               "     projections = EXCLUDED.projections, engine = EXCLUDED.engine"
-               "   WHERE b.engine <> EXCLUDED.engine RETURNING sequence),"
-               " added AS (" INSERT_PARTS("made", "$10", "$11", "$12", "$13", "$14") ")"
-                                                                                     " SELECT 1 FROM lease"};
+        .sql =
+            "WITH lease AS (SELECT r.sequence FROM quadmeshd.jobs j JOIN quadmeshd.job_runs r USING "
+            "(sequence)"
+            "   WHERE j.id = $1 AND r.node = $2 AND r.epoch = $3::int + 1 FOR UPDATE OF r),"
+            " old AS (DELETE FROM quadmeshd.job_parts p USING lease, quadmeshd.job_bounds b"
+            "   WHERE p.sequence = lease.sequence AND b.sequence = lease.sequence AND b.engine <> $9),"
+            " made AS (INSERT INTO quadmeshd.job_bounds AS b"
+            "   (sequence, discarded, lower, witness, iterations, projections, engine)"
+            "   SELECT sequence, $4::float8, $5::float8, $6::text, $7::bigint, $8::bigint, $9::text FROM "
+            "lease"
+            "   ON CONFLICT (sequence) DO UPDATE SET discarded = EXCLUDED.discarded, lower = EXCLUDED.lower,"
+            "     witness = EXCLUDED.witness, iterations = EXCLUDED.iterations,"
+            "     projections = EXCLUDED.projections, engine = EXCLUDED.engine"
+            "   WHERE b.engine <> EXCLUDED.engine RETURNING sequence),"
+            " added AS (" INSERT_PARTS("made", "$10", "$11", "$12", "$13", "$14") ")"
+                                                                                  " SELECT 1 FROM lease"};
     char node[QM_NODE_NAME_SIZE + 16];
     part_arrays arrays = {0};
     qm_postgres_name_node(store, node);
@@ -157,7 +158,7 @@ qm_stored qm_postgres_finish_parts(qm_store *store, const char *job, const qm_st
                " ready AS (SELECT sequence FROM bounds WHERE (SELECT count(*) FROM mine) = "
                "cardinality($2::bigint[])),"
                " gone AS (DELETE FROM quadmeshd.job_parts p USING ready, mine WHERE p.part = mine.part),"
-               " raised AS (UPDATE quadmeshd.job_bounds b SET settled = greatest(b.settled, $4::float8),"
+               " raised AS (UPDATE quadmeshd.job_bounds b SET discarded = greatest(b.discarded, $4::float8),"
                "   lower = greatest(b.lower, $5::float8),"
                "   witness = CASE WHEN $5::float8 > b.lower THEN $6::text ELSE b.witness END,"
                "   iterations = b.iterations + $7::bigint, projections = b.projections + $8::bigint"
@@ -202,7 +203,7 @@ static bool read_bounds(const qm_postgres_rows *rows, int row, void *user)
     qm_postgres_read(rows, row, 0, out->engine, sizeof out->engine);
     qm_postgres_read(rows, row, 2, out->witness, sizeof out->witness);
     out->lower = qm_postgres_real(rows, row, 1);
-    out->settled = qm_postgres_real(rows, row, 3);
+    out->discarded = qm_postgres_real(rows, row, 3);
     out->iterations = (uint64_t)qm_postgres_integer(rows, row, 4);
     out->projections = (uint64_t)qm_postgres_integer(rows, row, 5);
     out->parts = (size_t)qm_postgres_integer(rows, row, 6);
@@ -217,7 +218,7 @@ qm_stored qm_postgres_read_bounds(qm_store *store, const char *job, const qm_sto
 {
     static const qm_postgres_table table = {sizeof(qm_store_bounds), read_bounds, NULL};
     qm_postgres_query query = {
-        .sql = "SELECT b.engine, b.lower, b.witness, b.settled, b.iterations, b.projections, p.* FROM "
+        .sql = "SELECT b.engine, b.lower, b.witness, b.discarded, b.iterations, b.projections, p.* FROM "
                "quadmeshd.jobs j"
                " JOIN quadmeshd.job_bounds b USING (sequence), LATERAL (SELECT count(*), max(p.upper),"
                "   max(p.upper) FILTER (WHERE p.part <> ALL ($2::bigint[])), count(DISTINCT n.id)"

@@ -123,7 +123,7 @@ static const char second[] =
     "CREATE TABLE quadmeshd.job_bounds ("
     "  sequence bigint PRIMARY KEY REFERENCES quadmeshd.jobs ON DELETE CASCADE,"
     "  engine text NOT NULL COLLATE \"C\", lower double precision NOT NULL, witness text NOT NULL,"
-    "  settled double precision NOT NULL, iterations bigint NOT NULL, projections bigint NOT NULL)"
+    "  discarded double precision NOT NULL, iterations bigint NOT NULL, projections bigint NOT NULL)"
     "  WITH (fillfactor = 50, autovacuum_vacuum_scale_factor = 0.01);"
     "CREATE TABLE quadmeshd.job_parts ("
     "  part bigint GENERATED ALWAYS AS IDENTITY PRIMARY KEY,"

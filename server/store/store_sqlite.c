@@ -44,7 +44,7 @@ static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = 
 #define CREATE_PARTS                                                                                         \
     "CREATE TABLE job_bounds ("                                                                              \
     "  job INTEGER PRIMARY KEY REFERENCES jobs (sequence) ON DELETE CASCADE, engine TEXT NOT NULL,"          \
-    "  lower REAL NOT NULL, witness TEXT NOT NULL, settled REAL NOT NULL, iterations INTEGER NOT NULL,"      \
+    "  lower REAL NOT NULL, witness TEXT NOT NULL, discarded REAL NOT NULL, iterations INTEGER NOT NULL,"    \
     "  projections INTEGER NOT NULL);"                                                                       \
     "CREATE TABLE job_parts ("                                                                               \
     "  part INTEGER PRIMARY KEY AUTOINCREMENT,"                                                              \
@@ -348,7 +348,7 @@ const qm_store_driver qm_sqlite_driver = {
     .put_layout_copy = qm_sqlite_put_layout_copy,
     .find_layout_origin = qm_sqlite_find_layout_origin,
     .find_reconstruction_origin = qm_sqlite_find_reconstruction_origin,
-    .settle = qm_sqlite_settle,
+    .sync = qm_sqlite_sync,
     .open_parts = qm_sqlite_open_parts,
     .claim_parts = qm_sqlite_claim_parts,
     .finish_parts = qm_sqlite_finish_parts,

@@ -216,7 +216,7 @@ qm_stored qm_sqlite_put_layout_copy(qm_store *store, const qm_store_layout *revi
                                     int64_t current, const qm_store_idempotency *idempotency);
 qm_stored qm_sqlite_find_layout_origin(qm_store *store, const char *id, qm_store_origin *out);
 qm_stored qm_sqlite_find_reconstruction_origin(qm_store *store, const char *id, qm_store_origin *out);
-qm_stored qm_sqlite_settle(qm_store *store);
+qm_stored qm_sqlite_sync(qm_store *store);
 qm_stored qm_sqlite_open_parts(qm_store *store, const char *job, int64_t restarts,
                                const qm_store_bounds *bounds, const qm_store_part *parts, size_t count);
 qm_stored qm_sqlite_claim_parts(qm_store *store, const char *job, size_t limit, qm_store_part *out,

@@ -180,7 +180,7 @@ qm_stored qm_sqlite_find_reconstruction_origin(qm_store *store, const char *id, 
                                  id, &origins, out);
 }
 
-qm_stored qm_sqlite_settle(qm_store *store)
+qm_stored qm_sqlite_sync(qm_store *store)
 {
     (void)store; /* each commit is durable, or the whole folder by its owner (QM_STORE_FILL) */
     return QM_STORED;

@@ -13,7 +13,7 @@
 /** Binds a number that may be infinite, which SQLite keeps. */
 static void bind_bounds(sqlite3_stmt *statement, int index, const qm_store_bounds *bounds)
 {
-    sqlite3_bind_double(statement, index, bounds->settled);
+    sqlite3_bind_double(statement, index, bounds->discarded);
     sqlite3_bind_double(statement, index + 1, bounds->lower);
     qm_sqlite_bind_text(statement, index + 2, bounds->witness);
     sqlite3_bind_int64(statement, index + 3, (sqlite3_int64)bounds->iterations);
@@ -50,7 +50,7 @@ static qm_stored open_parts(qm_store *store, const char *job, int64_t restarts, 
                                                  " WHERE job = (SELECT sequence FROM jobs WHERE id = ?)");
     sqlite3_stmt *made =
         qm_sqlite_prepare(store, "INSERT INTO job_bounds"
-                                 " (job, settled, lower, witness, iterations, projections, engine)"
+                                 " (job, discarded, lower, witness, iterations, projections, engine)"
                                  " SELECT sequence, ?, ?, ?, ?, ?, ? FROM jobs WHERE id = ?");
     if (!run || !same || !old || !made) return QM_STORED_FAULT;
     sqlite3_bind_int64(run, 2, restarts);
@@ -139,11 +139,11 @@ static bool take_away(qm_store *store, const qm_store_part *parts, size_t count)
 static qm_stored finish(qm_store *store, const char *job, const qm_store_part *parts, size_t count,
                         const qm_store_bounds *found, const qm_store_part *rest, size_t rest_count)
 {
-    sqlite3_stmt *raised =
-        qm_sqlite_prepare(store, "UPDATE job_bounds SET settled = max(settled, ?1), lower = max(lower, ?2),"
-                                 " witness = CASE WHEN ?2 > lower THEN ?3 ELSE witness END,"
-                                 " iterations = iterations + ?4, projections = projections + ?5"
-                                 " WHERE job = (SELECT sequence FROM jobs WHERE id = ?6)");
+    sqlite3_stmt *raised = qm_sqlite_prepare(
+        store, "UPDATE job_bounds SET discarded = max(discarded, ?1), lower = max(lower, ?2),"
+               " witness = CASE WHEN ?2 > lower THEN ?3 ELSE witness END,"
+               " iterations = iterations + ?4, projections = projections + ?5"
+               " WHERE job = (SELECT sequence FROM jobs WHERE id = ?6)");
     sqlite3_stmt *lives = qm_sqlite_prepare(store, "UPDATE jobs SET begun = 0 WHERE id = ? AND begun > 0");
     if (!raised || !lives) return QM_STORED_FAULT;
     if (!take_away(store, parts, count)) return QM_STORED_LOST;
@@ -205,7 +205,7 @@ static qm_stored read_bounds(qm_store *store, const char *job, const qm_store_pa
                              qm_store_bounds *out)
 {
     sqlite3_stmt *bounds = qm_sqlite_prepare(
-        store, "SELECT b.engine, b.lower, b.witness, b.settled, b.iterations, b.projections FROM jobs j"
+        store, "SELECT b.engine, b.lower, b.witness, b.discarded, b.iterations, b.projections FROM jobs j"
                " JOIN job_bounds b ON b.job = j.sequence WHERE j.id = ?");
     if (!bounds) return QM_STORED_FAULT;
     qm_sqlite_bind_text(bounds, 1, job);
@@ -214,7 +214,7 @@ static qm_stored read_bounds(qm_store *store, const char *job, const qm_store_pa
                 qm_sqlite_read_text(bounds, 2, out->witness, sizeof out->witness);
     if (good) {
         out->lower = sqlite3_column_double(bounds, 1);
-        out->settled = sqlite3_column_double(bounds, 3);
+        out->discarded = sqlite3_column_double(bounds, 3);
         out->iterations = (uint64_t)sqlite3_column_int64(bounds, 4);
         out->projections = (uint64_t)sqlite3_column_int64(bounds, 5);
     }

@@ -122,8 +122,14 @@ class Client(httpx.Client):
 
     def upload(self, content, **query):
         """The resource of an uploaded mesh; content is a mesh of shapes.py or the bytes of a file."""
+        return self.check_mesh(self.post_mesh(content, **query))
+
+    def post_mesh(self, content, **query):
         data = content if isinstance(content, bytes) else shapes.ply_little(content)
-        reply = self.post("/v1/meshes", params=query, content=data)
+        return self.post("/v1/meshes", params=query, content=data)
+
+    @staticmethod
+    def check_mesh(reply):
         assert reply.status_code in (200, 201), reply.text
         return reply.json()
 

@@ -209,7 +209,7 @@ static int64_t die(scene *s, qm_random *random)
 static void check_lives(scene *s)
 {
     qm_random random = qm_random_make(qm_check_seed(), 820000 + s->seed);
-    qm_store_bounds before = {.upper = INFINITY, .settled = INFINITY}, now;
+    qm_store_bounds before = {.upper = INFINITY, .discarded = INFINITY}, now;
     qm_hausdorff_result r = {.stop = QM_STOP_CANCELED};
     int64_t restarts = 0;
     int lives = 0;
@@ -218,9 +218,9 @@ static void check_lives(scene *s)
         /* Of a run without any report, as of a very short one, nothing is told: the next one gets longer. */
         r = own(s, restarts, 0.2, ROUND_MS, 2 + (int)qm_random_below(&random, 6) + lives / 8);
         if (qm_store_read_bounds(s->store, "j_split", NULL, 0, &now) == QM_STORED) {
-            double upper = fmax(now.lower, fmax(now.settled, now.upper));
+            double upper = fmax(now.lower, fmax(now.discarded, now.upper));
             QM_CHECK(now.lower >= before.lower &&
-                         upper <= fmax(before.lower, fmax(before.settled, before.upper)),
+                         upper <= fmax(before.lower, fmax(before.discarded, before.upper)),
                      "seed %llu: stored bounds widen", (unsigned long long)s->seed);
             before = now;
         }
@@ -307,7 +307,7 @@ static void parts_of_other_trees_are_left(void **state)
 {
     (void)state;
     scene s = make_spheres(0);
-    const qm_store_bounds other = {.engine = "another", .lower = 100, .settled = 100};
+    const qm_store_bounds other = {.engine = "another", .lower = 100, .discarded = 100};
     assert_int_equal(qm_store_open_parts(s.store, "j_split", 0, &other, NULL, 0), QM_STORED);
     qm_context ctx = qm_context_make();
     atomic_bool over = false;

@@ -123,7 +123,7 @@ static void test_jobs_that_have_ended(void **state)
     assert_int_equal(qm_store_put_job_copy(store, &b, events, 2, NULL), QM_STORED_TAKEN);
     check_only(store, &a);
     check_events(store, "j_a");
-    assert_int_equal(qm_store_settle(store), QM_STORED);
+    assert_int_equal(qm_store_sync(store), QM_STORED);
     /* It is found as those of this store are. */
     assert_int_equal(qm_store_find_job_by_key(store, a.job.key, "1 2", QM_JOB_FAILED, &found), QM_STORED);
     assert_string_equal(found.id, "j_a");

@@ -318,14 +318,14 @@ static void test_claims_tell_how_long_a_job_has_waited(void **state)
 
 /* ---- nodes that end ---- */
 
-typedef struct settled_events {
+typedef struct durable_events {
     size_t jobs, counts[2];
     uint64_t last[2];
-} settled_events;
+} durable_events;
 
-static void note_settled(void *user, const char *job, size_t count, uint64_t last)
+static void note_durable(void *user, const char *job, size_t count, uint64_t last)
 {
-    settled_events *seen = user;
+    durable_events *seen = user;
     size_t place = job[2] == '1' ? 0 : 1;
     seen->jobs++;
     seen->counts[place] = count;
@@ -333,7 +333,7 @@ static void note_settled(void *user, const char *job, size_t count, uint64_t las
 }
 
 /** A beat tells of the events that are there, of this node's jobs alone. */
-static void test_a_beat_settles_events(void **state)
+static void test_a_beat_tells_durable_events(void **state)
 {
     fixture *f = *state;
     open_node(f, 0, f->database);
@@ -347,14 +347,14 @@ static void test_a_beat_settles_events(void **state)
         {"j_1", 1, "bounds", ""}, {"j_1", 2, "bounds", ""}, {"j_1", 3, "bounds", ""}};
     assert_int_equal(qm_store_append_events(a, &run, 1, events, 3), QM_STORED);
     qm_store_cluster cluster;
-    settled_events seen = {0};
-    assert_int_equal(qm_store_beat(a, 1, &cluster, note_settled, &seen), QM_STORED);
+    durable_events seen = {0};
+    assert_int_equal(qm_store_beat(a, 1, &cluster, note_durable, &seen), QM_STORED);
     assert_int_equal(seen.jobs, 2);
     assert_int_equal(seen.counts[0], 3);
     assert_int_equal(seen.last[0], 3);
     assert_int_equal(seen.counts[1], 0);
     qm_database_ask(f->database, "DELETE FROM quadmeshd.job_events WHERE seq > 1");
-    assert_int_equal(qm_store_beat(a, 1, &cluster, note_settled, &seen), QM_STORED);
+    assert_int_equal(qm_store_beat(a, 1, &cluster, note_durable, &seen), QM_STORED);
     assert_int_equal(seen.counts[0], 1);
     assert_int_equal(seen.last[0], 1);
 }
@@ -1248,7 +1248,7 @@ static void test_tables_are_made_once(void **state)
     XX(test_claims)                                                                                          \
     XX(test_claims_by_nodes)                                                                                 \
     XX(test_claims_tell_how_long_a_job_has_waited)                                                           \
-    XX(test_a_beat_settles_events)                                                                           \
+    XX(test_a_beat_tells_durable_events)                                                                     \
     XX(test_the_last_run_counts_from_its_beginning)                                                          \
     XX(test_a_silent_node_loses_its_jobs)                                                                    \
     XX(test_a_node_that_starts_again)                                                                        \
