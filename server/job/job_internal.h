@@ -15,6 +15,7 @@
 #include "base/pool.h"
 #include "job.h"
 
+#define MS_PER_S 1e3
 #define QM_REVISIONS_SIZE 44 /* two numbers of up to 20 digits */
 
 /** Never changed, and alive as long as its job: a holder of a reference to the job may read it without the

@@ -17,7 +17,6 @@
 #include "store/result_file.h"
 #include "store/store_problem.h"
 
-#define MS_PER_S 1e3
 #define MIN_WAIT_MS 100 /* between tries to store the end of a job */
 #define MAX_WAIT_MS 2000
 

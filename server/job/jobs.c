@@ -554,6 +554,8 @@ void qm_jobs_resume(qm_jobs *jobs, const qm_store_job *row)
     uv_mutex_lock(&jobs->lock);
     job->is_kept = true; /* its streams ended with the daemon: no client owns it */
     job->is_suspect = row->deaths == QM_STORE_MAX_DEATHS - 1;
+    /* Its deadline counts from the submission, which another node may have taken. */
+    job->submitted_ms = qm_clock_now_ms() - MS_PER_S * row->waited_s;
     if (row->restarts > 0)
         qm_job_add_event(job, "server_restart",
                          qm_store_is_shared(jobs->store)
@@ -575,6 +577,8 @@ void qm_jobs_resume(qm_jobs *jobs, const qm_store_job *row)
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     } else if (!qm_job_enqueue(jobs, job)) {
         qm_job_withdraw(jobs, job);
+    } else if (row->is_canceled) {
+        qm_jobs_cancel(jobs, job);
     }
     qm_jobs_release(jobs, job);
 }

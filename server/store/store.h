@@ -284,6 +284,10 @@ typedef struct qm_store_job {
     int64_t sequence; /* order of creation; given by the store */
     int64_t restarts; /* number of times that it was claimed, and began again */
     int64_t deaths;   /* how many processes have died while it ran, since one has ended in order */
+    double
+        waited_s; /* of a job that a node claims: from its submission to its first claim; 0 in later ones */
+    bool
+        is_canceled; /* its end was asked for, and it has not ended yet; of a job that is taken over or copied */
 } qm_store_job;
 
 /** Deaths after which a job is not begun again. The last run before is one that the job began alone. */

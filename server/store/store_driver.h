@@ -9,10 +9,13 @@
 #define QM_STORE_DRIVER_H
 
 #include "base/clock.h"
+#include "base/failpoint.h"
 #include "blob.h"
 #include "space.h"
 #include "store.h"
 #include "store_parts.h"
+
+#define QM_STORE_IDENTITY_SIZE 48 /* of a shared store: two numbers */
 
 typedef struct qm_store_driver {
     void (*close)(qm_store *store);
@@ -118,6 +121,8 @@ typedef struct qm_store_driver {
     /** Blobs that no row names, in the order of their hashes, up to limit after one. */
     qm_stored (*list_orphans)(qm_store *store, const char *after, size_t limit, char (*hashes)[QM_HASH_SIZE],
                               size_t *count);
+    /** Writes what tells the database from all others, and stays when a standby takes over. */
+    qm_stored (*identify)(qm_store *store, char out[QM_STORE_IDENTITY_SIZE]);
     void (*watch)(qm_store *store, qm_store_news_fn *tell, void *user);
     void (*unwatch)(qm_store *store);
     qm_stored (*find_split_job)(qm_store *store, const char (*except)[QM_ID_SIZE], size_t count,
@@ -135,13 +140,15 @@ struct qm_store {
 
 extern const qm_store_driver qm_sqlite_driver, qm_postgres_driver;
 
-/** Counts the time of a call of a shared store. */
+/** Counts the time of a verb of a shared store. */
 void qm_store_count_verb(const qm_store *store, const char *verb, qm_stored stored, double start_ms);
 
 /** The body of a verb: calls the driver, and counts the time. */
-#define QM_RETURN_VERB(store, verb, ...)                                                                     \
+#define QM_STORE_RETURN_VERB(store, verb, ...)                                                               \
     double start_ms = qm_clock_now_ms();                                                                     \
+    QM_FAILPOINT_BEGIN(#verb);                                                                               \
     qm_stored stored = (store)->driver->verb(__VA_ARGS__);                                                   \
+    QM_FAILPOINT_END();                                                                                      \
     qm_store_count_verb(store, #verb, stored, start_ms);                                                     \
     return stored
 

@@ -87,6 +87,7 @@ const qm_store_driver qm_postgres_driver = {
     .find_layout_origin = qm_postgres_find_layout_origin,
     .find_reconstruction_origin = qm_postgres_find_reconstruction_origin,
     .sync = qm_postgres_sync,
+    .identify = qm_postgres_identify,
     .watch = qm_postgres_watch,
     .unwatch = qm_postgres_unwatch,
 };

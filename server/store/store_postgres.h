@@ -411,6 +411,7 @@ qm_stored qm_postgres_put_layout_copy(qm_store *store, const qm_store_layout *re
                                       int64_t current, const qm_store_idempotency *idempotency);
 qm_stored qm_postgres_find_layout_origin(qm_store *store, const char *id, qm_store_origin *out);
 qm_stored qm_postgres_find_reconstruction_origin(qm_store *store, const char *id, qm_store_origin *out);
+qm_stored qm_postgres_identify(qm_store *store, char out[QM_STORE_IDENTITY_SIZE]);
 qm_stored qm_postgres_sync(qm_store *store);
 
 #endif

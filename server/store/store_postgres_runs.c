@@ -158,7 +158,9 @@ qm_stored qm_postgres_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_
                                 "epoch, deaths, progress, false)"
                                 " SELECT j.id, j.key, j.idempotency_key, j.body, j.created, 1, j.sequence, "
                                 "j.document, r.epoch - 1,"
-                                "   j.result, r.deaths, r.progress, r.is_unheard"
+                                "   j.result, r.deaths, r.progress, CASE WHEN r.epoch > 1 THEN 0"
+                                "     ELSE extract(epoch FROM clock_timestamp() - j.submitted) END::float8,"
+                                "   r.is_unheard"
                                 " FROM (SELECT * FROM unheard UNION ALL SELECT * FROM made) "
                                 "   r(sequence, epoch, deaths, progress, is_unheard) JOIN "
                                 "quadmeshd.jobs j USING (sequence)"
@@ -179,13 +181,14 @@ qm_stored qm_postgres_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_
     qm_stored status = qm_postgres_run(store, &query, &rows);
     for (int i = 0; i < rows.count && status == QM_STORED; i++) {
         qm_store_job *job = &out[*count];
-        bool is_unheard = qm_postgres_bool(&rows, i, 12);
+        bool is_unheard = qm_postgres_bool(&rows, i, 13);
         /* A job that does not fit into memory stays claimed, and is found by the next claim. */
         if (!qm_postgres_read_job(&rows, i, job)) {
             status = QM_STORED_NO_MEMORY;
         } else if (is_unheard && qm_postgres_has_claim(store, job->id)) {
             qm_store_job_reset(job); /* it was submitted while this was under way */
         } else if (qm_postgres_add_claim(store, job->id)) {
+            job->waited_s = qm_postgres_real(&rows, i, 12);
             ++*count;
         } else {
             qm_store_job_reset(job);

@@ -127,7 +127,7 @@ bool qm_sqlite_add_subjects(qm_store *store, const char *job_id, const char *con
 
 /** The columns of a job, and how they are read into a qm_store_job. */
 #define QM_SQLITE_JOB_COLUMNS                                                                                \
-    "id, key, idempotency_key, body, created, state, sequence, document, restarts, result, begun"
+    "id, key, idempotency_key, body, created, state, sequence, document, restarts, result, begun, cancel"
 bool qm_sqlite_read_job(sqlite3_stmt *statement, void *row);
 
 /** The columns of a layout l at its revision r, and how they are read into a qm_store_layout. */

@@ -148,7 +148,8 @@ bool qm_sqlite_read_job(sqlite3_stmt *statement, void *row)
         .state = (qm_job_state)sqlite3_column_int(statement, 5),
         .sequence = sqlite3_column_int64(statement, 6),
         .restarts = sqlite3_column_int64(statement, 8),
-        .deaths = sqlite3_column_int64(statement, 8) > 0 ? 1 + sqlite3_column_int64(statement, 10) : 0};
+        .deaths = sqlite3_column_int64(statement, 8) > 0 ? 1 + sqlite3_column_int64(statement, 10) : 0,
+        .is_canceled = sqlite3_column_int(statement, 11) != 0};
     if (qm_sqlite_read_text(statement, 0, out->id, sizeof out->id) &&
         qm_sqlite_copy_text(statement, 1, &out->key) &&
         qm_sqlite_copy_text(statement, 2, &out->idempotency_key) &&

@@ -67,6 +67,12 @@ class Node:
         self.kills += 1
         self.daemon.stop(signal.SIGKILL)
 
+    def note_kill(self):
+        """It has killed itself, or will at once."""
+        self.is_serving = False
+        self.kills += 1
+        assert self.daemon.stop(signal.SIGCONT) == -signal.SIGKILL, self.daemon.log()
+
     def stop(self):
         """An orderly end; gives the exit status."""
         self.is_serving = False

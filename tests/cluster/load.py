@@ -272,6 +272,22 @@ class Client:
         return self.call("count", reconstruction, "GET", f"/v1/reconstructions/{reconstruction}", (200,),
                          lambda reply: {"steps": reply.json()["step_count"]}, node=node)
 
+    def use_everything(self):
+        """One of each thing that changes the store."""
+        load = self.load
+        mesh = self.upload()
+        self.move(load.registers[0], is_guarded=False)
+        self.move(load.registers[0], is_guarded=True)
+        jobs = [self.submit({"type": kind, "a": load.pair[0], "b": load.pair[1], "tolerance": tolerance})
+                for kind, tolerance in (("hausdorff", 1e-6), ("deviation", 1e-2))]
+        self.edit(load.layouts[0])
+        made = self.reconstruct(self.draw(load.saddle))
+        load.reconstructions.append(made)
+        self.refine(made)
+        self.remove(mesh)
+        for job in jobs:
+            self.wait(job)
+
 
 def revision_of(reply):
     """The number in the tag, which begins with the hash of the content."""
