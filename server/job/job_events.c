@@ -224,7 +224,7 @@ bool qm_job_events_save(qm_jobs *jobs)
         bool is_canceled = is_stored && note_saved(&work.runs[i], &work.rows[i]);
         uv_mutex_unlock(&jobs->lock);
         is_watched = is_watched || (is_stored && work.rows[i].is_watched);
-        if (is_canceled) qm_jobs_cancel(jobs, work.runs[i].job);
+        if (is_canceled) qm_job_cancel_noted(jobs, work.runs[i].job);
         qm_jobs_release(jobs, work.runs[i].job);
     }
 

@@ -208,6 +208,8 @@ void qm_job_check_time(qm_job *job, double now_ms);
 
 /** Raises the cancel flag; a job that is paused or waits goes on at once, to its end. */
 void qm_job_stop(qm_job *job);
+/** qm_jobs_cancel without a note in the store, which knows already or need not know. */
+bool qm_job_cancel_noted(qm_jobs *jobs, qm_job *job);
 
 /** Notifies all subscribers of a job. The caller holds the lock. */
 void qm_job_notify_all(qm_job *job);

@@ -140,7 +140,7 @@ static void disown(qm_jobs *jobs)
         if (!job) return;
         bool is_unwanted = false;
         if (qm_store_hold_job(jobs->store, job->id, -owners, false, &is_unwanted) == QM_STORED && is_unwanted)
-            qm_jobs_cancel(jobs, job);
+            qm_job_cancel_noted(jobs, job);
         qm_jobs_release(jobs, job);
     }
 }

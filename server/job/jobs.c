@@ -465,7 +465,7 @@ static bool cancel_mirror(qm_jobs *jobs, qm_job *job)
     return stored == QM_STORED || stored == QM_STORED_LATE;
 }
 
-bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
+bool qm_job_cancel_noted(qm_jobs *jobs, qm_job *job)
 {
     uv_mutex_lock(&jobs->lock);
     bool is_mirror = job->is_mirror && !qm_job_is_over(job);
@@ -491,6 +491,18 @@ bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
     return !over;
 }
 
+bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
+{
+    uv_mutex_lock(&jobs->lock);
+    bool is_own = !job->is_mirror && !job->on_end;
+    uv_mutex_unlock(&jobs->lock);
+    bool is_asked = qm_job_cancel_noted(jobs, job);
+    if (is_asked && is_own && qm_store_note_cancel(jobs->store, job->id) != QM_STORED)
+        qm_log(QM_LOG_WARN, "job %s was canceled, which a restart would forget until the job has ended",
+               job->id);
+    return is_asked;
+}
+
 void qm_jobs_disown(qm_jobs *jobs, qm_job *job)
 {
     bool is_shared = qm_store_is_shared(jobs->store);
@@ -504,7 +516,7 @@ void qm_jobs_disown(qm_jobs *jobs, qm_job *job)
         jobs->disowned = job;
     }
     uv_mutex_unlock(&jobs->lock);
-    if (ends) qm_jobs_cancel(jobs, job);
+    if (ends) qm_job_cancel_noted(jobs, job);
 }
 
 qm_job_counts qm_jobs_count(qm_jobs *jobs)
@@ -578,7 +590,7 @@ void qm_jobs_resume(qm_jobs *jobs, const qm_store_job *row)
     } else if (!qm_job_enqueue(jobs, job)) {
         qm_job_withdraw(jobs, job);
     } else if (row->is_canceled) {
-        qm_jobs_cancel(jobs, job);
+        qm_job_cancel_noted(jobs, job);
     }
     qm_jobs_release(jobs, job);
 }

@@ -126,6 +126,11 @@ qm_stored qm_store_begin_job(qm_store *store, const char *id)
     QM_STORE_RETURN_VERB(store, begin_job, store, id);
 }
 
+qm_stored qm_store_note_cancel(qm_store *store, const char *id)
+{
+    QM_STORE_RETURN_VERB(store, note_cancel, store, id);
+}
+
 qm_stored qm_store_append_events(qm_store *store, qm_store_run *runs, size_t run_count,
                                  const qm_store_event *events, size_t count)
 {

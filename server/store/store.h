@@ -388,6 +388,8 @@ qm_stored qm_store_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_sto
  * job is given up for a death before its last run.
  */
 qm_stored qm_store_begin_job(qm_store *store, const char *id);
+/** Takes note that the end of a job that this process runs was asked for: whoever has it after a death ends it. */
+qm_stored qm_store_note_cancel(qm_store *store, const char *id);
 /** Ends in order: the unfinished jobs of this process have not ended it, and may be claimed at once. */
 qm_stored qm_store_leave_jobs(qm_store *store);
 /**

@@ -35,6 +35,7 @@ typedef struct qm_store_driver {
     qm_stored (*submit_job)(qm_store *store, const qm_store_submission *submission);
     qm_stored (*claim_jobs)(qm_store *store, const qm_store_wish *wish, qm_store_job *out, size_t *count);
     qm_stored (*begin_job)(qm_store *store, const char *id);
+    qm_stored (*note_cancel)(qm_store *store, const char *id);
     qm_stored (*append_events)(qm_store *store, qm_store_run *runs, size_t run_count,
                                const qm_store_event *events, size_t count);
     qm_stored (*finish_job)(qm_store *store, const qm_store_job *end, const char *revisions,

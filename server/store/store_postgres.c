@@ -37,6 +37,7 @@ const qm_store_driver qm_postgres_driver = {
     .submit_job = qm_postgres_submit_job,
     .claim_jobs = qm_postgres_claim_jobs,
     .begin_job = qm_postgres_begin_job,
+    .note_cancel = qm_postgres_note_cancel,
     .append_events = qm_postgres_append_events,
     .finish_job = qm_postgres_finish_job,
     .leave_jobs = qm_postgres_leave_jobs,

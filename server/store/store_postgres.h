@@ -336,6 +336,7 @@ qm_stored qm_postgres_submit_job(qm_store *store, const qm_store_submission *sub
 qm_stored qm_postgres_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_store_job *out,
                                  size_t *count);
 qm_stored qm_postgres_begin_job(qm_store *store, const char *id);
+qm_stored qm_postgres_note_cancel(qm_store *store, const char *id);
 qm_stored qm_postgres_append_events(qm_store *store, qm_store_run *runs, size_t run_count,
                                     const qm_store_event *events, size_t count);
 qm_stored qm_postgres_finish_job(qm_store *store, const qm_store_job *end, const char *revisions,

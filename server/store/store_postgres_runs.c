@@ -216,6 +216,15 @@ qm_stored qm_postgres_begin_job(qm_store *store, const char *id)
     return status == QM_STORED_NONE ? QM_STORED : status; /* it has more runs left */
 }
 
+qm_stored qm_postgres_note_cancel(qm_store *store, const char *id)
+{
+    qm_postgres_query query = {.sql = "UPDATE quadmeshd.jobs j SET cancel = true FROM quadmeshd.job_runs r"
+                                      " WHERE j.id = $1 AND r.sequence = j.sequence RETURNING 1"};
+    qm_postgres_add_text(&query, id);
+    qm_stored status = qm_postgres_change_row(store, &query);
+    return status == QM_STORED_NONE ? QM_STORED : status; /* it has ended */
+}
+
 qm_stored qm_postgres_leave_jobs(qm_store *store)
 {
     char node[QM_NODE_NAME_SIZE + 16];

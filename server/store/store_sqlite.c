@@ -316,6 +316,7 @@ const qm_store_driver qm_sqlite_driver = {
     .submit_job = qm_sqlite_submit_job,
     .claim_jobs = qm_sqlite_claim_jobs,
     .begin_job = qm_sqlite_begin_job,
+    .note_cancel = qm_sqlite_note_cancel,
     .append_events = qm_sqlite_append_events,
     .finish_job = qm_sqlite_finish_job,
     .leave_jobs = qm_sqlite_leave_jobs,

@@ -168,6 +168,7 @@ qm_stored qm_sqlite_delete_mesh(qm_store *store, const char *id);
 qm_stored qm_sqlite_submit_job(qm_store *store, const qm_store_submission *submission);
 qm_stored qm_sqlite_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_store_job *out, size_t *count);
 qm_stored qm_sqlite_begin_job(qm_store *store, const char *id);
+qm_stored qm_sqlite_note_cancel(qm_store *store, const char *id);
 qm_stored qm_sqlite_append_events(qm_store *store, qm_store_run *runs, size_t run_count,
                                   const qm_store_event *events, size_t count);
 qm_stored qm_sqlite_finish_job(qm_store *store, const qm_store_job *end, const char *revisions,

@@ -251,6 +251,15 @@ qm_stored qm_sqlite_begin_job(qm_store *store, const char *id)
     return qm_sqlite_execute(store, statement);
 }
 
+qm_stored qm_sqlite_note_cancel(qm_store *store, const char *id)
+{
+    sqlite3_stmt *statement =
+        qm_sqlite_begin(store, "UPDATE jobs SET cancel = 1 WHERE id = ? AND document IS NULL");
+    if (!statement) return QM_STORED_FAULT;
+    qm_sqlite_bind_text(statement, 1, id);
+    return qm_sqlite_execute(store, statement);
+}
+
 qm_stored qm_sqlite_leave_jobs(qm_store *store)
 {
     sqlite3_stmt *statement = qm_sqlite_begin(store, "UPDATE jobs SET begun = -1 WHERE document IS NULL");

@@ -121,6 +121,25 @@ def test_a_node_is_killed_at_each_step_or_its_answer_is_lost(make_cluster):
     cluster.wait_for("the cleaner", finds_rest)
 
 
+@pytest.mark.parametrize("store", ["embedded", "postgres"])
+def test_a_cancelation_outlives_a_kill(make_cluster, slow_files, store):
+    """It was answered, and the job had not ended yet."""
+    cluster = make_cluster(1, store=store)
+    (node,) = cluster.nodes
+    pair = upload_slow(cluster, slow_files)
+    assert node.stop() == 0
+    node.start(**fail_at("finish_job.before:sleep"))
+    with node.client() as client:
+        job = start_slow(node, pair, 1000)
+        cluster.wait_for("bounds", lambda: client.get(f"/v1/jobs/{job}").json().get("progress"))
+        assert client.delete(f"/v1/jobs/{job}").status_code == 202
+        assert client.get(f"/v1/jobs/{job}").json()["state"] == "running"
+    node.kill()
+    node.start()
+    with node.client() as client:
+        assert client.wait(job)["state"] == "canceled"
+
+
 @pytest.mark.timeout(300)
 def test_a_job_that_kills_its_nodes_is_given_up(make_cluster, slow_files):
     """T15: three deaths, and the others live. Only a search that takes long has parts."""

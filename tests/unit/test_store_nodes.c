@@ -570,6 +570,12 @@ static void test_cancels(void **state)
     assert_int_equal(qm_store_cancel_job(b, "j_2", "{}", &last), QM_STORED_LATE);
     assert_int_equal(qm_store_append_events(a, &run, 1, NULL, 0), QM_STORED);
     assert_true(run.is_canceled);
+    assert_int_equal(submit_claimed(a, "j_3"), QM_STORED);
+    run = (qm_store_run){.job = "j_3"};
+    assert_int_equal(qm_store_note_cancel(a, "j_3"), QM_STORED);
+    assert_int_equal(qm_store_note_cancel(a, "j_none"), QM_STORED);
+    assert_int_equal(qm_store_append_events(a, &run, 1, NULL, 0), QM_STORED);
+    assert_true(run.is_canceled);
     check_places(f);
 }
 
