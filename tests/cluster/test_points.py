@@ -13,13 +13,18 @@ import pytest
 import at_rest
 import checkers
 import shapes
-from api_conftest import BUILD, PATIENCE, ROOT
+from api_conftest import BUILD, PATIENCE, ROOT, SLOW, SLOW_DISTANCE, check_bounds
 from faults import SEED, choose, start_slow, upload_slow
 from load import Client, Load
 from test_kills import age
 
 STEPS = ("put_mesh", "revise_mesh", "submit_job", "put_array", "finish_job", "edit_layout", "put_layout", "put_reconstruction",
          "delete_mesh")
+# Of a search that goes on in parts; each kill is a death, and a part is finished before the third one.
+SEARCH_STEPS = choose(("finish_parts.after",), ("append_events.before", "append_events.after", "open_parts.before", "open_parts.after",
+                                                "claim_parts.before", "claim_parts.after", "finish_parts.before",
+                                                "finish_parts.after", "finish_job.before"))
+SEARCH_FOLDS = 400  # a search of ten seconds and more in such a build
 # Between a blob and its row.
 BLOBS = ["keep_blob.reply:kill"]
 KILLS = [f"{step}.{place}:kill" for step in STEPS for place in choose(("before", "after"), ("before", "after", "reply"))]
@@ -119,6 +124,34 @@ def test_a_node_is_killed_at_each_step_or_its_answer_is_lost(make_cluster):
     def finds_rest():
         return not checkers.check_rest(at_rest.read_tables(cluster.query))
     cluster.wait_for("the cleaner", finds_rest)
+
+
+@pytest.mark.timeout(60 + 60 * len(SEARCH_STEPS))
+@pytest.mark.parametrize("store", ["embedded", "postgres"])
+def test_a_long_search_is_killed_at_each_step(make_cluster, store):
+    """Its bounds stay true, and it comes to its end."""
+    cluster = make_cluster(1, store=store)
+    (node,) = cluster.nodes
+    heap = shapes.crumpled(SEARCH_FOLDS, seed=3)
+    raised = shapes.moved(shapes.cut(heap, 3), 0, 0, SLOW_DISTANCE)
+    with node.client() as client:
+        pair = [client.upload(mesh)["id"] for mesh in (shapes.cut(heap, 2), raised)]
+    file = node.folder / "armed"
+    for step in SEARCH_STEPS:
+        assert node.stop() == 0
+        node.start(**fail_at(step + ":kill", file))
+        with node.client() as client:
+            job = client.start(*pair, headers={"Cache-Control": "no-cache"}, **SLOW)["id"]
+            file.touch()
+        cluster.wait_for(f"a kill at {step}", lambda: node.daemon.process.poll() is not None)
+        node.note_kill()
+        file.unlink()
+        node.start()
+        with node.client() as client:
+            document = client.wait(job)
+            assert document["state"] == "succeeded" and document["result"]["converged"], (step, document)
+            assert document["result"]["lower"] <= SLOW_DISTANCE <= document["result"]["upper"], (step, document)
+            check_bounds(client.events(job), document["result"])
 
 
 @pytest.mark.parametrize("store", ["embedded", "postgres"])
