@@ -222,9 +222,9 @@ unit: $(UNIT_PROGRAMS)
 test-tsan:
 	@$(MAKE) -s config=tsan all
 	QM_BUILD=build/tsan QM_PATIENCE=600 build/venv/bin/pytest -q -p no:cacheprovider --timeout 900 tests/api \
-	    -k "not generated and not test_deployment and not test_kills and not test_memory_faults and not holds_one_block"
+	    -k "not generated and not test_deployment and not test_kills and not test_memory_faults" -m "not bounds_memory"
 	QM_TEST_STORE=shared QM_BUILD=build/tsan QM_PATIENCE=600 tests/with_postgres.sh build/venv/bin/pytest -q \
-	    -p no:cacheprovider --timeout 900 $$(cat tests/api/shared_store.txt)
+	    -p no:cacheprovider --timeout 900 -m "not bounds_memory" $$(cat tests/api/shared_store.txt)
 
 # Breaks a cluster of daemons on a PostgreSQL with a standby in many ways (QM_TEST_LONG=1: for long), in about ten minutes.
 test-cluster: all

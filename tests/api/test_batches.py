@@ -5,6 +5,8 @@ import socket
 import threading
 import time
 
+import pytest
+
 import shapes
 from conftest import PATIENCE, SLOW, WAIT, check_problem
 
@@ -102,6 +104,7 @@ def resident(running):
     raise AssertionError("no VmRSS")
 
 
+@pytest.mark.bounds_memory
 def test_memory_does_not_grow_with_the_lines(make_daemon, monkeypatch):
     """A reader that takes nothing for a while, and 30,000 answers of a kilobyte."""
     # Sanitized builds would keep what is freed.

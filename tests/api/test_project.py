@@ -291,6 +291,7 @@ def wait_for_no_files(daemon):
         time.sleep(0.02)
 
 
+@pytest.mark.bounds_memory
 def test_a_million_points_take_no_memory(frees_at_once, make_daemon):
     daemon = make_daemon()
     with daemon.client() as client:
@@ -327,6 +328,7 @@ def test_a_client_may_leave(make_daemon, when):
         assert len(rows(project(client, mesh, body[:2400]))) == 100
 
 
+@pytest.mark.bounds_memory
 def test_a_slow_reader_holds_one_block(frees_at_once, make_daemon):
     daemon = make_daemon("--idle-timeout", 600)  # the last reader waits for the others
     with daemon.client() as client:
