@@ -111,12 +111,12 @@ api() { # BUILD FOLDER_OR_FILES
     failed=$((failed + bad))
 }
 api build/asan tests/api
-# Once more what depends on the store most, on a shared one.
+# Once more what depends on the store most, on a shared one, two at a time.
 export QM_TEST_STORE=shared
-api build/asan $(cat tests/api/shared_store.txt)
+api build/asan $(cat tests/api/shared_store.txt) -n 2
 # And with the bytes of meshes and results in a folder.
 export QM_TEST_STORE=folder
-api build/asan $(for name in meshes content deform readers reconstructions; do echo "tests/api/test_$name.py"; done)
+api build/asan $(for name in meshes content deform readers reconstructions; do echo "tests/api/test_$name.py"; done) -n 2
 unset QM_TEST_STORE
 # Through PgBouncer, which gives each transaction another session.
 through=tests/with_pgbouncer.sh

@@ -15,7 +15,7 @@
 #include "store.h"
 #include "store_parts.h"
 
-#define QM_STORE_IDENTITY_SIZE 48 /* of a shared store: two numbers */
+#define QM_STORE_IDENTITY_SIZE 48 /* of a shared store: three numbers */
 
 typedef struct qm_store_driver {
     void (*close)(qm_store *store);

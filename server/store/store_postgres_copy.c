@@ -211,8 +211,10 @@ qm_stored qm_postgres_find_reconstruction_origin(qm_store *store, const char *id
 qm_stored qm_postgres_identify(qm_store *store, char out[QM_STORE_IDENTITY_SIZE])
 {
     qm_postgres_query query = {
-        .sql = "SELECT format('%s %s', c.system_identifier, d.oid) FROM pg_catalog.pg_control_system() c,"
-               " pg_catalog.pg_database d WHERE d.datname = current_database()"};
+        .sql =
+            "SELECT format('%s %s %s', c.system_identifier, d.oid, n.oid)" /* tables made anew are others */
+            " FROM pg_catalog.pg_control_system() c, pg_catalog.pg_database d, pg_catalog.pg_namespace n"
+            " WHERE d.datname = current_database() AND n.nspname = 'quadmeshd'"};
     qm_postgres_rows rows;
     qm_stored status = qm_postgres_run(store, &query, &rows);
     if (status == QM_STORED) qm_postgres_read(&rows, 0, 0, out, QM_STORE_IDENTITY_SIZE);
