@@ -1,5 +1,5 @@
 /*
- * The bound of a triangle over a patch: never below the distance of any of its points, whatever points of the
+ * The bounds of a triangle and of a polygon over a patch: never below the distance of any of its points, whatever points of the
  * patch lie under its corners, and close to the greatest of them where these are the nearest.
  */
 #include "check.h"
@@ -11,6 +11,7 @@
 #include <math.h>
 
 #define ERROR 1e-13
+#define POLYGONS 1500
 #define GRID 6 /* points a side that are measured */
 
 static void draw_corners(qm_random *random, double twist, double corner[4][3])
@@ -128,11 +129,117 @@ static void the_excess_falls_with_the_fourth_power(void **state)
     }
 }
 
+/** A flat quad of a shape that a fan or a fold has, with corners off by less than crumb, bent by less than bend. */
+static void draw_flat(qm_random *random, double crumb, double bend, double corner[4][3])
+{
+    static const double shapes[][4][2] = {
+        {{0, 0}, {1, 0}, {1, 1}, {0, 1}},     /* a square */
+        {{0, 0}, {1, 0}, {1, 0.3}, {0, 0}},   /* a wedge: two corners in one point */
+        {{0, 0}, {1, 0}, {0.4, 0.3}, {0, 1}}, /* nearly reflex */
+        {{0, 0}, {1, 1}, {1, 0}, {0, 1}},     /* a bow-tie */
+        {{0, 0}, {1, 0}, {1, 0.05}, {0, 0.6}},
+    };
+    size_t shape = qm_random_below(random, sizeof shapes / sizeof *shapes);
+    for (int i = 0; i < 4; i++) {
+        for (int k = 0; k < 2; k++)
+            corner[i][k] = shapes[shape][i][k] + qm_random_range(random, -crumb, crumb);
+        corner[i][2] = qm_random_range(random, -bend, bend);
+    }
+}
+
+/** A convex polygon of three to five corners in the plane of a flat quad, at random or by points over it. */
+static int draw_polygon(qm_random *random, const qm_bilinear *patch, double height, qm_vec corner[5])
+{
+    int count = 3 + (int)qm_random_below(random, 3);
+    double radius = (const double[]){1e-3, 0.05, 0.3, 0.6}[qm_random_below(random, 4)],
+           turn = qm_random_range(random, 0.0, 6.283), thin = qm_random_range(random, 0.05, 1.0);
+    qm_vec at = qm_bilinear_at(patch, qm_random_range(random, 0.0, 1.0), qm_random_range(random, 0.0, 1.0));
+    for (int i = 0; i < count; i++) {
+        double x = radius * cos(6.283 * i / count), y = thin * radius * sin(6.283 * i / count);
+        corner[i] =
+            (qm_vec){at.x + x * cos(turn) - y * sin(turn), at.y + x * sin(turn) + y * cos(turn), height};
+    }
+    return count;
+}
+
+/** Points of a polygon, by the triangles from its first corner. */
+static double farthest_of_polygon(const double c[4][3], int count, const qm_vec corner[5])
+{
+    double most = 0.0;
+    for (int t = 1; t + 1 < count; t++) {
+        const qm_vec triangle[3] = {corner[0], corner[t], corner[t + 1]};
+        for (int i = 0; i <= GRID; i++)
+            for (int j = 0; i + j <= GRID; j++)
+                most = fmax(most, slow_distance(c, point_of(triangle, (double)i / GRID, (double)j / GRID)));
+    }
+    return most;
+}
+
+/**
+ * Polygons over flat patches, wedges and bow-ties among them, and beyond their edges; under the corners their
+ * footpoints, or points that are off by a little or by all of the patch. The bound is put to the test only where
+ * it is below that of the triangles: that has to be often.
+ */
+static void no_point_of_a_polygon_is_farther(void **state)
+{
+    (void)state;
+    int lower = 0;
+    for (int number = 0; number < POLYGONS; number++) {
+        qm_random random = qm_random_make(qm_check_seed(), (uint64_t)(10000 + number));
+        double c[4][3], uv[5][2], off = (const double[]){0.0, 0.0, 0.02, 1.0}[qm_random_below(&random, 4)];
+        double bend = (const double[]){1e-9, 1e-4, 1e-2, 0.1, 0.3}[qm_random_below(&random, 5)];
+        draw_flat(&random, (const double[]){0.0, 1e-4, 0.02, 0.3}[qm_random_below(&random, 4)], bend, c);
+        qm_bilinear patch = patch_of(c);
+        qm_vec corner[5];
+        int count = draw_polygon(&random, &patch, bend * (double)qm_random_below(&random, 2), corner);
+        for (int i = 0; i < count; i++) {
+            qm_bilinear_footpoint foot = qm_bilinear_project(&patch, corner[i], ERROR, INFINITY);
+            for (int k = 0; k < 2; k++)
+                uv[i][k] = qm_clamp(foot.uv[k] + off * qm_random_range(&random, -1.0, 1.0), 0.0, 1.0);
+        }
+        double bound = qm_bilinear_polygon_upper(&patch, count, corner, uv), triangles = 0.0;
+        for (int t = 1; t + 1 < count; t++) {
+            const qm_vec triangle[3] = {corner[0], corner[t], corner[t + 1]};
+            const double feet[3][2] = {
+                {uv[0][0], uv[0][1]}, {uv[t][0], uv[t][1]}, {uv[t + 1][0], uv[t + 1][1]}};
+            triangles = fmax(triangles, qm_bilinear_triangle_upper(&patch, triangle, feet));
+        }
+        QM_CHECK(bound <= triangles, "case %d", number);
+        if (bound == triangles) continue;
+        lower++;
+        double most = farthest_of_polygon(c, count, corner);
+        QM_CHECK(most <= bound + 2 * ERROR, "seed %llu, case %d: %.17g is farther than %.17g",
+                 (unsigned long long)qm_check_seed(), number, most, bound);
+    }
+    QM_CHECK(lower > POLYGONS / 8, "seed %llu: only %d of %d polygons", (unsigned long long)qm_check_seed(),
+             lower, POLYGONS);
+}
+
+/** A wedge whose tip is one point: the parameters interpolated under a triangle are far from those under it, but
+ * the patch is as flat as its corners are. */
+static void a_flat_wedge_is_as_near_as_its_corners(void **state)
+{
+    (void)state;
+    const double c[4][3] = {{0, 1e-6, 1e-5}, {1, 0, -1e-5}, {1, 0.3, 1e-5}, {0, 2e-6, 1e-5}};
+    qm_bilinear patch = patch_of(c);
+    const qm_vec corner[4] = {{0.1, 0.01, 0}, {0.9, 0.01, 0}, {0.9, 0.25, 0}, {0.1, 0.02, 0}};
+    double uv[4][2];
+    for (int i = 0; i < 4; i++) {
+        qm_bilinear_footpoint foot = qm_bilinear_project(&patch, corner[i], ERROR, INFINITY);
+        uv[i][0] = foot.uv[0];
+        uv[i][1] = foot.uv[1];
+    }
+    double bound = qm_bilinear_polygon_upper(&patch, 4, corner, uv);
+    QM_CHECK(bound < 1.1e-5, "bound %.17g", bound);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(no_point_is_farther),
         cmocka_unit_test(the_excess_falls_with_the_fourth_power),
+        cmocka_unit_test(no_point_of_a_polygon_is_farther),
+        cmocka_unit_test(a_flat_wedge_is_as_near_as_its_corners),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
