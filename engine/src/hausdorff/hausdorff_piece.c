@@ -23,6 +23,7 @@
 
 #include "hausdorff_candidates.h"
 #include "hausdorff_overlay.h"
+#include "hausdorff_patches.h"
 #include "hausdorff_sample.h"
 #include "prim/bilinear_match.h"
 
@@ -440,6 +441,17 @@ static bool overlay_reached(const qm_piece_work *work, const qm_part *part)
     return is_covered;
 }
 
+/** Covers by patches; in_reach is of the candidates again when something remains. */
+static bool cover_by_patches(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
+{
+    if (!work->side->target_patches) return false;
+    bool is_cut = false;
+    if (qm_patches_cover(work, polygon, &is_cut)) return true;
+    if (is_cut) reach_corners(work, polygon);
+    *moved |= is_cut;
+    return false;
+}
+
 /** Covers a part, with samples where that fails; puts what remains on the stack. */
 static void process_part(qm_piece_work *work, const qm_part *from)
 {
@@ -461,6 +473,7 @@ static void process_part(qm_piece_work *work, const qm_part *from)
         return;
     }
     for (int attempt = 0; attempt < PART_ATTEMPTS; attempt++) {
+        if (attempt == 0 && cover_by_patches(work, &polygon, &moved)) return;
         if (cover_polygon(work, &polygon, &moved)) return;
         if (sample_unreached(work, qm_polygon_centroid(&polygon)))
             reach_corners(work, &polygon);
