@@ -197,7 +197,7 @@ static void no_point_of_a_polygon_is_farther(void **state)
             for (int k = 0; k < 2; k++)
                 uv[i][k] = qm_clamp(foot.uv[k] + off * qm_random_range(&random, -1.0, 1.0), 0.0, 1.0);
         }
-        double bound = qm_bilinear_polygon_upper(&patch, count, corner, uv), triangles = 0.0;
+        double bound = qm_bilinear_polygon_upper(&patch, count, corner, uv, 0.0), triangles = 0.0;
         for (int t = 1; t + 1 < count; t++) {
             const qm_vec triangle[3] = {corner[0], corner[t], corner[t + 1]};
             const double feet[3][2] = {
@@ -229,7 +229,7 @@ static void a_flat_wedge_is_as_near_as_its_corners(void **state)
         uv[i][0] = foot.uv[0];
         uv[i][1] = foot.uv[1];
     }
-    double bound = qm_bilinear_polygon_upper(&patch, 4, corner, uv);
+    double bound = qm_bilinear_polygon_upper(&patch, 4, corner, uv, 0.0);
     QM_CHECK(bound < 1.1e-5, "bound %.17g", bound);
 }
 

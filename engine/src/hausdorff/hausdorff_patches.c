@@ -50,7 +50,7 @@ static bool cell_is_near(const qm_bilinear *patch, const cell *all, double cutof
         uv[i][0] = all->at[i].uv[0];
         uv[i][1] = all->at[i].uv[1];
     }
-    return qm_bilinear_polygon_upper(patch, all->count, corner, uv) <= cutoff;
+    return qm_bilinear_polygon_upper(patch, all->count, corner, uv, cutoff) <= cutoff;
 }
 
 /**

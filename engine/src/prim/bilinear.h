@@ -157,11 +157,12 @@ void qm_bilinear_polish(const qm_bilinear *patch, qm_vec p, qm_bilinear_footpoin
 double qm_bilinear_triangle_upper(const qm_bilinear *patch, const qm_vec corner[3], const double uv[3][2]);
 
 /**
- * The same for a convex plane polygon of count corners, seen along its normal as well: where the patch, or the
- * rectangle of it under the corners, stands over the polygon like a hill, what the interpolation loses in the
- * plane of the polygon counts by the slope of the hill only.
+ * The same for a convex plane polygon of count corners, seen along its normal and that of the patch as well: where
+ * the patch, or the rectangle of it under the corners, stands over the polygon like a hill, what the interpolation
+ * loses in the plane of the view counts by the slope of the hill only. Bounds above enough are improved by more
+ * work.
  */
 double qm_bilinear_polygon_upper(const qm_bilinear *patch, int count, const qm_vec corner[],
-                                 const double uv[][2]);
+                                 const double uv[][2], double enough);
 
 #endif

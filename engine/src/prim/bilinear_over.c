@@ -1,7 +1,7 @@
 /**
  * bilinear_over.c: how far a triangle, or a plane polygon, lies from a bilinear patch, as one bound.
  */
-#include "bilinear.h"
+#include "bilinear_match.h"
 #include "core/rounding.h"
 
 /*
@@ -114,16 +114,15 @@ static seen_point see(view *from, qm_vec p)
                         qm_vec_dot(d, from->axis[2])};
 }
 
-/** The view along the normal of a triangle; false when it has none. */
-static bool view_make(const qm_vec *a, const qm_vec *b, const qm_vec *c, view *out)
+/** A view along a vector; false when that is hardly longer than 0. */
+static bool view_make(qm_vec origin, qm_vec direction, view *out)
 {
-    qm_vec normal = qm_vec_cross(qm_vec_sub(*b, *a), qm_vec_sub(*c, *a));
-    double length = qm_vec_norm(normal);
+    double length = qm_vec_norm(direction);
     if (!(length > QM_MIN_LENGTH)) return false;
-    qm_vec z = qm_vec_scale(1.0 / length, normal);
+    qm_vec z = qm_vec_scale(1.0 / length, direction);
     qm_vec other = fabs(z.x) < fabs(z.y) ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
     qm_vec across = qm_vec_cross(other, z);
-    *out = (view){.origin = *a};
+    *out = (view){.origin = origin};
     out->axis[0] = qm_vec_scale(1.0 / qm_vec_norm(across), across);
     out->axis[1] = qm_vec_cross(z, out->axis[0]);
     out->axis[2] = z;
@@ -190,13 +189,11 @@ static double slope_at_corner(const seen_point *before, const seen_point *here, 
     return (sqrt(x * x + y * y) + margin * off) / (area - margin * part) * (1.0 + 0x1p-40);
 }
 
-/** False when the outline is not surely convex. */
-static bool quad_make(const qm_bilinear *patch, const double low[2], const double high[2], view *along,
-                      seen_quad *quad)
+/** The rectangle in a view; false when its outline is not surely convex. */
+static bool quad_make(const qm_vec corner[4], view *along, seen_quad *quad)
 {
     for (int i = 0; i < 4; i++)
-        quad->corner[i] =
-            see(along, qm_bilinear_at(patch, i == 1 || i == 2 ? high[0] : low[0], i >= 2 ? high[1] : low[1]));
+        quad->corner[i] = see(along, corner[i]);
     quad->turn = turn_of(quad->corner);
     if (quad->turn == 0.0) return false;
     quad->slope = 0.0;
@@ -204,6 +201,17 @@ static bool quad_make(const qm_bilinear *patch, const double low[2], const doubl
         quad->slope = qm_max(quad->slope, slope_at_corner(&quad->corner[(i + 3) % 4], &quad->corner[i],
                                                           &quad->corner[(i + 1) % 4]));
     return true;
+}
+
+/** The normal of the largest triangle of a fan. */
+static qm_vec fan_normal(int count, const qm_vec corner[])
+{
+    qm_vec largest = {0, 0, 0};
+    for (int i = 1; i + 1 < count; i++) {
+        qm_vec normal = qm_vec_cross(qm_vec_sub(corner[i], corner[0]), qm_vec_sub(corner[i + 1], corner[0]));
+        if (qm_vec_norm2(normal) > qm_vec_norm2(largest)) largest = normal;
+    }
+    return largest;
 }
 
 /** Greatest height of the polygon over the patch, with the parameters of its corners interpolated in each
@@ -225,20 +233,6 @@ static double interpolated_height(const qm_bilinear *patch, int count, const qm_
     }
     *across = sqrt(across2);
     return height;
-}
-
-/** The view along the largest normal of the fan's triangles. */
-static bool polygon_view(int count, const qm_vec corner[], view *along)
-{
-    int largest = 1;
-    double length2 = 0.0;
-    for (int i = 1; i + 1 < count; i++) {
-        qm_vec normal = qm_vec_cross(qm_vec_sub(corner[i], corner[0]), qm_vec_sub(corner[i + 1], corner[0]));
-        if (!(qm_vec_norm2(normal) > length2)) continue;
-        length2 = qm_vec_norm2(normal);
-        largest = i;
-    }
-    return view_make(&corner[0], &corner[largest], &corner[largest + 1], along);
 }
 
 /*
@@ -268,17 +262,12 @@ static bool polygon_view(int count, const qm_vec corner[], view *along)
  * a distance from an edge that is off by 8 u D; heights are off by 2 u D, h by 14 u D, e and a times a slope up to
  * MAX_SLOPE by 40 u D, root and squares by 3 u of 4 D. All together 160 u D, below VIEW_ROUNDINGS D.
  */
-static double polygon_upper(const qm_bilinear *patch, int count, const qm_vec corner[], const double uv[][2])
+static double upper_along(const qm_bilinear *patch, const qm_vec outline[4], qm_vec direction, int count,
+                          const qm_vec corner[], const double uv[][2])
 {
     view along;
     seen_quad quad;
-    double low[2] = {1.0, 1.0}, high[2] = {0.0, 0.0};
-    for (int i = 0; i < count; i++)
-        for (int k = 0; k < 2; k++) {
-            low[k] = qm_min(low[k], uv[i][k]);
-            high[k] = qm_max(high[k], uv[i][k]);
-        }
-    if (!polygon_view(count, corner, &along) || !quad_make(patch, low, high, &along, &quad)) return INFINITY;
+    if (!view_make(corner[0], direction, &along) || !quad_make(outline, &along, &quad)) return INFINITY;
     double lowest = INFINITY, highest = -INFINITY, beyond = 0.0, height = 0.0;
     for (int i = 0; i < 4; i++) {
         lowest = qm_min(lowest, quad.corner[i].height);
@@ -291,13 +280,31 @@ static double polygon_upper(const qm_bilinear *patch, int count, const qm_vec co
     }
     if (quad.slope <= MAX_SLOPE) {
         double across, interpolated = interpolated_height(patch, count, corner, uv, along.axis[2], &across);
-        height = qm_min(height, interpolated + quad.slope * (across + beyond));
+        height = qm_min(height, interpolated + quad.slope * across);
     }
     return sqrt(beyond * beyond + height * height) + VIEW_ROUNDINGS * along.size;
 }
 
+/** The smaller of the bounds along the normal of the polygon and along that of the patch under it. */
+static double polygon_upper(const qm_bilinear *patch, int count, const qm_vec corner[], const double uv[][2],
+                            double enough)
+{
+    qm_uv_box under = {{1.0, 1.0}, {0.0, 0.0}};
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < 2; k++) {
+            under.low[k] = qm_min(under.low[k], uv[i][k]);
+            under.high[k] = qm_max(under.high[k], uv[i][k]);
+        }
+    qm_vec outline[4];
+    qm_uv_box_corners(patch, &under, outline);
+    double upper = upper_along(patch, outline, fan_normal(count, corner), count, corner, uv);
+    if (upper <= enough) return upper;
+    qm_vec normal = qm_vec_cross(qm_vec_sub(outline[2], outline[0]), qm_vec_sub(outline[3], outline[1]));
+    return qm_min(upper, upper_along(patch, outline, normal, count, corner, uv));
+}
+
 double qm_bilinear_polygon_upper(const qm_bilinear *patch, int count, const qm_vec corner[],
-                                 const double uv[][2])
+                                 const double uv[][2], double enough)
 {
     QM_ASSERT(count >= 3);
     double upper = 0.0;
@@ -306,5 +313,5 @@ double qm_bilinear_polygon_upper(const qm_bilinear *patch, int count, const qm_v
         const double feet[3][2] = {{uv[0][0], uv[0][1]}, {uv[i][0], uv[i][1]}, {uv[i + 1][0], uv[i + 1][1]}};
         upper = qm_max(upper, qm_bilinear_triangle_upper(patch, triangle, feet));
     }
-    return qm_min(upper, polygon_upper(patch, count, corner, uv));
+    return upper <= enough ? upper : qm_min(upper, polygon_upper(patch, count, corner, uv, enough));
 }
