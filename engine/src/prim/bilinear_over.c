@@ -12,6 +12,7 @@
  */
 #define ROUNDINGS 0x1p-48
 
+#define FOLD_MARGIN 1e-3       /* of the largest area: where a rectangle ends beside a fold */
 #define MAX_SLOPE 1.0          /* of a patch over a polygon */
 #define SIDE_ROUNDINGS 8.0     /* in units of u, of two products */
 #define VIEW_ROUNDINGS 0x1p-45 /* of the greatest distance in a view */
@@ -214,15 +215,19 @@ static qm_vec fan_normal(int count, const qm_vec corner[])
     return largest;
 }
 
-/** Greatest height of the polygon over the patch, with the parameters of its corners interpolated in each
- * triangle of the fan; across becomes how far the points of both are apart across the direction, at most. */
-static double interpolated_height(const qm_bilinear *patch, int count, const qm_vec corner[],
-                                  const double uv[][2], qm_vec n, double *across)
+/** Greatest height of the polygon over the patch, with the parameters of its corners, moved into a rectangle, interpolated
+ * in each triangle of the fan; across becomes how far the points of both are apart across the direction, at most. */
+static double interpolated_height(const qm_bilinear *patch, const qm_uv_box *box, int count,
+                                  const qm_vec corner[], const double uv[][2], qm_vec n, double *across)
 {
     double height = 0.0, across2 = 0.0;
     for (int i = 1; i + 1 < count; i++) {
+        const int fan[3] = {0, i, i + 1};
+        double inside[3][2];
+        for (int k = 0; k < 6; k++)
+            inside[k / 2][k % 2] = qm_clamp(uv[fan[k / 2]][k % 2], box->low[k % 2], box->high[k % 2]);
         difference d = difference_make(patch, (const qm_vec *const[]){&corner[0], &corner[i], &corner[i + 1]},
-                                       (const double *const[]){uv[0], uv[i], uv[i + 1]});
+                                       (const double *const[]){inside[0], inside[1], inside[2]});
         double above[6], below[6];
         for (int k = 0; k < 6; k++) {
             above[k] = qm_vec_dot(d.at[k], n);
@@ -233,6 +238,42 @@ static double interpolated_height(const qm_bilinear *patch, int count, const qm_
     }
     *across = sqrt(across2);
     return height;
+}
+
+/**
+ * Cuts a rectangle off where the patch turns over, as seen along a direction: twice the area of the corners' triangles
+ * there is linear along each side. The cut is across the axis, and from the end, that leave most; false when the patch
+ * turns over at both ends of both.
+ */
+static bool keep_one_sheet(const qm_vec corner[4], qm_vec direction, qm_uv_box *box)
+{
+    static const int sides[2][2][2] = {{{0, 1}, {3, 2}},
+                                       {{0, 3}, {1, 2}}}; /* along an axis: from low to high */
+    double area[4], largest = 0.0, most = 0.0;
+    for (int i = 0; i < 4; i++) {
+        qm_vec before = qm_vec_sub(corner[i], corner[(i + 3) % 4]),
+               after = qm_vec_sub(corner[(i + 1) % 4], corner[i]);
+        area[i] = qm_vec_dot(qm_vec_cross(before, after), direction);
+        if (fabs(area[i]) > fabs(largest)) largest = area[i];
+    }
+    int axis = 0, end = 0;
+    for (int k = 0; k < 4; k++) {
+        double share = 1.0;
+        for (int i = 0; i < 2; i++) {
+            const int *side = sides[k / 2][i];
+            double here = area[side[k % 2]] / largest, there = area[side[1 - k % 2]] / largest;
+            if (there < FOLD_MARGIN) share = qm_min(share, (here - FOLD_MARGIN) / (here - there));
+            if (!(here > FOLD_MARGIN)) share = 0.0;
+        }
+        if (!(share > most)) continue;
+        most = share;
+        axis = k / 2;
+        end = k % 2;
+    }
+    if (!(most > 0.0)) return false;
+    double *from = end ? box->high : box->low, *to = end ? box->low : box->high;
+    to[axis] = from[axis] + most * (to[axis] - from[axis]);
+    return true;
 }
 
 /*
@@ -262,12 +303,19 @@ static double interpolated_height(const qm_bilinear *patch, int count, const qm_
  * a distance from an edge that is off by 8 u D; heights are off by 2 u D, h by 14 u D, e and a times a slope up to
  * MAX_SLOPE by 40 u D, root and squares by 3 u of 4 D. All together 160 u D, below VIEW_ROUNDINGS D.
  */
-static double upper_along(const qm_bilinear *patch, const qm_vec outline[4], qm_vec direction, int count,
+static double upper_along(const qm_bilinear *patch, qm_uv_box under, qm_vec direction, int count,
                           const qm_vec corner[], const double uv[][2])
 {
     view along;
     seen_quad quad;
-    if (!view_make(corner[0], direction, &along) || !quad_make(outline, &along, &quad)) return INFINITY;
+    qm_vec outline[4];
+    if (!view_make(corner[0], direction, &along)) return INFINITY;
+    qm_uv_box_corners(patch, &under, outline);
+    if (!quad_make(outline, &along, &quad)) {
+        if (!keep_one_sheet(outline, along.axis[2], &under)) return INFINITY;
+        qm_uv_box_corners(patch, &under, outline);
+        if (!quad_make(outline, &along, &quad)) return INFINITY;
+    }
     double lowest = INFINITY, highest = -INFINITY, beyond = 0.0, height = 0.0;
     for (int i = 0; i < 4; i++) {
         lowest = qm_min(lowest, quad.corner[i].height);
@@ -279,7 +327,8 @@ static double upper_along(const qm_bilinear *patch, const qm_vec outline[4], qm_
         height = qm_max(height, qm_max(highest - p.height, p.height - lowest));
     }
     if (quad.slope <= MAX_SLOPE) {
-        double across, interpolated = interpolated_height(patch, count, corner, uv, along.axis[2], &across);
+        double across,
+            interpolated = interpolated_height(patch, &under, count, corner, uv, along.axis[2], &across);
         height = qm_min(height, interpolated + quad.slope * across);
     }
     return sqrt(beyond * beyond + height * height) + VIEW_ROUNDINGS * along.size;
@@ -297,10 +346,10 @@ static double polygon_upper(const qm_bilinear *patch, int count, const qm_vec co
         }
     qm_vec outline[4];
     qm_uv_box_corners(patch, &under, outline);
-    double upper = upper_along(patch, outline, fan_normal(count, corner), count, corner, uv);
+    double upper = upper_along(patch, under, fan_normal(count, corner), count, corner, uv);
     if (upper <= enough) return upper;
     qm_vec normal = qm_vec_cross(qm_vec_sub(outline[2], outline[0]), qm_vec_sub(outline[3], outline[1]));
-    return qm_min(upper, upper_along(patch, outline, normal, count, corner, uv));
+    return qm_min(upper, upper_along(patch, under, normal, count, corner, uv));
 }
 
 double qm_bilinear_polygon_upper(const qm_bilinear *patch, int count, const qm_vec corner[],
