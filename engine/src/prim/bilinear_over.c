@@ -12,7 +12,7 @@
  */
 #define ROUNDINGS 0x1p-48
 
-#define FOLD_MARGIN 1e-3       /* of the largest area: where a rectangle ends beside a fold */
+#define FOLD_MARGIN 1e-9       /* of the largest area: where a rectangle ends beside a fold */
 #define MAX_SLOPE 1.0          /* of a patch over a polygon */
 #define SIDE_ROUNDINGS 8.0     /* in units of u, of two products */
 #define VIEW_ROUNDINGS 0x1p-45 /* of the greatest distance in a view */
@@ -334,6 +334,36 @@ static double upper_along(const qm_bilinear *patch, qm_uv_box under, qm_vec dire
     return sqrt(beyond * beyond + height * height) + VIEW_ROUNDINGS * along.size;
 }
 
+/** The greatest distance of a corner from the points of a segment from a to a + d that are nearest to them. */
+static double segment_upper(qm_vec a, qm_vec d, int count, const qm_vec corner[])
+{
+    double length2 = qm_vec_norm2(d), farthest2 = 0.0, size2 = length2;
+    for (int i = 0; i < count; i++) {
+        qm_vec p = qm_vec_sub(corner[i], a);
+        double t = length2 > 0.0 ? qm_clamp(qm_vec_dot(p, d) / length2, 0.0, 1.0) : 0.0;
+        farthest2 = qm_max(farthest2, qm_vec_norm2(qm_vec_axpy(p, -t, d)));
+        size2 = qm_max(size2, qm_vec_norm2(p));
+    }
+    return sqrt(farthest2) + ROUNDINGS * sqrt(size2);
+}
+
+/**
+ * The patch is made of segments, along which one parameter is constant. The distance from a segment is convex, so
+ * that no point of a polygon is farther from it than a corner is. Of the segments at the sides of the rectangle,
+ * the nearest: of a sliver along a side of the patch, or a narrow tip, this holds all.
+ */
+static double segments_upper(const qm_bilinear *patch, const qm_uv_box *box, int count, const qm_vec corner[])
+{
+    double upper = INFINITY;
+    for (int i = 0; i < 2; i++) {
+        double u = i ? box->high[0] : box->low[0], v = i ? box->high[1] : box->low[1];
+        qm_vec along_v = qm_vec_axpy(patch->e2, u, patch->w), along_u = qm_vec_axpy(patch->e1, v, patch->w);
+        upper = qm_min(upper, segment_upper(qm_bilinear_at(patch, u, 0.0), along_v, count, corner));
+        upper = qm_min(upper, segment_upper(qm_bilinear_at(patch, 0.0, v), along_u, count, corner));
+    }
+    return upper;
+}
+
 /** The smaller of the bounds along the normal of the polygon and along that of the patch under it. */
 static double polygon_upper(const qm_bilinear *patch, int count, const qm_vec corner[], const double uv[][2],
                             double enough)
@@ -344,10 +374,12 @@ static double polygon_upper(const qm_bilinear *patch, int count, const qm_vec co
             under.low[k] = qm_min(under.low[k], uv[i][k]);
             under.high[k] = qm_max(under.high[k], uv[i][k]);
         }
+    double upper = segments_upper(patch, &under, count, corner);
+    if (upper <= enough) return upper;
+    upper = qm_min(upper, upper_along(patch, under, fan_normal(count, corner), count, corner, uv));
+    if (upper <= enough) return upper;
     qm_vec outline[4];
     qm_uv_box_corners(patch, &under, outline);
-    double upper = upper_along(patch, under, fan_normal(count, corner), count, corner, uv);
-    if (upper <= enough) return upper;
     qm_vec normal = qm_vec_cross(qm_vec_sub(outline[2], outline[0]), qm_vec_sub(outline[3], outline[1]));
     return qm_min(upper, upper_along(patch, under, normal, count, corner, uv));
 }
