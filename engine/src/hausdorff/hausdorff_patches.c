@@ -37,7 +37,7 @@ static match match_from(const qm_bilinear *patch, const double uv[2], qm_vec p)
 {
     qm_bilinear_footpoint foot = {.distance = qm_vec_distance(p, qm_bilinear_at(patch, uv[0], uv[1])),
                                   .uv = {uv[0], uv[1]}};
-    qm_bilinear_polish(patch, p, &foot);
+    qm_bilinear_polish(patch, p, QM_ROUGH_GAIN, &foot);
     return (match){p, {foot.uv[0], foot.uv[1]}, foot.distance};
 }
 

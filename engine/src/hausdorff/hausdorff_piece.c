@@ -469,8 +469,6 @@ static void process_part(qm_piece_work *work, const qm_part *from)
     if (from->generation == 0) {
         if (cover_by_nearest(work, &polygon, &moved)) return;
         reach_corners(work, &polygon);
-    } else if (work->side->target_patches && qm_candidates_nearest_quad_covers(work, &polygon)) {
-        return;
     }
     for (int attempt = 0; attempt < PART_ATTEMPTS; attempt++) {
         if (attempt == 0 && cover_by_patches(work, &polygon, &moved)) return;

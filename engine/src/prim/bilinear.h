@@ -141,8 +141,12 @@ bool qm_bilinear_is_beyond(const qm_bilinear *patch, qm_vec p, double distance);
  */
 qm_bilinear_footpoint qm_bilinear_minimise(const qm_bilinear *patch, qm_vec p, double stop_above);
 
-/** Minimises from a point of the patch on: distance and uv get better, lower stays. */
-void qm_bilinear_polish(const qm_bilinear *patch, qm_vec p, qm_bilinear_footpoint *foot);
+#define QM_FINE_GAIN 1e-9  /* of the distance: a step that gains less ends a minimisation */
+#define QM_ROUGH_GAIN 1e-5 /* the same, where a point near the footpoint does */
+
+/** Minimises from a point of the patch on, until a step gains less than a share of the distance: distance and uv
+ * get better, lower stays. */
+void qm_bilinear_polish(const qm_bilinear *patch, qm_vec p, double gain, qm_bilinear_footpoint *foot);
 
 /* ---- a triangle over the patch ---- */
 
