@@ -50,7 +50,7 @@
 /* Rectangles */
 #define SLACK_SHARE 0.25     /* of the tolerance: a patch this flat goes on as triangles */
 #define MAX_SLACK_SHARE 0.5  /* of the cutoff: a patch bent more is cut before its triangles are tried */
-#define MIDPOINT_LEVELS 8    /* cut at the midpoint: grids refined by halves then meet line on line */
+#define MIDPOINT_LEVELS 3    /* cut at the midpoint: grids refined by halves then meet line on line */
 #define MIN_SIDE 0.7         /* of the longer side: a shorter one is cut as well */
 #define MAX_REMAINDERS 512   /* parts that a match leaves over */
 #define THIN 0.06            /* of the longer side: a rectangle with a shorter one is thin */
