@@ -260,19 +260,31 @@ static void check_all_numberings(const double c[4][3], const qm_vec corner[3], c
     }
 }
 
-/** Points off the interpolated ones towards a corner that is steeper than the other three: found by a search for
- * a case that only the slope there bounds. */
+/** Points off the interpolated ones, up or down the slope of two steep corners: found by searches for cases that only
+ * the slope there bounds, and all of it. */
 static void the_steepest_corner_counts(void **state)
 {
     (void)state;
-    const double c[4][3] = {{0.0778298, -0.126637, -0.208285},
-                            {1.06017, -0.188616, -0.0522512},
-                            {0.734803, 0.698096, 0.254455},
-                            {0.000568202, 0.869079, -0.0165726}};
-    const qm_vec corner[3] = {
-        {0.503662, 0.539241, 0.169465}, {0.156854, 0.513497, 0.0955634}, {0.281733, 0.213894, 0.0162778}};
-    const double uv[3][2] = {{0.726459, 0.831457}, {0.325729, 0.596769}, {0.185909, 0.389286}};
-    check_all_numberings(c, corner, uv);
+    static const struct {
+        double c[4][3];
+        qm_vec corner[3];
+        double uv[3][2];
+    } cases[] = {
+        {{{0.0778298, -0.126637, -0.208285},
+          {1.06017, -0.188616, -0.0522512},
+          {0.734803, 0.698096, 0.254455},
+          {0.000568202, 0.869079, -0.0165726}},
+         {{0.503662, 0.539241, 0.169465}, {0.156854, 0.513497, 0.0955634}, {0.281733, 0.213894, 0.0162778}},
+         {{0.726459, 0.831457}, {0.325729, 0.596769}, {0.185909, 0.389286}}},
+        {{{-0.106639, 0.0202407, -0.108183},
+          {1.09043, -0.169484, 0.0187314},
+          {0.855063, 0.841517, 0.141171},
+          {0.0251263, 0.934551, 0.0473244}},
+         {{0.812714, 0.816072, 0.246733}, {0.292849, 0.788165, 0.218679}, {0.391021, 0.054837, 0.0327301}},
+         {{1, 1}, {0.559889, 0.679694}, {0.308451, 0.123139}}},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        check_all_numberings(cases[i].c, cases[i].corner, cases[i].uv);
 }
 
 /** All corners of a sliver are at the tips of a dart, and its middle is over the notch. */
