@@ -215,19 +215,15 @@ static qm_vec fan_normal(int count, const qm_vec corner[])
     return largest;
 }
 
-/** Greatest height of the polygon over the patch, with the parameters of its corners, moved into a rectangle, interpolated
- * in each triangle of the fan; across becomes how far the points of both are apart across the direction, at most. */
-static double interpolated_height(const qm_bilinear *patch, const qm_uv_box *box, int count,
-                                  const qm_vec corner[], const double uv[][2], qm_vec n, double *across)
+/** Greatest height of the polygon over the patch, with the parameters of its corners interpolated in each
+ * triangle of the fan; across becomes how far the points of both are apart across the direction, at most. */
+static double interpolated_height(const qm_bilinear *patch, int count, const qm_vec corner[],
+                                  const double uv[][2], qm_vec n, double *across)
 {
     double height = 0.0, across2 = 0.0;
     for (int i = 1; i + 1 < count; i++) {
-        const int fan[3] = {0, i, i + 1};
-        double inside[3][2];
-        for (int k = 0; k < 6; k++)
-            inside[k / 2][k % 2] = qm_clamp(uv[fan[k / 2]][k % 2], box->low[k % 2], box->high[k % 2]);
         difference d = difference_make(patch, (const qm_vec *const[]){&corner[0], &corner[i], &corner[i + 1]},
-                                       (const double *const[]){inside[0], inside[1], inside[2]});
+                                       (const double *const[]){uv[0], uv[i], uv[i + 1]});
         double above[6], below[6];
         for (int k = 0; k < 6; k++) {
             above[k] = qm_vec_dot(d.at[k], n);
@@ -288,12 +284,15 @@ static bool keep_one_sheet(const qm_vec corner[4], qm_vec direction, qm_uv_box *
  * Let p be a point of the polygon. The distance of its view from K is convex, and so at most the largest of a
  * corner, e. Let q be the point of R over the nearest point of K. Across n it is e from p at most. Along n
  *   - p is between the heights of the corners of the polygon, and q between those of the corners of R; and
- *   - let r be the point of R with the interpolated parameters: p - r has a height of at most h, and a part
- *     across n of at most a. From the view of r to that of q it is a + e at most, inside K, which is convex:
- *     p - q has a height of at most h + slope (a + e).
+ *   - where R holds the parameters of all corners, let r be the point of R with the interpolated ones: p - r has a
+ *     height of at most h, and a part across n of at most a. Going to the nearest point of K, which is convex, moves
+ *     no two points apart, and leaves the view of r where it is: from there to the view of q it is a at most,
+ *     inside K, and p - q has a height of at most h + slope a.
  * The smaller of both and e are the sides of a right angle, whose third side is the bound. For any n and R; along
- * the normal of the polygon and with R under it, slope is small, and a counts by its product with the slope.
- * Nothing is lost to the twist in the plane, as where two corners of a patch coincide.
+ * the normal of the polygon, or that of R, and with R under the polygon, slope is small, and a counts by its product
+ * with the slope. Nothing is lost to the twist in the plane, as where two corners of a patch coincide. Where the
+ * rectangle under the polygon is folded, R is what is left of it on one side of the fold; beside a fold the slope
+ * has no bound, and heights alone count.
  *
  * Roundings, D being the greatest distance of a corner from the origin of the view. The view is a linear map, as
  * rounded; it moves points of a length D by 14 u D, being not quite orthonormal, and rounding its coordinates
@@ -302,6 +301,8 @@ static bool keep_one_sheet(const qm_vec corner[4], qm_vec direction, qm_uv_box *
  * certain from SIDE_ROUNDINGS u of both, and the slope rounded up. A point that is not surely inside is at
  * a distance from an edge that is off by 8 u D; heights are off by 2 u D, h by 14 u D, e and a times a slope up to
  * MAX_SLOPE by 40 u D, root and squares by 3 u of 4 D. All together 160 u D, below VIEW_ROUNDINGS D.
+ * Without SIDE_ROUNDINGS a corner that turns the wrong way would do so by 8 u of two products of sides: moved by
+ * 32 u D it would not. No test has shown that to be too little; this proof does without.
  */
 static double upper_along(const qm_bilinear *patch, qm_uv_box under, qm_vec direction, int count,
                           const qm_vec corner[], const double uv[][2])
@@ -311,7 +312,8 @@ static double upper_along(const qm_bilinear *patch, qm_uv_box under, qm_vec dire
     qm_vec outline[4];
     if (!view_make(corner[0], direction, &along)) return INFINITY;
     qm_uv_box_corners(patch, &under, outline);
-    if (!quad_make(outline, &along, &quad)) {
+    bool is_whole = quad_make(outline, &along, &quad);
+    if (!is_whole) {
         if (!keep_one_sheet(outline, along.axis[2], &under)) return INFINITY;
         qm_uv_box_corners(patch, &under, outline);
         if (!quad_make(outline, &along, &quad)) return INFINITY;
@@ -326,9 +328,8 @@ static double upper_along(const qm_bilinear *patch, qm_uv_box under, qm_vec dire
         beyond = qm_max(beyond, quad_distance(quad.corner, quad.turn, &p));
         height = qm_max(height, qm_max(highest - p.height, p.height - lowest));
     }
-    if (quad.slope <= MAX_SLOPE) {
-        double across,
-            interpolated = interpolated_height(patch, &under, count, corner, uv, along.axis[2], &across);
+    if (is_whole && quad.slope <= MAX_SLOPE) {
+        double across, interpolated = interpolated_height(patch, count, corner, uv, along.axis[2], &across);
         height = qm_min(height, interpolated + quad.slope * across);
     }
     return sqrt(beyond * beyond + height * height) + VIEW_ROUNDINGS * along.size;
