@@ -301,8 +301,8 @@ static bool keep_one_sheet(const qm_vec corner[4], qm_vec direction, qm_uv_box *
  * certain from SIDE_ROUNDINGS u of both, and the slope rounded up. A point that is not surely inside is at
  * a distance from an edge that is off by 8 u D; heights are off by 2 u D, h by 14 u D, e and a times a slope up to
  * MAX_SLOPE by 40 u D, root and squares by 3 u of 4 D. All together 160 u D, below VIEW_ROUNDINGS D.
- * Without SIDE_ROUNDINGS a corner that turns the wrong way would do so by 8 u of two products of sides: moved by
- * 32 u D it would not. No test has shown that to be too little; this proof does without.
+ * A corner that turned the wrong way by roundings alone would turn the right way after a move of 32 u D, which
+ * VIEW_ROUNDINGS has room for: so no test can tell whether SIDE_ROUNDINGS is there, but this proof needs it.
  */
 static double upper_along(const qm_bilinear *patch, qm_uv_box under, qm_vec direction, int count,
                           const qm_vec corner[], const double uv[][2])
