@@ -1,5 +1,5 @@
 /*
- * The bound of a triangle over a patch: never below the distance of any of its points, whatever points of the
+ * The bounds of a triangle and of a polygon over a patch: never below the distance of any of its points, whatever points of the
  * patch lie under its corners, and close to the greatest of them where these are the nearest.
  */
 #include "check.h"
@@ -9,8 +9,10 @@
 #include "slow_twin.h"
 
 #include <math.h>
+#include <string.h>
 
 #define ERROR 1e-13
+#define POLYGONS 1500
 #define GRID 6 /* points a side that are measured */
 
 static void draw_corners(qm_random *random, double twist, double corner[4][3])
@@ -128,11 +130,294 @@ static void the_excess_falls_with_the_fourth_power(void **state)
     }
 }
 
+/** A flat quad of a shape that a fan or a fold has, with corners off by less than crumb, bent by less than bend. */
+static void draw_flat(qm_random *random, double crumb, double bend, double corner[4][3])
+{
+    static const double shapes[][4][2] = {
+        {{0, 0}, {1, 0}, {1, 1}, {0, 1}},     /* a square */
+        {{0, 0}, {1, 0}, {1, 0.3}, {0, 0}},   /* a wedge: two corners in one point */
+        {{0, 0}, {1, 0}, {0.4, 0.3}, {0, 1}}, /* nearly reflex */
+        {{0, 0}, {1, 1}, {1, 0}, {0, 1}},     /* a bow-tie */
+        {{0, 0}, {1, 0}, {1, 0.05}, {0, 0.6}},
+    };
+    size_t shape = qm_random_below(random, sizeof shapes / sizeof *shapes);
+    for (int i = 0; i < 4; i++) {
+        for (int k = 0; k < 2; k++)
+            corner[i][k] = shapes[shape][i][k] + qm_random_range(random, -crumb, crumb);
+        corner[i][2] = qm_random_range(random, -bend, bend);
+    }
+}
+
+/** A convex polygon of three to five corners in the plane of a flat quad, at random or by points over it. */
+static int draw_polygon(qm_random *random, const qm_bilinear *patch, double height, qm_vec corner[5])
+{
+    int count = 3 + (int)qm_random_below(random, 3);
+    double radius = (const double[]){1e-3, 0.05, 0.3, 0.6}[qm_random_below(random, 4)],
+           turn = qm_random_range(random, 0.0, 6.283), thin = qm_random_range(random, 0.05, 1.0);
+    qm_vec at = qm_bilinear_at(patch, qm_random_range(random, 0.0, 1.0), qm_random_range(random, 0.0, 1.0));
+    for (int i = 0; i < count; i++) {
+        double x = radius * cos(6.283 * i / count), y = thin * radius * sin(6.283 * i / count);
+        corner[i] =
+            (qm_vec){at.x + x * cos(turn) - y * sin(turn), at.y + x * sin(turn) + y * cos(turn), height};
+    }
+    return count;
+}
+
+/** Points of a polygon, by the triangles from its first corner. */
+static double farthest_of_polygon(const double c[4][3], int count, const qm_vec corner[5])
+{
+    double most = 0.0;
+    for (int t = 1; t + 1 < count; t++) {
+        const qm_vec triangle[3] = {corner[0], corner[t], corner[t + 1]};
+        for (int i = 0; i <= GRID; i++)
+            for (int j = 0; i + j <= GRID; j++)
+                most = fmax(most, slow_distance(c, point_of(triangle, (double)i / GRID, (double)j / GRID)));
+    }
+    return most;
+}
+
+/**
+ * Polygons over flat patches, wedges and bow-ties among them, and beyond their edges; under the corners their
+ * footpoints, or points that are off by a little or by all of the patch. The bound is put to the test only where
+ * it is below that of the triangles: that has to be often.
+ */
+static void no_point_of_a_polygon_is_farther(void **state)
+{
+    (void)state;
+    int lower = 0;
+    for (int number = 0; number < POLYGONS; number++) {
+        qm_random random = qm_random_make(qm_check_seed(), (uint64_t)(10000 + number));
+        double c[4][3], uv[5][2], off = (const double[]){0.0, 0.0, 0.02, 1.0}[qm_random_below(&random, 4)];
+        double bend = (const double[]){1e-9, 1e-4, 1e-2, 0.1, 0.3}[qm_random_below(&random, 5)];
+        draw_flat(&random, (const double[]){0.0, 1e-4, 0.02, 0.3}[qm_random_below(&random, 4)], bend, c);
+        qm_bilinear patch = patch_of(c);
+        qm_vec corner[5];
+        int count = draw_polygon(&random, &patch, bend * (double)qm_random_below(&random, 2), corner);
+        for (int i = 0; i < count; i++) {
+            qm_bilinear_footpoint foot = qm_bilinear_project(&patch, corner[i], ERROR, INFINITY);
+            for (int k = 0; k < 2; k++)
+                uv[i][k] = qm_clamp(foot.uv[k] + off * qm_random_range(&random, -1.0, 1.0), 0.0, 1.0);
+        }
+        double bound = qm_bilinear_polygon_upper(&patch, count, corner, uv, 0.0), triangles = 0.0;
+        for (int t = 1; t + 1 < count; t++) {
+            const qm_vec triangle[3] = {corner[0], corner[t], corner[t + 1]};
+            const double feet[3][2] = {
+                {uv[0][0], uv[0][1]}, {uv[t][0], uv[t][1]}, {uv[t + 1][0], uv[t + 1][1]}};
+            triangles = fmax(triangles, qm_bilinear_triangle_upper(&patch, triangle, feet));
+        }
+        QM_CHECK(bound <= triangles, "case %d", number);
+        if (bound == triangles) continue;
+        lower++;
+        double most = farthest_of_polygon(c, count, corner);
+        QM_CHECK(most <= bound + 2 * ERROR, "seed %llu, case %d: %.17g is farther than %.17g",
+                 (unsigned long long)qm_check_seed(), number, most, bound);
+    }
+    QM_CHECK(lower > POLYGONS / 8, "seed %llu: only %d of %d polygons", (unsigned long long)qm_check_seed(),
+             lower, POLYGONS);
+}
+
+/** A wedge whose tip is one point: the parameters interpolated under a triangle are far from those under it, but
+ * the patch is as flat as its corners are. */
+static void a_flat_wedge_is_as_near_as_its_corners(void **state)
+{
+    (void)state;
+    const double c[4][3] = {{0, 1e-6, 1e-5}, {1, 0, -1e-5}, {1, 0.3, 1e-5}, {0, 2e-6, 1e-5}};
+    qm_bilinear patch = patch_of(c);
+    const qm_vec corner[4] = {{0.1, 0.01, 0}, {0.9, 0.01, 0}, {0.9, 0.25, 0}, {0.1, 0.02, 0}};
+    double uv[4][2];
+    for (int i = 0; i < 4; i++) {
+        qm_bilinear_footpoint foot = qm_bilinear_project(&patch, corner[i], ERROR, INFINITY);
+        uv[i][0] = foot.uv[0];
+        uv[i][1] = foot.uv[1];
+    }
+    double bound = qm_bilinear_polygon_upper(&patch, 4, corner, uv, 0.0);
+    QM_CHECK(bound < 1.1e-5, "bound %.17g", bound);
+}
+
+/** Numbers the corners of a patch from another one on: the parameters turn with them. */
+static void renumber(int first, const double from[4][3], int count, const double uv[][2], double to[4][3],
+                     double turned[][2])
+{
+    for (int i = 0; i < 4; i++)
+        memcpy(to[i], from[(i + first) % 4], sizeof to[i]);
+    for (int i = 0; i < count; i++) {
+        double u = uv[i][0], v = uv[i][1];
+        turned[i][0] = (const double[]){u, v, 1.0 - u, 1.0 - v}[first];
+        turned[i][1] = (const double[]){v, 1.0 - u, 1.0 - v, u}[first];
+    }
+}
+
+/** A triangle over a patch, whichever of its corners is the first one. */
+static void check_all_numberings(const double c[4][3], const qm_vec corner[3], const double uv[3][2])
+{
+    double most = farthest(c, corner);
+    for (int first = 0; first < 4; first++) {
+        double to[4][3], turned[3][2];
+        renumber(first, c, 3, uv, to, turned);
+        qm_bilinear patch = patch_of(to);
+        double bound = qm_bilinear_polygon_upper(&patch, 3, corner, turned, 0.0);
+        QM_CHECK(most <= bound + ERROR, "corner %d first: %.17g is farther than %.17g", first, most, bound);
+    }
+}
+
+/** Points off the interpolated ones, up or down the slope of two steep corners: found by searches for cases that only
+ * the slope there bounds, and all of it. */
+static void the_steepest_corner_counts(void **state)
+{
+    (void)state;
+    static const struct {
+        double c[4][3];
+        qm_vec corner[3];
+        double uv[3][2];
+    } cases[] = {
+        {{{0.0778298, -0.126637, -0.208285},
+          {1.06017, -0.188616, -0.0522512},
+          {0.734803, 0.698096, 0.254455},
+          {0.000568202, 0.869079, -0.0165726}},
+         {{0.503662, 0.539241, 0.169465}, {0.156854, 0.513497, 0.0955634}, {0.281733, 0.213894, 0.0162778}},
+         {{0.726459, 0.831457}, {0.325729, 0.596769}, {0.185909, 0.389286}}},
+        {{{-0.106639, 0.0202407, -0.108183},
+          {1.09043, -0.169484, 0.0187314},
+          {0.855063, 0.841517, 0.141171},
+          {0.0251263, 0.934551, 0.0473244}},
+         {{0.812714, 0.816072, 0.246733}, {0.292849, 0.788165, 0.218679}, {0.391021, 0.054837, 0.0327301}},
+         {{1, 1}, {0.559889, 0.679694}, {0.308451, 0.123139}}},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        check_all_numberings(cases[i].c, cases[i].corner, cases[i].uv);
+}
+
+/** All corners of a sliver are at the tips of a dart, and its middle is over the notch. */
+static void a_reflex_corner_is_not_passed_over(void **state)
+{
+    (void)state;
+    const double c[4][3] = {{0, 0, 0}, {1, 0, 0}, {0.3, 0.3, 0}, {0, 1, 0}};
+    const qm_vec corner[3] = {{0.99, 0.003, 0}, {0.003, 0.99, 0}, {0.97, 0.005, 0}};
+    const double uv[3][2] = {{1, 0}, {0, 1}, {0.97, 0.01}};
+    check_all_numberings(c, corner, uv);
+}
+
+/** A point whose coordinates have few digits: sums of them are exact. */
+static qm_vec short_point(const double p[3])
+{
+    return (qm_vec){round(1024.0 * p[0]) / 1024.0, round(1024.0 * p[1]) / 1024.0,
+                    round(1024.0 * p[2]) / 1024.0};
+}
+
+/** A point and two edges there, nearly at right angles. */
+static void draw_edges(qm_random *random, qm_vec *origin, qm_vec edge[2])
+{
+    double at[3];
+    qm_random_point(random, -1.0, 1.0, at);
+    *origin = short_point(at);
+    for (int i = 0; i < 2; i++) {
+        qm_random_direction(random, at);
+        if (i == 1)
+            qm_vec_store(at, qm_vec_axpy(qm_vec_load(at), -qm_vec_dot(edge[0], qm_vec_load(at)), edge[0]));
+        edge[i] = short_point(at);
+    }
+}
+
+static long double wide_dot(const long double a[3], const long double b[3])
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void wide_sub(const double a[3], const double b[3], long double out[3])
+{
+    for (int k = 0; k < 3; k++)
+        out[k] = (long double)a[k] - (long double)b[k];
+}
+
+/** The distance of p from the plane of a, b and c, in more digits than a double has. */
+static long double wide_plane_distance(const double a[3], const double b[3], const double c[3],
+                                       const double p[3])
+{
+    long double x[3], y[3], z[3];
+    wide_sub(b, a, x);
+    wide_sub(c, a, y);
+    wide_sub(p, a, z);
+    long double n[3] = {x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]};
+    return fabsl(wide_dot(n, z)) / sqrtl(wide_dot(n, n));
+}
+
+/** The distance of p from the line through a and b. */
+static long double wide_line_distance(const double a[3], const double b[3], const double p[3])
+{
+    long double x[3], z[3];
+    wide_sub(b, a, x);
+    wide_sub(p, a, z);
+    long double t = wide_dot(x, z) / wide_dot(x, x);
+    for (int k = 0; k < 3; k++)
+        z[k] -= t * x[k];
+    return sqrtl(wide_dot(z, z));
+}
+
+/**
+ * Triangles at one height over a parallelogram in any plane, or beside one of its edges. The parameters interpolate
+ * badly, so that the bound is by a view, or by the edge: it is the greatest distance but for roundings, which the
+ * margins have to be above.
+ */
+static void roundings_are_in_the_bound(void **state)
+{
+    (void)state;
+    for (int number = 0; number < 4000; number++) {
+        qm_random random = qm_random_make(qm_check_seed(), (uint64_t)(20000 + number));
+        qm_vec origin, edge[2], corner[3];
+        double c[4][3], p[3][3], height = qm_random_range(&random, 1e-3, 0.5);
+        bool is_beside = number % 2;
+        const double uv[3][2] = {{0.0, 0.0}, {1.0, 0.0}, {0.0, is_beside ? 0.0 : 1.0}};
+        draw_edges(&random, &origin, edge);
+        if (!(qm_vec_norm(edge[1]) > 0.1)) continue;
+        for (int i = 0; i < 4; i++) {
+            double u = i == 1 || i == 2, v = i >= 2;
+            qm_vec_store(c[i], qm_vec_axpy(qm_vec_axpy(origin, u, edge[0]), v, edge[1]));
+        }
+        qm_vec off = qm_vec_cross(edge[0], edge[1]);
+        off = qm_vec_scale(height / qm_vec_norm(off), off);
+        if (is_beside) off = qm_vec_axpy(off, -qm_random_range(&random, 0.05, 0.3), edge[1]);
+        for (int i = 0; i < 3; i++) {
+            double u = qm_random_range(&random, 0.2, 0.8),
+                   v = is_beside ? 0.0 : qm_random_range(&random, 0.2, 0.8);
+            qm_vec under = qm_vec_axpy(qm_vec_axpy(origin, u, edge[0]), v, edge[1]);
+            corner[i] = qm_vec_add(under, off);
+            qm_vec_store(p[i], corner[i]);
+        }
+        qm_bilinear patch = patch_of(c);
+        double bound = qm_bilinear_polygon_upper(&patch, 3, corner, uv, 0.0);
+        for (int i = 0; i < 3; i++) {
+            long double d = is_beside ? wide_line_distance(c[0], c[1], p[i])
+                                      : wide_plane_distance(c[0], c[1], c[3], p[i]);
+            QM_CHECK(d <= (long double)bound && (long double)bound < d + 1e-12L,
+                     "seed %llu, case %d: %.20Lg is not the bound of %.17g",
+                     (unsigned long long)qm_check_seed(), number, d, bound);
+        }
+    }
+}
+
+/** A sliver along a side of a wedge that is noisy: seen from nowhere is the patch there a hill. */
+static void a_sliver_is_as_near_as_a_side(void **state)
+{
+    (void)state;
+    const double c[4][3] = {{0, 0, 0}, {1, 0, 0}, {1, 0.3, 2e-5}, {1e-5, 1e-5, 3e-5}};
+    qm_bilinear patch = patch_of(c);
+    const qm_vec corner[3] = {{0.001, -1e-5, 1e-5}, {0.8, -1e-5, 1e-5}, {0.3, -1.1e-5, 1e-5}};
+    const double uv[3][2] = {{1e-3, 0.3}, {0.8, 0}, {0.3, 1e-4}};
+    double bound = qm_bilinear_polygon_upper(&patch, 3, corner, uv, 0.0);
+    QM_CHECK(bound < 1.6e-5, "bound %.17g", bound);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(no_point_is_farther),
         cmocka_unit_test(the_excess_falls_with_the_fourth_power),
+        cmocka_unit_test(no_point_of_a_polygon_is_farther),
+        cmocka_unit_test(a_flat_wedge_is_as_near_as_its_corners),
+        cmocka_unit_test(the_steepest_corner_counts),
+        cmocka_unit_test(a_reflex_corner_is_not_passed_over),
+        cmocka_unit_test(roundings_are_in_the_bound),
+        cmocka_unit_test(a_sliver_is_as_near_as_a_side),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -153,6 +153,36 @@ static void flat_folds_take_few_parts(void **state)
     }
 }
 
+/** Fans and wedges of patches over one another, and a coarse patch over triangles: labels, which lose the twist
+ * of a patch, took 880 to 4,300 parts. */
+static void fans_of_patches_take_few_parts(void **state)
+{
+    (void)state;
+    const struct {
+        qm_fold fold;
+        qm_regridding how;
+        uint64_t seed, stream, parts;
+    } pairs[] = {{QM_FOLD_BOW_TIE, QM_REGRIDDED_NOISY, 1, 100124, 400},
+                 {QM_FOLD_BOW_TIE, QM_REGRIDDED_NOISY, 3, 100127, 300},
+                 {QM_FOLD_ANY, QM_REGRIDDED_TRIANGLES, 2, 206008, 500},
+                 {QM_FOLD_ANY, QM_REGRIDDED_TRIANGLES, 3, 206191, 1600},
+                 {QM_FOLD_ANY, QM_REGRIDDED_TRIANGLES, 3, 206232, 1200}};
+    for (size_t i = 0; i < sizeof pairs / sizeof *pairs; i++) {
+        qm_random random = qm_random_make(pairs[i].seed, pairs[i].stream);
+        qm_regridded_pair pair = qm_regridded_draw(&random, pairs[i].fold, pairs[i].how);
+        qm_hausdorff_options options = qm_hausdorff_options_default();
+        options.quads = QM_QUADS_BILINEAR;
+        options.tolerance = 1e-6 * diagonal_of(&pair.a);
+        qm_hausdorff_result r = qm_measured(&pair.a, &pair.b, &options);
+        QM_CHECK(r.stop == QM_STOP_CONVERGED && r.iterations < pairs[i].parts,
+                 "%s %llu: stop %d after %llu parts", names[pairs[i].fold],
+                 (unsigned long long)pairs[i].stream, (int)r.stop, (unsigned long long)r.iterations);
+        check_samples(&pair, &r, &random, names[pairs[i].fold], (int)i);
+        qm_shape_free(&pair.a);
+        qm_shape_free(&pair.b);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -160,6 +190,7 @@ int main(void)
         cmocka_unit_test(noisy_grids_converge),
         cmocka_unit_test(a_grid_and_its_triangles_converge),
         cmocka_unit_test(flat_folds_take_few_parts),
+        cmocka_unit_test(fans_of_patches_take_few_parts),
         cmocka_unit_test(heaps_that_a_patch_just_reaches_converge),
         cmocka_unit_test(shuffled_heaps_converge),
     };

@@ -139,7 +139,7 @@ static void set_footpoint(facet *f, qm_vec p)
     qm_vec foot;
     if (f->is_patch) {
         qm_bilinear_footpoint at = {.distance = INFINITY, .uv = {f->uv[0], f->uv[1]}};
-        qm_bilinear_polish(&f->patch, p, &at);
+        qm_bilinear_polish(&f->patch, p, QM_FINE_GAIN, &at);
         f->uv[0] = at.uv[0];
         f->uv[1] = at.uv[1];
         foot = qm_bilinear_at(&f->patch, at.uv[0], at.uv[1]);

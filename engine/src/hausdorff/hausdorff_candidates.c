@@ -195,14 +195,6 @@ bool qm_candidates_quad_covers(const qm_piece_work *work, uint32_t face, const q
     return qm_bilinear_triangle_upper(&patch, polygon->corner, uv) <= cutoff;
 }
 
-bool qm_candidates_nearest_quad_covers(const qm_piece_work *work, const qm_polygon *polygon)
-{
-    if (polygon->count != 3) return false;
-    quad_list list;
-    list_quads(work, qm_polygon_centroid(polygon), 0.0, &list);
-    return list.count > 0 && qm_candidates_quad_covers(work, take_nearest(&list).face, polygon);
-}
-
 typedef struct foot_range {
     double low[2], high[2];
 } foot_range;
@@ -215,7 +207,7 @@ static foot_range range_of_corners(const qm_near_quad *quad, const qm_polygon *p
         qm_bilinear_footpoint foot = {.distance = INFINITY, .uv = {quad->uv[0], quad->uv[1]}};
         foot.distance =
             qm_vec_distance(polygon->corner[i], qm_bilinear_at(&quad->patch, foot.uv[0], foot.uv[1]));
-        qm_bilinear_polish(&quad->patch, polygon->corner[i], &foot);
+        qm_bilinear_polish(&quad->patch, polygon->corner[i], QM_ROUGH_GAIN, &foot);
         for (int k = 0; k < 2; k++) {
             range.low[k] = fmin(range.low[k], foot.uv[k]);
             range.high[k] = fmax(range.high[k], foot.uv[k]);

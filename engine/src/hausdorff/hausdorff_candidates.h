@@ -123,9 +123,6 @@ bool qm_candidates_quad_within(const qm_piece_work *work, qm_vec p, double dista
 /** True when a face of the target, a quad read as a patch, is shown to be within the cutoff of a triangle. */
 bool qm_candidates_quad_covers(const qm_piece_work *work, uint32_t face, const qm_polygon *polygon);
 
-/** True when the candidates' quad nearest to the centroid is shown to be within the cutoff of a triangle. */
-bool qm_candidates_nearest_quad_covers(const qm_piece_work *work, const qm_polygon *polygon);
-
 /**
  * Makes labels for parts of the target's patches. The label of a whole patch loses the patch's twist of the
  * cutoff; a label for the part of it that is just under a polygon loses only its share, which falls with the

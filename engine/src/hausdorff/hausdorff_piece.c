@@ -23,6 +23,7 @@
 
 #include "hausdorff_candidates.h"
 #include "hausdorff_overlay.h"
+#include "hausdorff_patches.h"
 #include "hausdorff_sample.h"
 #include "prim/bilinear_match.h"
 
@@ -49,7 +50,7 @@
 /* Rectangles */
 #define SLACK_SHARE 0.25     /* of the tolerance: a patch this flat goes on as triangles */
 #define MAX_SLACK_SHARE 0.5  /* of the cutoff: a patch bent more is cut before its triangles are tried */
-#define MIDPOINT_LEVELS 8    /* cut at the midpoint: grids refined by halves then meet line on line */
+#define MIDPOINT_LEVELS 3    /* cut at the midpoint: grids refined by halves then meet line on line */
 #define MIN_SIDE 0.7         /* of the longer side: a shorter one is cut as well */
 #define MAX_REMAINDERS 512   /* parts that a match leaves over */
 #define THIN 0.06            /* of the longer side: a rectangle with a shorter one is thin */
@@ -440,6 +441,17 @@ static bool overlay_reached(const qm_piece_work *work, const qm_part *part)
     return is_covered;
 }
 
+/** Covers by patches; in_reach is of the candidates again when something remains. */
+static bool cover_by_patches(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
+{
+    if (!work->side->target_patches) return false;
+    bool is_cut = false;
+    if (qm_patches_cover(work, polygon, &is_cut)) return true;
+    if (is_cut) reach_corners(work, polygon);
+    *moved |= is_cut;
+    return false;
+}
+
 /** Covers a part, with samples where that fails; puts what remains on the stack. */
 static void process_part(qm_piece_work *work, const qm_part *from)
 {
@@ -457,10 +469,9 @@ static void process_part(qm_piece_work *work, const qm_part *from)
     if (from->generation == 0) {
         if (cover_by_nearest(work, &polygon, &moved)) return;
         reach_corners(work, &polygon);
-    } else if (work->side->target_patches && qm_candidates_nearest_quad_covers(work, &polygon)) {
-        return;
     }
     for (int attempt = 0; attempt < PART_ATTEMPTS; attempt++) {
+        if (attempt == 0 && cover_by_patches(work, &polygon, &moved)) return;
         if (cover_polygon(work, &polygon, &moved)) return;
         if (sample_unreached(work, qm_polygon_centroid(&polygon)))
             reach_corners(work, &polygon);

@@ -126,9 +126,13 @@ static double search_sample(qm_worker *worker, const qm_side *side, qm_vec p, do
     double upper = sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane), lower = upper;
     if (side->target_patches && upper - slack > known) {
         /* To find a near point of a patch costs little; to certify that none is nearer costs much more, and
-         * is worth it only when the lower bound would rise by CERTIFY_SHARE of the tolerance. */
+         * is worth it only when the lower bound would rise by CERTIFY_SHARE of the tolerance. Any patch will
+         * do that shows that it cannot: among many at one location a search has none to prune. */
         qm_bilinear_hit patch;
-        qm_nearest_patch(search->kernel, &side->nearest, p, hit.pack, INFINITY, &patch);
+        if (by_boxes)
+            search->kernel->near_patch(side->target, p, hit.pack, known + slack, &patch);
+        else
+            qm_nearest_patch(search->kernel, &side->nearest, p, hit.pack, INFINITY, &patch);
         double error =
             fmax(PATCH_ERROR_SHARE * search->tolerance * side->scale, QM_BILINEAR_MIN_ERROR * side->reach);
         double worthwhile = known + CERTIFY_SHARE * search->tolerance * side->scale;

@@ -8,6 +8,7 @@
  *                    hausdorff_overlay.c    all facets straight over a face at once
  *   pieces           hausdorff_piece.c      cover by several facets, else split
  *                    hausdorff_candidates.c the facets that a piece may be covered with
+ *                    hausdorff_patches.c    cover by patches of the target, cell by cell
  *                    hausdorff_matching.c   in place of these two, as an option: bounds by matching
  *   witnesses        hausdorff_ascent.c     from a sample to a local maximum of the distance
  *   the loop         hausdorff_worker.c     queues, locks, limits, reports

@@ -141,8 +141,12 @@ bool qm_bilinear_is_beyond(const qm_bilinear *patch, qm_vec p, double distance);
  */
 qm_bilinear_footpoint qm_bilinear_minimise(const qm_bilinear *patch, qm_vec p, double stop_above);
 
-/** Minimises from a point of the patch on: distance and uv get better, lower stays. */
-void qm_bilinear_polish(const qm_bilinear *patch, qm_vec p, qm_bilinear_footpoint *foot);
+#define QM_FINE_GAIN 1e-9  /* of the distance: a step that gains less ends a minimisation */
+#define QM_ROUGH_GAIN 1e-5 /* the same, where a point near the footpoint does */
+
+/** Minimises from a point of the patch on, until a step gains less than a share of the distance: distance and uv
+ * get better, lower stays. */
+void qm_bilinear_polish(const qm_bilinear *patch, qm_vec p, double gain, qm_bilinear_footpoint *foot);
 
 /* ---- a triangle over the patch ---- */
 
@@ -155,5 +159,14 @@ void qm_bilinear_polish(const qm_bilinear *patch, qm_vec p, qm_bilinear_footpoin
  * the fourth power of the size.
  */
 double qm_bilinear_triangle_upper(const qm_bilinear *patch, const qm_vec corner[3], const double uv[3][2]);
+
+/**
+ * The same for a convex plane polygon of count corners, seen along its normal and that of the patch as well: where
+ * the patch, or the rectangle of it under the corners, stands over the polygon like a hill, what the interpolation
+ * loses in the plane of the view counts by the slope of the hill only. Bounds above enough are improved by more
+ * work.
+ */
+double qm_bilinear_polygon_upper(const qm_bilinear *patch, int count, const qm_vec corner[],
+                                 const double uv[][2], double enough);
 
 #endif

@@ -26,7 +26,6 @@
 #define MIN_STEP_FRACTION 1e-2
 #define REQUIRED_GAIN                                                                                        \
     0.999              /* of the squared distance: the other kinds of step take over when it falls by less */
-#define MIN_GAIN 1e-9  /* of the distance: a step that gains less ends a minimisation */
 #define MAX_DEPTH 26   /* quarters: |w| 4^-26 / 4 is below any rounding */
 #define MAX_PARTS 4000 /* of one query; the remaining parts only lower the certificate */
 #define MAX_STEPS 60   /* of one minimisation; more are never needed when f is convex */
@@ -348,11 +347,12 @@ static double part_lower(const query *q, const rectangle *box, double twist, dou
 }
 
 /**
- * Minimises over the square from a start as long as f falls, and keeps the best point. Where f is convex on
+ * Minimises over the square from a start until a step gains less than a share of the distance, and keeps the best
+ * point. Where f is convex on
  * all of it (curvature > 0) it ends once the patch is proven to lie beyond stop_above.
  */
 static void minimise_from(const query *q, const double start[2], double curvature, double stop_above,
-                          qm_bilinear_footpoint *best)
+                          double gain, qm_bilinear_footpoint *best)
 {
     const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
     double x[2] = {start[0], start[1]}, last = INFINITY;
@@ -360,7 +360,7 @@ static void minimise_from(const query *q, const double start[2], double curvatur
         slope at = slope_at(q, x);
         double distance = sqrt(at.distance2);
         keep_best(best, distance, x);
-        if (distance >= last * (1.0 - MIN_GAIN)) break;
+        if (distance >= last * (1.0 - gain)) break;
         if (curvature > 0.0 &&
             at.distance2 - twice_gap(&at, x, &square, curvature) >= stop_above * stop_above)
             break;
@@ -391,7 +391,7 @@ static void make_quarters(const query *q, const part *parent, double twist, doub
         double enough = fmin(best->distance, stop_above) - q->error;
         made.lower = part_lower(q, &made.box, ldexp(twist, -2 * made.depth), enough, guess);
         if (made.lower < enough && sqrt(value_at(q, guess)) < best->distance)
-            minimise_from(q, guess, 0.0, INFINITY, best);
+            minimise_from(q, guess, 0.0, INFINITY, QM_FINE_GAIN, best);
         int slot = k;
         for (; slot > 0 && quarter[slot - 1].lower < made.lower; slot--)
             quarter[slot] = quarter[slot - 1];
@@ -617,7 +617,7 @@ static void minimise_by_lines(const query *q, qm_bilinear_footpoint *best)
     line_slope lines = line_slope_make(q);
     if (lines.from < 1.0) minimise_on_lines(q, &lines, 1.0 - lines.from, best);
     if (lines.from > 0.0) minimise_on_lines(q, &lines, -lines.from, best);
-    minimise_from(q, (const double[]){best->uv[0], best->uv[1]}, 0.0, INFINITY, best);
+    minimise_from(q, (const double[]){best->uv[0], best->uv[1]}, 0.0, INFINITY, QM_FINE_GAIN, best);
 }
 
 qm_bilinear_footpoint qm_bilinear_minimise(const qm_bilinear *patch, qm_vec p, double stop_above)
@@ -627,14 +627,14 @@ qm_bilinear_footpoint qm_bilinear_minimise(const qm_bilinear *patch, qm_vec p, d
     const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
     double curvature = min_curvature(&q, &square);
     if (curvature > 0.0)
-        minimise_from(&q, (const double[]){0.5, 0.5}, curvature, stop_above, &best);
+        minimise_from(&q, (const double[]){0.5, 0.5}, curvature, stop_above, QM_FINE_GAIN, &best);
     else
         minimise_by_lines(&q, &best);
     return best;
 }
 
-void qm_bilinear_polish(const qm_bilinear *patch, qm_vec p, qm_bilinear_footpoint *foot)
+void qm_bilinear_polish(const qm_bilinear *patch, qm_vec p, double gain, qm_bilinear_footpoint *foot)
 {
     query q = query_make(patch, p, 0.0);
-    minimise_from(&q, (const double[]){foot->uv[0], foot->uv[1]}, 0.0, INFINITY, foot);
+    minimise_from(&q, (const double[]){foot->uv[0], foot->uv[1]}, 0.0, INFINITY, gain, foot);
 }

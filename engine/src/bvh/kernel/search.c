@@ -41,16 +41,17 @@ void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit)
 typedef bool is_far_fn(const void *best, uint32_t pack);
 
 /** Visits every pack whose box comes within the distance that the last visit returned, the pack start
- * first. */
+ * first, until that is at most enough. */
 __attribute__((always_inline)) static inline void traverse(const qm_bvh *bvh, qm_vec p, uint32_t start,
-                                                           is_far_fn *is_far, qm_visit_fn *visit, void *best)
+                                                           double enough, is_far_fn *is_far,
+                                                           qm_visit_fn *visit, void *best)
 {
     qm_box_query query = qm_box_query_point(p);
     double distance = visit(best, start);
     float limit = qm_box_limit(distance * distance);
     qm_traversal traversal;
     qm_traversal_start(&traversal, &bvh->boxes);
-    while (traversal.height > 0) {
+    while (traversal.height > 0 && distance > enough) {
         qm_stack_entry at = qm_traversal_pop(&traversal);
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
@@ -69,12 +70,26 @@ static inline bool is_never_far(const void *best, uint32_t pack)
     return false;
 }
 
-void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_bilinear_hit *hit)
+#define NONE_IS_ENOUGH (-1.0)
+
+static inline void search_patches(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, double enough,
+                                  qm_bilinear_hit *hit)
 {
     *hit = (qm_bilinear_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
     qm_patch_search search = {bvh, p, error, hit, {.is_set = false}};
-    traverse(bvh, p, start, is_never_far, qm_visit_all_patches, &search);
+    traverse(bvh, p, start, enough, is_never_far, qm_visit_all_patches, &search);
+}
+
+void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_bilinear_hit *hit)
+{
+    search_patches(bvh, p, start, error, NONE_IS_ENOUGH, hit);
     hit->lower = fmin(hit->lower, hit->distance);
+}
+
+void QM_KERNEL(near_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double enough, qm_bilinear_hit *hit)
+{
+    search_patches(bvh, p, start, INFINITY, enough, hit);
+    hit->lower = 0.0;
 }
 
 static inline bool is_beyond_ties(const void *best, uint32_t pack)
@@ -87,7 +102,7 @@ void QM_KERNEL(closest_ties)(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_tie
 {
     qm_tie_search search = {bvh, qm_splat_make(p), p, ties};
     if (ties->error > 0.0)
-        traverse(bvh, p, start, is_never_far, qm_visit_tied_patches, &search);
+        traverse(bvh, p, start, NONE_IS_ENOUGH, is_never_far, qm_visit_tied_patches, &search);
     else
-        traverse(bvh, p, start, is_beyond_ties, qm_visit_tied_triangles, &search);
+        traverse(bvh, p, start, NONE_IS_ENOUGH, is_beyond_ties, qm_visit_tied_triangles, &search);
 }
