@@ -420,6 +420,11 @@ static double max3(const double x[3])
     return qm_max(x[0], qm_max(x[1], x[2]));
 }
 
+static double min3(const double x[3])
+{
+    return qm_min(x[0], qm_min(x[1], x[2]));
+}
+
 /** The positive part of a linear function that the loss is at most, as its mean over the piece; no more than
  * the height itself, as no distance is below 0. The share is that of the points where this part exceeds room. */
 static qm_positive_part find_part(const side_work *side, double above[3])
@@ -631,6 +636,25 @@ static qm_excess find_outside(const double edge[][3], int count, double sharpnes
     return outside;
 }
 
+/** Lowers the bounds of an excess o at a right angle to a height of at least least: the distance, the root of h^2 + o^2,
+ * is at most h + o^2 / (2 h). Beyond n edges o^2 is no more than n times the sum of squares. */
+static void square_outside(qm_excess *outside, const double edge[][3], int count, double sharpness,
+                           double least)
+{
+    double sum = 0.0, beyond = 0.0;
+    if (!(least > 0.0)) return;
+    for (int k = 0; k < count; k++) {
+        if (!(max3(edge[k]) > 0.0)) continue;
+        sum += qm_integral_positive_part(edge[k]).square;
+        beyond += 1.0;
+    }
+    if (!(sum > 0.0)) return;
+    double mean = sharpness * sharpness * beyond * sum / (2.0 * least) * (1.0 + SQUARE_ROUNDINGS);
+    double most = outside->most * outside->most / (2.0 * least) * (1.0 + SQUARE_ROUNDINGS);
+    outside->part.mean = qm_min(outside->part.mean, mean);
+    outside->most = qm_min(outside->most, most);
+}
+
 /** Lowers the bounds of find_outside by how far the corners are past both ends of each edge: a point beyond
  * an edge is no farther from it than the sum of these and its distance from the plane on the edge. */
 static void narrow_outside(qm_excess *outside, const double edge[3][3], const double past[3][2][3])
@@ -678,7 +702,8 @@ static void bound_above(const base *over, const double value[6], double high[3])
         high[i] = value[i];
 }
 
-static void set_facet_outside(const bound_work *work, base *over)
+/** The excess beside the facet, where the height is at least least. */
+static void set_facet_outside(const bound_work *work, double least, base *over)
 {
     const qm_triangle *t = &work->base_facet;
     point_list points = over->is_bent ? (point_list){work->bezier, 6} : corners_of(work);
@@ -689,9 +714,10 @@ static void set_facet_outside(const bound_work *work, base *over)
         for (int end = 0; end < 2; end++)
             bound_above(over, past[k][end], high_past[k][end]);
     }
-    over->outside = find_outside((const double(*)[3])high_edge, 3,
-                                 1.0 / qm_deviation_facet_min_sine(t) * (1.0 + SQUARE_ROUNDINGS));
+    double sharpness = 1.0 / qm_deviation_facet_min_sine(t) * (1.0 + SQUARE_ROUNDINGS);
+    over->outside = find_outside((const double(*)[3])high_edge, 3, sharpness);
     narrow_outside(&over->outside, (const double(*)[3])high_edge, (const double(*)[2][3])high_past);
+    square_outside(&over->outside, (const double(*)[3])high_edge, 3, sharpness, least);
 }
 
 /** The height over a facet. Of a piece of a patch it is quadratic, and exact. */
@@ -715,7 +741,8 @@ static void set_facet_base(const bound_work *work, base *over)
         heights_over_facet(corners_of(work), t, t->z, high);
     }
     over->cubic_most = 0.0;
-    set_facet_outside(work, over);
+    double lowest = qm_max(min3(low), -max3(high));
+    set_facet_outside(work, lowest - work->setup->eta, over);
     for (int i = 0; i < 3; i++) {
         over->low[i] = low[i] - over->below;
         over->high[i] = high[i] + over->above;
@@ -800,6 +827,7 @@ static void set_feature_outside(const bound_work *work, base *over)
         qm_quadratic_raise(past[end], edge[end]);
     bool is_edge = over->feature->length > 0.0;
     over->outside = find_outside((const double(*)[3])edge, is_edge ? 2 : 0, 1.0);
+    square_outside(&over->outside, (const double(*)[3])edge, is_edge ? 2 : 0, 1.0, over->least);
 }
 
 /** The distance from an edge or vertex as a height over it. */
