@@ -474,7 +474,7 @@ static qm_positive_part find_hull_loss(const bound_work *work, const side_work *
         double value[6], above[3], error = work->setup->eta * qm_vec_norm(way);
         for (int k = 0; k < 6; k++) {
             qm_vec x = qm_deviation_feature_offset(over->feature, work->bezier[k]);
-            value[k] = 2.0 * (qm_vec_dot(x, way) + error) / over->least;
+            value[k] = (qm_vec_dot(x, way) + error) / over->least;
         }
         qm_quadratic_raise(value, above);
         if (!(max3(above) > 0.0)) continue;
@@ -856,7 +856,7 @@ static bool set_feature_base(const bound_work *work, const qm_deviation_feature 
         work->near->rectangle_of[work->base / QM_PACK_LANES][work->base % QM_PACK_LANES] != QM_NO_RECTANGLE;
     over->above = is_exact ? 0.0 : rectangle_slack;
     /* An error of a normal cone, eta |x|, counts as the distance does. */
-    over->below = 2.0 * eta * (over->farthest + distance.off + distance.cubic_most) / distance.least;
+    over->below = eta * (over->farthest + distance.off + distance.cubic_most) / distance.least;
     qm_quadratic_open(over->height, low, high);
     for (int i = 0; i < 3; i++) {
         over->low[i] = low[i] - over->slack - over->below;

@@ -8,12 +8,12 @@
  *
  * Upper. d <= f + (how far p is past an end of the edge, along it), by way of the line.
  *
- * Lower. Let q = p - x: the vertex, or the foot of p on the line. For a point y of the target
- *     |p - y|^2 = |x|^2 - 2 x.(y - q) + |y - q|^2 >= f^2 - 2 x.M (y - o),
- * as x.(q - o) = 0 and x = M x. Let y be in the hull of corners t_i, as the points of a facet, or of a rectangle of a
- * patch, are: with A = max x.M (t_i - o), d(p, hull) >= f if A <= 0, and otherwise, as sqrt(1 - a) >= 1 - a for
- * 0 <= a <= 1,
- *     d(p, hull) >= f - 2 A / f.
+ * Lower. Let q = p - x: the vertex, or the foot of p on the line. For a point y of the target, x being at a right
+ * angle to q - o and x = M x,
+ *     f |p - y| >= x.(p - y) = x.(x - (y - q)) = f^2 - x.M (y - o).
+ * Let y be in the hull of corners t_i, as the points of a facet, or of a rectangle of a patch, are: with
+ * A = max x.M (t_i - o)
+ *     d(p, hull) >= f - max(A, 0) / f.
  * A <= 0 is the normal cone of the hull in o, so that the facets round an edge or a vertex take nothing off where
  * that is the nearest. x.M (t_i - o) is linear over a flat piece, and quadratic over one of a patch.
  *
