@@ -6,6 +6,7 @@
  *   centroid, corners    constants and roots, for pieces far from the target
  *   over the base        the integral of the height over the facet or patch under the piece, with bounds of
  *                        what other facets take off it, and of the excess beside it
+ *   from a feature       the same with the distance from the edge or vertex under the piece in place of a height
  */
 #include "deviation_feature.h"
 #include "deviation_integral.h"
@@ -840,8 +841,9 @@ static bool set_feature_base(const bound_work *work, const qm_deviation_feature 
     over->feature = feature;
     over->least = distance.least;
     over->farthest = 0.0;
-    over->normal = qm_vec_scale(1.0 / qm_max(work->at_centroid, QM_MIN_LENGTH),
-                                qm_deviation_feature_offset(feature, work->shape->centroid));
+    /* No longer than 1, whether or not the feature is the nearest. */
+    qm_vec offset = qm_deviation_feature_offset(feature, work->shape->centroid);
+    over->normal = qm_vec_scale(1.0 / qm_max(qm_vec_norm(offset), QM_MIN_LENGTH), offset);
     over->is_bent = true;
     for (int k = 0; k < 6; k++) {
         over->height[k] = distance.value[k];

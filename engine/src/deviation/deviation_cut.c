@@ -1,7 +1,8 @@
 /**
  * deviation_cut.c: where a piece is cut: along the borders of the facets under it. A patch takes the place of
  * its facets where they are farther from it than the piece is: their borders then say nothing. Where a cut
- * lies decides how good the bounds of the parts are, never whether they hold.
+ * lies decides how good the bounds of the parts are, never whether they hold. Where an edge or a vertex is the nearest, the
+ * borders are planes along the normals of the facets that meet there.
  *
  * A new corner is rounded and lies beside the edge that it is on, so that a sliver of the piece is in no
  * part, or in one and in its neighbour too. A coordinate is found by a difference, a product and a sum of

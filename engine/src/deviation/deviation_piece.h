@@ -9,6 +9,7 @@
  *   deviation_bound.c      its two functions
  *   deviation_cut.c        where it is cut
  *   deviation_facets.c     the facets of the target near it
+ *   deviation_feature.c    distances from edges and vertices
  *   deviation_match.c      a piece matched to a bilinear patch
  *   deviation_quadratic.c  heights over a patch, which are quadratic
  *   deviation_integral.c   integrals of both functions
