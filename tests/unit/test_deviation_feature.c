@@ -5,6 +5,7 @@
 #include "check.h"
 
 #include "deviation/deviation_feature.h"
+#include "qm/deviation.h"
 #include "random.h"
 #include "shapes.h"
 
@@ -292,11 +293,60 @@ static void integrals_beside_edges_hold(void **state)
     QM_CHECK(bent > count / 20, "%zu bent", bent);
 }
 
+/** A sliver beside patches that are folded: an edge under a centroid is not always the nearest part of the target. */
+static void edges_of_bent_patches_hold(void **state)
+{
+    (void)state;
+    static const double source[3][3] = {{0.0000000000, 0.0000000000, 0.0000000000},
+                                        {-3.3765006439, 2.8783130636, 2.6430169888},
+                                        {-2.2335785507, -1.0808936739, 4.0313863623}};
+    static const double target[6][3] = {
+        {-5.4803236615, 0.6213862170, 2.7532348816}, {-6.6529719017, 0.6214197194, 2.7122591996},
+        {-0.0049766040, 0.6213202216, 2.7534906099}, {-1.8178922891, 0.6213375349, 2.7535036766},
+        {-3.2419834638, 0.6213857112, 2.7489391235}, {-3.0893100071, 0.4559471868, 2.7535093794}};
+    static const uint32_t faces[2][4] = {{1, 4, 5, 0}, {3, 1, 5, 4}};
+    qm_mesh a = qm_shape_face(3, source), b = {0};
+    for (int f = 0; f < 2; f++) {
+        vec3 corner[4];
+        for (int i = 0; i < 4; i++)
+            for (int k = 0; k < 3; k++)
+                corner[i][k] = target[faces[f][i]][k];
+        qm_mesh more = qm_shape_face(4, (const double(*)[3])corner), before = b;
+        b = f == 0 ? more : qm_shape_joined(&before, &more);
+        if (f > 0) {
+            qm_shape_free(&before);
+            qm_shape_free(&more);
+        }
+    }
+    qm_context ctx = qm_context_make();
+    qm_bvh *tree[2];
+    assert_int_equal(qm_bvh_build(&ctx, &a, QM_BVH_ALL, 1, &tree[0]), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, &b, QM_BVH_ALL, 1, &tree[1]), QM_OK);
+    qm_deviation_options options = qm_deviation_options_default();
+    options.quads = QM_QUADS_BILINEAR;
+    options.tolerance = 0.1;
+    options.piece_limit = 4096;
+    for (double accuracy = 1e-2; accuracy > 2e-4; accuracy *= 0.5) {
+        qm_deviation found;
+        options.accuracy = accuracy;
+        assert_int_equal(qm_deviation_measure(&ctx, tree[0], tree[1], &options, &found), QM_OK);
+        QM_CHECK(found.mean.lower <= found.mean.upper && found.rms.lower <= found.rms.upper,
+                 "accuracy %g: mean [%.17g, %.17g], rms [%.17g, %.17g]", accuracy, found.mean.lower,
+                 found.mean.upper, found.rms.lower, found.rms.upper);
+        qm_deviation_reset(&ctx, &found);
+    }
+    for (int i = 0; i < 2; i++)
+        qm_bvh_destroy(&ctx, tree[i]);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(cubic_distances_hold),
         cmocka_unit_test(integrals_beside_edges_hold),
+        cmocka_unit_test(edges_of_bent_patches_hold),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
