@@ -844,6 +844,7 @@ static bool set_feature_base(const bound_work *work, const qm_deviation_feature 
     /* No longer than 1, whether or not the feature is the nearest. */
     qm_vec offset = qm_deviation_feature_offset(feature, work->shape->centroid);
     over->normal = qm_vec_scale(1.0 / qm_max(qm_vec_norm(offset), QM_MIN_LENGTH), offset);
+    QM_ASSERT(qm_vec_norm2(over->normal) <= 1.0 + 0x1p-40);
     over->is_bent = true;
     for (int k = 0; k < 6; k++) {
         over->height[k] = distance.value[k];
