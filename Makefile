@@ -21,8 +21,9 @@ CONFIG_FLAGS_coverage := -O0 -g --coverage
 # Only clang has libFuzzer; its warnings are not those that this code is kept clean of.
 CONFIG_FLAGS_fuzz     := -O1 -g1 -fno-omit-frame-pointer -fsanitize=fuzzer-no-link,address,undefined \
     -fno-sanitize-recover=all -w
-CONFIG_FLAGS := $(CONFIG_FLAGS_$(config))
-ifeq ($(CONFIG_FLAGS),)
+# Builds for tests have points of failure by name (server/base/failpoint.h).
+CONFIG_FLAGS := $(CONFIG_FLAGS_$(config)) $(if $(filter asan check tsan,$(config)),-DQM_FAILPOINTS)
+ifeq ($(CONFIG_FLAGS_$(config)),)
 $(error unknown config '$(config)': release, debug, check, asan, tsan, coverage or fuzz)
 endif
 ifeq ($(config),fuzz)
@@ -231,6 +232,8 @@ test-cluster: all
 	[ -x build/venv/bin/pytest ] || python3 -m venv build/venv
 	build/venv/bin/pip install --quiet --disable-pip-version-check -r tests/cluster/requirements.txt
 	build/venv/bin/pytest -q -p no:cacheprovider -n 3 tests/cluster
+	@$(MAKE) -s config=asan all
+	QM_BUILD=build/asan build/venv/bin/pytest -q -p no:cacheprovider -n 3 tests/cluster/test_points.py
 
 # Proves that the engine stands alone, that each outside library has its own files, and that folders use what lies below them.
 check-layers: $(OBJ)/libengine.a

@@ -17,7 +17,7 @@ build="gcc g++ make pkg-config libmicrohttpd-dev libuv1-dev libcjson-dev libsqli
 # libcurl, of which only the headers are needed here, when daemons share a store (server/store/store_postgres_library.h) and its
 # blobs are in a bucket (server/store/place_s3.c).
 # nginx and systemd check the files of this folder; chromium is what the page's tests drive.
-test="libcmocka-dev python3-venv clang-format clang libclang-rt-14-dev draco libmeshoptimizer2d git locales nginx-light openssl systemd chromium postgresql-15"
+test="libcmocka-dev python3-venv clang-format clang libclang-rt-14-dev draco libmeshoptimizer2d git locales nginx-light openssl systemd chromium postgresql-15 pgbouncer"
 # glmark2-data holds a scanned bunny (GPL-3+, no dependencies).
 demo="curl ca-certificates python3 glmark2-data"
 cluster="curl ca-certificates python3 postgresql-15"

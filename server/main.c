@@ -178,6 +178,8 @@ static qm_meshes *create_meshes(qm_store *store, const qm_config *config)
     return qm_meshes_create(store, limits, memory, prepare_threads);
 }
 
+_Static_assert(QM_CONFIG_NODE_NAME < QM_NODE_NAME_SIZE, "a name fits, so that two do not become one");
+
 /** What a shared store is told of this process. */
 static qm_store_node describe_node(const qm_config *config)
 {

@@ -54,10 +54,11 @@ check "layers" make -s check-layers
 
 # cmocka prints a line for each test; only what failed and the sums are shown.
 output=$(mktemp)
+through= # a command that runs the tests
 trap 'rm -f "$output"' EXIT
 unit() { # PROGRAM
-    echo "== $1"
-    "$1" >"$output" 2>&1
+    echo "== $1${through:+ by $through}"
+    $through "$1" >"$output" 2>&1
     status=$?
     good=$(grep -c '^\[       OK ' "$output")
     # A program may run several groups. No test skips itself: one that does has failed.
@@ -96,10 +97,10 @@ failed=$((failed + bad))
 [ -x build/venv/bin/pytest ] || python3 -m venv build/venv
 build/venv/bin/pip install --quiet --disable-pip-version-check -r tests/cluster/requirements.txt || exit 1
 api() { # BUILD FOLDER_OR_FILES
-    echo "== $2${QM_TEST_STORE:+ and others, on a store of the kind $QM_TEST_STORE}"
+    echo "== $2${QM_TEST_STORE:+ and others, on a store of the kind $QM_TEST_STORE}${through:+ by $through}"
     build=$1
     shift
-    QM_BUILD=$build build/venv/bin/pytest -q -p no:cacheprovider "$@" --junitxml "$output.xml"
+    QM_BUILD=$build $through build/venv/bin/pytest -q -p no:cacheprovider "$@" --junitxml "$output.xml"
     status=$?
     sums=$(sed -n 's/.*<testsuite [^>]*errors="\([0-9]*\)" failures="\([0-9]*\)" skipped="\([0-9]*\)" tests="\([0-9]*\)".*/\1 \2 \3 \4/p' "$output.xml")
     rm -f "$output.xml"
@@ -117,10 +118,17 @@ api build/asan $(cat tests/api/shared_store.txt)
 export QM_TEST_STORE=folder
 api build/asan $(for name in meshes content deform readers reconstructions; do echo "tests/api/test_$name.py"; done)
 unset QM_TEST_STORE
+# Through PgBouncer, which gives each transaction another session.
+through=tests/with_pgbouncer.sh
+for name in contract nodes copies places; do unit "build/asan/tests/test_store_$name"; done
+api build/asan tests/api/test_moving.py tests/api/test_two_nodes.py
+through=
 api build/asan tests/cli
 api build/asan tests/pressure
 # Several daemons, which mostly wait: three of these tests at a time.
 api build tests/cluster -n 3
+# In a build that has points of failure by name.
+api build/asan tests/cluster/test_points.py -n 3
 data=${QM_TEST_DATA:-../shared/data}
 if [ -d "$data/pairs" ]; then api build tests/pairs; else
     missing=$(cat tests/pairs/test_*.py tests/api/test_collection.py | grep -c '^def test_')

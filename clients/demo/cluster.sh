@@ -122,8 +122,10 @@ done
 [ -n "$victim" ] || fail "no daemon computes"
 tail -n 1 "$folder/stream"
 eval "pid=\$pid_$victim"
-echo "   kill -9 $victim, which computes"
+echo "   kill -9 $victim, which computes; the others take it for dead after 10 s of silence"
 kill -9 "$pid"
 if ! wait "$reader"; then fail "the stream did not come to its end: $(tail -n 2 "$folder/stream")"; fi
-grep -n -E 'another|again' "$folder/stream" | head -n 3
+grep -E 'another|again' "$folder/stream" | head -n 3
 tail -n 1 "$folder/stream"
+echo
+echo "The stream has come to its proven end: no bound moved the wrong way, and the last ones are as close as was asked."

@@ -307,6 +307,20 @@ static bool find_store(qm_config *config)
     return false;
 }
 
+/** Lists show a name as a word among others. */
+static bool check_node_name(const char *name)
+{
+    size_t length = 0;
+    while (name[length] > ' ' && name[length] < 127 && name[length] != '=')
+        length++;
+    if (!name[length] && length <= QM_CONFIG_NODE_NAME) return true;
+    fprintf(
+        stderr,
+        "quadmeshd: --node-name takes at most %d letters, digits and signs of ASCII, without blanks and =\n",
+        QM_CONFIG_NODE_NAME);
+    return false;
+}
+
 static bool check(const qm_config *config)
 {
     for (size_t i = 0; i < TASK_COUNT; i++) {
@@ -318,6 +332,7 @@ static bool check(const qm_config *config)
         fprintf(stderr, "quadmeshd: --blobs is for a store that daemons share: it needs --store\n");
         return false;
     }
+    if (!check_node_name(config->node_name)) return false;
     if (!is_loopback(config->listen) && !config->token_file[0]) {
         fprintf(
             stderr,

@@ -24,6 +24,8 @@ typedef enum qm_config_task {
     QM_CONFIG_MIGRATE
 } qm_config_task;
 
+#define QM_CONFIG_NODE_NAME 63 /* bytes of the name of a node */
+
 typedef struct qm_config {
     qm_config_task task;
     const char *task_file;    /* of a backup, or to restore; a folder to import or to export to */

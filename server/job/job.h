@@ -88,7 +88,8 @@ qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem);
 bool qm_job_fetch_events(qm_job *job, qm_problem *problem);
 void qm_jobs_release(qm_jobs *jobs, qm_job *job);
 
-/** Asks a job to stop; it ends as canceled with its last bounds. False when it has ended already. */
+/** Asks a job to stop, also after a death of this process; it ends as canceled with its last bounds. False when it has
+ * ended already. */
 bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job);
 
 /** Removes a job that has ended, with its events and result. False with a problem. */

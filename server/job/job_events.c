@@ -121,7 +121,7 @@ qm_stored qm_job_restore_events(qm_job *job)
     qm_stored stored =
         qm_store_read_events(job->jobs->store, job->id, qm_job_last_seq(job), restore_event, job);
     job->saved_count = job->event_count;
-    if (!qm_store_is_shared(job->jobs->store)) job->settled_count = job->event_count;
+    if (!qm_store_is_shared(job->jobs->store)) job->durable_count = job->event_count;
     return stored;
 }
 
@@ -197,10 +197,10 @@ static bool gather(qm_jobs *jobs, saving *out)
 }
 
 /** Takes note of what the store has said of a run. The lock is held. True when the job is to be canceled. */
-static bool settle(const saved_run *run, const qm_store_run *row)
+static bool note_saved(const saved_run *run, const qm_store_run *row)
 {
     run->job->saved_count = run->end;
-    if (!qm_store_is_shared(run->job->jobs->store)) run->job->settled_count = run->end;
+    if (!qm_store_is_shared(run->job->jobs->store)) run->job->durable_count = run->end;
     if (row->is_lost) qm_job_lose(run->job);
     return row->is_canceled && !row->is_lost;
 }
@@ -221,10 +221,10 @@ bool qm_job_events_save(qm_jobs *jobs)
                                             work.event_count) == QM_STORED;
     for (size_t i = 0; i < work.count; i++) {
         uv_mutex_lock(&jobs->lock);
-        bool is_canceled = is_stored && settle(&work.runs[i], &work.rows[i]);
+        bool is_canceled = is_stored && note_saved(&work.runs[i], &work.rows[i]);
         uv_mutex_unlock(&jobs->lock);
         is_watched = is_watched || (is_stored && work.rows[i].is_watched);
-        if (is_canceled) qm_jobs_cancel(jobs, work.runs[i].job);
+        if (is_canceled) qm_job_cancel_noted(jobs, work.runs[i].job);
         qm_jobs_release(jobs, work.runs[i].job);
     }
 
@@ -235,7 +235,7 @@ bool qm_job_events_save(qm_jobs *jobs)
     return is_watched;
 }
 
-void qm_job_events_settle(void *user, const char *id, size_t count, uint64_t last)
+void qm_job_events_note_durable(void *user, const char *id, size_t count, uint64_t last)
 {
     qm_jobs *jobs = user;
     uv_mutex_lock(&jobs->lock);
@@ -245,10 +245,10 @@ void qm_job_events_settle(void *user, const char *id, size_t count, uint64_t las
     if (job && has_run(job)) {
         /* A failure takes the newest ones; but others may have come since. */
         bool is_whole = count == 0 || (count <= job->event_count && job->events[count - 1]->seq == last);
-        if (is_whole) job->settled_count = count;
-        size_t kept = is_whole ? count : job->settled_count;
+        if (is_whole) job->durable_count = count;
+        size_t kept = is_whole ? count : job->durable_count;
         if (job->saved_count > kept) job->saved_count = kept;
-        if (job->settled_count > job->saved_count) job->settled_count = job->saved_count;
+        if (job->durable_count > job->saved_count) job->durable_count = job->saved_count;
     }
     uv_mutex_unlock(&jobs->lock);
 }

@@ -112,7 +112,8 @@ static qm_status measure(void *user, qm_context *ctx, const qm_bvh *a, const qm_
     qm_split split = {.store = jobs->store,
                       .job = jobs->help.helped,
                       .whole_ms = QM_SPLIT_WHOLE_MS,
-                      .round_ms = QM_SPLIT_ROUND_MS};
+                      .round_ms = QM_SPLIT_ROUND_MS,
+                      .most_pieces = QM_SPLIT_MOST_PIECES};
     call->helps = qm_split_help(&split, ctx, a, b, options, is_needed, jobs);
     return QM_OK;
 }

@@ -15,6 +15,7 @@
 #include "base/pool.h"
 #include "job.h"
 
+#define MS_PER_S 1e3
 #define QM_REVISIONS_SIZE 44 /* two numbers of up to 20 digits */
 
 /** Never changed, and alive as long as its job: a holder of a reference to the job may read it without the
@@ -66,7 +67,7 @@ struct qm_job {
     qm_job_event **events; /* by seq */
     size_t event_count, event_capacity;
     size_t saved_count;    /* the first ones, which the store has taken */
-    size_t settled_count;  /* the first of these, which no failure of a server takes away any more */
+    size_t durable_count;  /* the first of these, which no failure of a server takes away any more */
     bool is_from_row;      /* made of a row of the store, without events until qm_job_fetch_events */
     char *last_bounds;     /* the newest bounds event's own members, for the document */
     char *document;        /* members of the resource but for the result, once the job has ended */
@@ -207,6 +208,8 @@ void qm_job_check_time(qm_job *job, double now_ms);
 
 /** Raises the cancel flag; a job that is paused or waits goes on at once, to its end. */
 void qm_job_stop(qm_job *job);
+/** qm_jobs_cancel without a note in the store, which knows already or need not know. */
+bool qm_job_cancel_noted(qm_jobs *jobs, qm_job *job);
 
 /** Notifies all subscribers of a job. The caller holds the lock. */
 void qm_job_notify_all(qm_job *job);
@@ -231,8 +234,8 @@ bool qm_job_take_event(qm_job *job, const qm_store_event *event);
 void qm_job_list_events(const qm_job *job, size_t begin, size_t end, qm_store_event *out);
 
 /** Takes note of the events of a job that a shared store has for good: their number, and that of the last one. Others that it
- * had taken are saved again. A qm_store_settled_fn with the jobs as its user. */
-void qm_job_events_settle(void *jobs, const char *id, size_t count, uint64_t last);
+ * had taken are saved again. A qm_store_durable_fn with the jobs as its user. */
+void qm_job_events_note_durable(void *jobs, const char *id, size_t count, uint64_t last);
 
 /** Reads the stored events of a job back. After an error the job has those that could be read. */
 qm_stored qm_job_restore_events(qm_job *job);

@@ -64,7 +64,7 @@ qm_job *qm_job_mirrors_take(qm_jobs *jobs, const qm_store_job *row)
 }
 
 /** Ends a mirror with what its row says. */
-static void settle(qm_job *job)
+static void end_mirror(qm_job *job)
 {
     qm_jobs *jobs = job->jobs;
     qm_store_job row;
@@ -153,7 +153,7 @@ bool qm_job_mirrors_follow(qm_jobs *jobs)
     for (size_t i = 0; i < list.count; i++) {
         qm_job *job = list.jobs[i];
         const qm_store_look *look = &list.looks[i];
-        if (stored == QM_STORED && (look->is_gone || look->state > QM_JOB_RUNNING)) settle(job);
+        if (stored == QM_STORED && (look->is_gone || look->state > QM_JOB_RUNNING)) end_mirror(job);
         uv_mutex_lock(&jobs->lock);
         if (stored == QM_STORED && job->listed && !look->is_gone) job->state = look->state;
         qm_job_drop_reference(job);

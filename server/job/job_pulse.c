@@ -67,8 +67,8 @@ static void beat(struct qm_job_pulse *pulse)
     double start = qm_clock_now_ms();
     size_t busy;
     qm_store_cluster cluster;
-    qm_stored stored =
-        qm_store_beat(jobs->store, count_free_workers(jobs, &busy), &cluster, qm_job_events_settle, jobs);
+    qm_stored stored = qm_store_beat(jobs->store, count_free_workers(jobs, &busy), &cluster,
+                                     qm_job_events_note_durable, jobs);
     if (stored == QM_STORED_LOST) {
         qm_log(QM_LOG_ERROR, "this node was silent and has lost its jobs: it joins again");
         lose_all(jobs);
@@ -140,7 +140,7 @@ static void disown(qm_jobs *jobs)
         if (!job) return;
         bool is_unwanted = false;
         if (qm_store_hold_job(jobs->store, job->id, -owners, false, &is_unwanted) == QM_STORED && is_unwanted)
-            qm_jobs_cancel(jobs, job);
+            qm_job_cancel_noted(jobs, job);
         qm_jobs_release(jobs, job);
     }
 }

@@ -17,7 +17,6 @@
 #include "store/result_file.h"
 #include "store/store_problem.h"
 
-#define MS_PER_S 1e3
 #define MIN_WAIT_MS 100 /* between tries to store the end of a job */
 #define MAX_WAIT_MS 2000
 
@@ -57,10 +56,10 @@ static qm_stored store_end(qm_job *job, const qm_job_end *end, const qm_store_ef
 {
     qm_jobs *jobs = job->jobs;
     uv_mutex_lock(&jobs->lock);
-    size_t count = job->event_count - job->settled_count;
+    size_t count = job->event_count - job->durable_count;
     qm_store_event *events = calloc(count + 1, sizeof *events);
     if (events) {
-        qm_job_list_events(job, job->settled_count, job->event_count, events);
+        qm_job_list_events(job, job->durable_count, job->event_count, events);
         events[count] =
             (qm_store_event){job->id, qm_job_next_seq(job), last_event_name(&end->outcome), end->event};
     }
@@ -452,7 +451,8 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
                       .job = job->id,
                       .restarts = job->restarts,
                       .whole_ms = QM_SPLIT_WHOLE_MS,
-                      .round_ms = QM_SPLIT_ROUND_MS};
+                      .round_ms = QM_SPLIT_ROUND_MS,
+                      .most_pieces = QM_SPLIT_MOST_PIECES};
     const qm_job_search search = {qm_split_measure, &split};
     if (may_split(job)) request.search = &search;
     progress_target target = {job, a->diagonal, &split};

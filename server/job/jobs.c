@@ -465,7 +465,7 @@ static bool cancel_mirror(qm_jobs *jobs, qm_job *job)
     return stored == QM_STORED || stored == QM_STORED_LATE;
 }
 
-bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
+bool qm_job_cancel_noted(qm_jobs *jobs, qm_job *job)
 {
     uv_mutex_lock(&jobs->lock);
     bool is_mirror = job->is_mirror && !qm_job_is_over(job);
@@ -491,6 +491,18 @@ bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
     return !over;
 }
 
+bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
+{
+    uv_mutex_lock(&jobs->lock);
+    bool is_own = !job->is_mirror && !job->on_end;
+    uv_mutex_unlock(&jobs->lock);
+    bool is_asked = qm_job_cancel_noted(jobs, job);
+    if (is_asked && is_own && qm_store_note_cancel(jobs->store, job->id) != QM_STORED)
+        qm_log(QM_LOG_WARN, "job %s was canceled, which a restart would forget until the job has ended",
+               job->id);
+    return is_asked;
+}
+
 void qm_jobs_disown(qm_jobs *jobs, qm_job *job)
 {
     bool is_shared = qm_store_is_shared(jobs->store);
@@ -504,7 +516,7 @@ void qm_jobs_disown(qm_jobs *jobs, qm_job *job)
         jobs->disowned = job;
     }
     uv_mutex_unlock(&jobs->lock);
-    if (ends) qm_jobs_cancel(jobs, job);
+    if (ends) qm_job_cancel_noted(jobs, job);
 }
 
 qm_job_counts qm_jobs_count(qm_jobs *jobs)
@@ -554,6 +566,8 @@ void qm_jobs_resume(qm_jobs *jobs, const qm_store_job *row)
     uv_mutex_lock(&jobs->lock);
     job->is_kept = true; /* its streams ended with the daemon: no client owns it */
     job->is_suspect = row->deaths == QM_STORE_MAX_DEATHS - 1;
+    /* Its deadline counts from the submission, which another node may have taken. */
+    job->submitted_ms = qm_clock_now_ms() - MS_PER_S * row->waited_s;
     if (row->restarts > 0)
         qm_job_add_event(job, "server_restart",
                          qm_store_is_shared(jobs->store)
@@ -575,6 +589,8 @@ void qm_jobs_resume(qm_jobs *jobs, const qm_store_job *row)
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     } else if (!qm_job_enqueue(jobs, job)) {
         qm_job_withdraw(jobs, job);
+    } else if (row->is_canceled) {
+        qm_job_cancel_noted(jobs, job);
     }
     qm_jobs_release(jobs, job);
 }

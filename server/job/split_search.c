@@ -12,23 +12,15 @@
 
 #include "base/clock.h"
 
-#define FIRST_SHARE 8 /* entries of the first call of a round */
-#define MOST_SHARE 1048576
-#define CALL_TIME 0.05 /* of a round: that a call is to take, */
-#define CALL_LIMIT 0.5 /* and is cut off after, unless it is about one entry */
-#define LEAST_LIMIT 0.01
-#define LAST_CALL 0.5    /* of a round: no call begins later */
-#define CALLS 4          /* that a part of the rest is to keep busy */
+#define ROUND_SHARE 0.5  /* of a round: one that ends its parts sooner claims twice as many the next time */
 #define PART_ENTRIES 256 /* of an exported part, unless there are too many of these */
 #define FEWEST_PARTS 256 /* exported, when there are so many entries */
 #define MOST_PARTS 4096
 #define PART_SHARE 4   /* a round claims up to one of so many parts, so that others find some */
-#define WORK_FACTOR 4  /* of the work limit of a whole search */
-#define TRY_BITS 2     /* a pack alone that did not end gets four times as long */
-#define MOST_TRIES 10  /* that give it more time */
 #define WAIT_MS 50     /* while others run the parts that are left, or the store is away */
 #define MOST_FAULTS 20 /* of the store, one after the other */
-#define ENTRY_SIZE 18  /* bytes of a stored entry: upper, index, hint, side, level */
+#define ENTRY_HEAD                                                                                           \
+    19 /* bytes of a stored entry before its piece: upper, index, hint, side, level, size of the piece */
 
 typedef struct entry_list {
     qm_hausdorff_part *at;
@@ -45,12 +37,11 @@ typedef struct search {
     qm_store_bounds known; /* as last read */
     double margin;
     entry_list rest; /* of the last call */
-    size_t share;    /* entries that a call runs */
-    bool was_cut;    /* a call was cut off: the share grows more slowly since */
+    size_t merge_at; /* entries of it at which they are merged */
     size_t claims;   /* parts that a round claims */
     size_t max_queue;
     int faults;
-    double start_ms, call_ms;      /* of the search and the last call */
+    double start_ms;
     double others;                 /* without the margin: no point that the call is not about is farther */
     double told_lower, told_upper; /* of the progress so far */
 } search;
@@ -70,11 +61,6 @@ static void add_entry(entry_list *list, const qm_hausdorff_part *entry)
         list->capacity = capacity;
     }
     list->at[list->count++] = *entry;
-}
-
-static void keep_rest(void *user, const qm_hausdorff_part *part)
-{
-    add_entry(&((search *)user)->rest, part);
 }
 
 static void free_entries(entry_list *list)
@@ -99,53 +85,85 @@ static int compare_uppers(const void *a, const void *b)
     return compare_nodes(a, b);
 }
 
-/** Makes one of the entries of a node, with the largest of their bounds, which are at most `cap`; sorts by bounds. */
-static void merge_entries(entry_list *list, double cap)
+/**
+ * Makes one of the entries of a node, with the largest of their bounds; it stands for pieces of it, too. Where there are too many
+ * pieces to store, their packs do. The bounds are at most `cap`; sorts by them.
+ */
+static void merge_entries(entry_list *list, double cap, size_t most_pieces)
 {
-    size_t kept = 0;
+    size_t kept = 0, pieces = 0;
     if (list->count == 0) return;
     qsort(list->at, list->count, sizeof *list->at, compare_nodes);
     for (size_t i = 0; i < list->count; i++) {
-        qm_hausdorff_part entry = list->at[i];
-        entry.upper = fmin(entry.upper, cap);
-        if (kept > 0 && compare_nodes(&list->at[kept - 1], &entry) == 0)
-            list->at[kept - 1].upper = fmax(list->at[kept - 1].upper, entry.upper);
-        else
-            list->at[kept++] = entry;
+        list->at[i].upper = fmin(list->at[i].upper, cap);
+        pieces += list->at[i].piece_size > 0;
+    }
+    for (size_t i = 0, end; i < list->count; i = end) {
+        qm_hausdorff_part whole = list->at[i];
+        bool is_whole = pieces > most_pieces;
+        for (end = i; end < list->count && compare_nodes(&whole, &list->at[end]) == 0; end++) {
+            is_whole |= list->at[end].piece_size == 0;
+            whole.upper = fmax(whole.upper, list->at[end].upper);
+        }
+        whole.piece_size = 0;
+        for (size_t k = i; k < end && !is_whole; k++)
+            list->at[kept++] = list->at[k];
+        if (is_whole) list->at[kept++] = whole;
     }
     list->count = kept;
     qsort(list->at, list->count, sizeof *list->at, compare_uppers);
 }
 
-static void write_entry(unsigned char out[ENTRY_SIZE], const qm_hausdorff_part *entry)
+/** Keeps what a call has left, in the memory of so many pieces as are stored. */
+static void keep_rest(void *user, const qm_hausdorff_part *part)
+{
+    search *s = user;
+    add_entry(&s->rest, part);
+    if (s->rest.count < s->merge_at) return;
+    merge_entries(&s->rest, INFINITY, s->split->most_pieces);
+    s->merge_at = 2 * (s->rest.count > s->merge_at / 2 ? s->rest.count : s->merge_at / 2);
+}
+
+/** Bytes of an entry as it is stored. */
+static size_t size_of(const qm_hausdorff_part *entry)
+{
+    return ENTRY_HEAD + entry->piece_size;
+}
+
+static void write_entry(unsigned char *out, const qm_hausdorff_part *entry)
 {
     memcpy(out, &entry->upper, 8);
     memcpy(out + 8, &entry->index, 4);
     memcpy(out + 12, &entry->hint, 4);
     out[16] = entry->side;
     out[17] = entry->level;
+    out[18] = entry->piece_size;
+    memcpy(out + ENTRY_HEAD, entry->piece, entry->piece_size);
 }
 
-static qm_hausdorff_part read_entry(const unsigned char in[ENTRY_SIZE])
+/** Reads an entry; false when it is not among so many bytes. */
+static bool read_entry(const unsigned char *in, size_t size, qm_hausdorff_part *out)
 {
-    qm_hausdorff_part entry = {.side = in[16], .level = in[17]};
-    memcpy(&entry.upper, in, 8);
-    memcpy(&entry.index, in + 8, 4);
-    memcpy(&entry.hint, in + 12, 4);
-    return entry;
+    if (size < ENTRY_HEAD) return false;
+    *out = (qm_hausdorff_part){.side = in[16], .level = in[17], .piece_size = in[18]};
+    memcpy(&out->upper, in, 8);
+    memcpy(&out->index, in + 8, 4);
+    memcpy(&out->hint, in + 12, 4);
+    if (out->piece_size > QM_HAUSDORFF_PIECE_SIZE || size < size_of(out)) return false;
+    memcpy(out->piece, in + ENTRY_HEAD, out->piece_size);
+    return true;
 }
 
-/** Makes stored parts of sorted entries: `count` of them, of equal size. False: out of memory. */
-static bool make_parts(const entry_list *list, size_t count, int64_t tries, qm_store_part *out)
+/** Makes stored parts of sorted entries: `count` of them, of as many entries each. False: out of memory. */
+static bool make_parts(const entry_list *list, size_t count, qm_store_part *out)
 {
     for (size_t i = 0; i < count; i++) {
-        size_t first = list->count * i / count, end = list->count * (i + 1) / count;
-        out[i] = (qm_store_part){.tries = tries,
-                                 .upper = list->at[first].upper,
-                                 .size = (end - first) * ENTRY_SIZE,
-                                 .entries = malloc((end - first) * ENTRY_SIZE)};
+        size_t first = list->count * i / count, end = list->count * (i + 1) / count, size = 0;
+        for (size_t k = first; k < end; k++)
+            size += size_of(&list->at[k]);
+        out[i] = (qm_store_part){.upper = list->at[first].upper, .size = size, .entries = malloc(size)};
         unsigned char *at = out[i].entries;
-        for (size_t k = first; at && k < end; k++, at += ENTRY_SIZE)
+        for (size_t k = first; at && k < end; at += size_of(&list->at[k]), k++)
             write_entry(at, &list->at[k]);
         if (out[i].entries) continue;
         qm_store_parts_reset(out, i);
@@ -196,7 +214,7 @@ static double lower_of(const search *s)
 
 static double upper_of(const search *s)
 {
-    double upper = fmax(s->known.lower, fmax(s->known.settled, s->known.upper));
+    double upper = fmax(s->known.lower, fmax(s->known.discarded, s->known.upper));
     return fmin(s->told_upper, upper + s->margin);
 }
 
@@ -235,12 +253,12 @@ static double elapsed_ms(const search *s)
     return qm_clock_now_ms() - s->start_ms;
 }
 
-/** Iterations that all calls may have: more than those of a whole search, as some work is done again. */
+/** Iterations that all calls may have together: those of a whole search. */
 static uint64_t work_of(const search *s)
 {
     const qm_hausdorff_options *options = s->options;
     return options->work_limit > 0 ? options->work_limit
-                                   : WORK_FACTOR * qm_hausdorff_default_work(s->a, s->b, options->direction);
+                                   : qm_hausdorff_default_work(s->a, s->b, options->direction);
 }
 
 /** Why the search is over; false while it is not. */
@@ -271,7 +289,7 @@ static void conclude(const search *s, qm_hausdorff_stop stop, qm_hausdorff_resul
     *out = (qm_hausdorff_result){.lower = lower_of(s),
                                  .upper = upper_of(s),
                                  .found_lower = -1.0,
-                                 .discarded = s->known.settled,
+                                 .discarded = s->known.discarded,
                                  .margin = s->margin,
                                  .iterations = s->known.iterations,
                                  .projections = s->known.projections,
@@ -295,12 +313,14 @@ static qm_status call(search *s, const qm_hausdorff_part *begin, size_t count, d
     qm_hausdorff_options options = *s->options;
     if (options.deadline_ms > 0.0) limit_ms = fmin(limit_ms, fmax(options.deadline_ms - elapsed_ms(s), 1.0));
     options.deadline_ms = isinf(limit_ms) ? 0.0 : limit_ms;
+    uint64_t work = work_of(s), done = s->known.iterations;
+    if (done > 0) options.work_limit = done < work ? work - done : 1;
     options.parts = &parts;
     options.progress = on_progress;
     options.progress_user = s;
     s->rest.count = 0;
     s->rest.failed = false;
-    s->call_ms = qm_clock_now_ms();
+    s->merge_at = 2 * s->split->most_pieces + 1;
     qm_status status = qm_hausdorff_measure(s->ctx, s->a, s->b, &options, out);
     if (status != QM_OK) return status;
     s->margin = out->margin;
@@ -312,7 +332,7 @@ static qm_status call(search *s, const qm_hausdorff_part *begin, size_t count, d
 static qm_store_bounds found_by(const qm_hausdorff_result *result)
 {
     qm_store_bounds found = {
-        .settled = result->discarded, .iterations = result->iterations, .projections = result->projections};
+        .discarded = result->discarded, .iterations = result->iterations, .projections = result->projections};
     if (!result->has_witness || result->found_lower <= 0.0) return found;
     found.lower = result->found_lower;
     write_witness(result, found.witness);
@@ -326,7 +346,7 @@ static void join_bounds(qm_store_bounds *to, const qm_store_bounds *found)
         to->lower = found->lower;
         memcpy(to->witness, found->witness, sizeof to->witness);
     }
-    to->settled = fmax(to->settled, found->settled);
+    to->discarded = fmax(to->discarded, found->discarded);
     to->iterations += found->iterations;
     to->projections += found->projections;
 }
@@ -349,8 +369,8 @@ static qm_status find_margin(search *s)
 
 static void write_engine(const search *s, char out[QM_STORE_ENGINE_SIZE])
 {
-    snprintf(out, QM_STORE_ENGINE_SIZE, QM_VERSION " %016" PRIx64 " %016" PRIx64, qm_bvh_fingerprint(s->a),
-             qm_bvh_fingerprint(s->b));
+    snprintf(out, QM_STORE_ENGINE_SIZE, QM_VERSION " pieces %016" PRIx64 " %016" PRIx64,
+             qm_bvh_fingerprint(s->a), qm_bvh_fingerprint(s->b));
 }
 
 /** Waits until the store may be asked again; false when the search is to end. */
@@ -368,7 +388,7 @@ static qm_stored export(search *s)
     if (count > MOST_PARTS) count = MOST_PARTS;
     qm_store_part *parts = malloc(count * sizeof *parts);
     qm_stored stored = QM_STORED_NO_MEMORY;
-    if (parts && make_parts(&s->rest, count, 0, parts)) {
+    if (parts && make_parts(&s->rest, count, parts)) {
         write_engine(s, s->known.engine);
         do
             stored = qm_store_open_parts(s->split->store, s->split->job, s->split->restarts, &s->known, parts,
@@ -382,29 +402,29 @@ static qm_stored export(search *s)
 
 /* ---- rounds ---- */
 
-/** Joins the entries of claimed parts, those with the greatest bounds first. False: out of memory. */
+/** Joins the entries of claimed parts, those with the greatest bounds first. False: out of memory, or bytes that are none. */
 static bool join_parts(const qm_store_part *parts, size_t count, entry_list *out)
 {
-    for (size_t i = 0; i < count; i++)
-        for (size_t at = 0; at + ENTRY_SIZE <= parts[i].size; at += ENTRY_SIZE) {
-            const qm_hausdorff_part entry = read_entry((const unsigned char *)parts[i].entries + at);
+    for (size_t i = 0; i < count; i++) {
+        qm_hausdorff_part entry;
+        for (size_t at = 0; at < parts[i].size; at += size_of(&entry)) {
+            if (!read_entry((const unsigned char *)parts[i].entries + at, parts[i].size - at, &entry))
+                return false;
             add_entry(out, &entry);
         }
-    merge_entries(out, INFINITY);
+    }
+    merge_entries(out, INFINITY, SIZE_MAX);
     return !out->failed;
 }
 
-/** Adapts the number of entries of a call to its time. */
-static void adapt_share(search *s, size_t run, bool has_ended)
+/** Adapts the number of parts of a round to its time. */
+static void adapt_claims(search *s, size_t count, double start_ms, bool has_ended)
 {
-    double share_of_round = (qm_clock_now_ms() - s->call_ms) / s->split->round_ms;
-    s->was_cut = s->was_cut || !has_ended;
+    double share = (qm_clock_now_ms() - start_ms) / s->split->round_ms;
     if (!has_ended)
-        s->share = run >= 4 ? run / 4 : 1;
-    else if (run == s->share && share_of_round < CALL_TIME && s->share < MOST_SHARE)
-        s->share += s->was_cut ? s->share / 4 + 1 : s->share;
-    else if (share_of_round > 2.0 * CALL_TIME)
-        s->share = run >= 2 ? run / 2 : 1;
+        s->claims = count >= 2 ? count / 2 : 1;
+    else if (count == s->claims && share < ROUND_SHARE && s->claims < QM_STORE_PART_CLAIMS)
+        s->claims *= 2;
 }
 
 /** Stores the end of a round; a fact that it has found is kept also when its parts are another's by now. */
@@ -421,28 +441,14 @@ static qm_stored finish_round(search *s, const qm_store_part *claimed, size_t co
     return stored;
 }
 
-/** A round on its way: entries of the claimed parts, what its calls have found, and what they have left. */
-typedef struct search_round {
-    entry_list entries;
-    size_t begun; /* the first ones */
-    entry_list left;
-    qm_store_bounds found;
-    int64_t tries; /* of a pack alone that did not end: one more than before */
-    double start_ms;
-} search_round;
-
-/** Replaces the claimed parts by what is left of them. */
-static qm_stored replace_parts(search *s, const qm_store_part *claimed, size_t count, search_round *r)
+/** Replaces the claimed parts by what the round has left of them. */
+static qm_stored replace_parts(search *s, const qm_store_part *claimed, size_t count,
+                               const qm_store_bounds *found)
 {
-    for (size_t i = r->begun; i < r->entries.count; i++)
-        add_entry(&r->left, &r->entries.at[i]);
-    merge_entries(&r->left, INFINITY);
     qm_store_part rest[QM_STORE_REST_PARTS];
-    size_t size = CALLS * s->share, parts = (r->left.count + size - 1) / size;
-    if (parts > QM_STORE_REST_PARTS) parts = QM_STORE_REST_PARTS;
-    if (r->left.failed || !make_parts(&r->left, parts, r->left.count == 1 ? r->tries : 0, rest))
-        return QM_STORED_NO_MEMORY;
-    qm_stored stored = finish_round(s, claimed, count, &r->found, rest, parts);
+    size_t parts = s->rest.count < QM_STORE_REST_PARTS ? s->rest.count : QM_STORE_REST_PARTS;
+    if (s->rest.failed || !make_parts(&s->rest, parts, rest)) return QM_STORED_NO_MEMORY;
+    qm_stored stored = finish_round(s, claimed, count, found, rest, parts);
     qm_store_parts_reset(rest, parts);
     return stored;
 }
@@ -458,78 +464,33 @@ static void give_back(search *s, const qm_store_part *claimed, size_t count)
 /** How a round ended. */
 typedef enum round_end { ROUND_DONE, ROUND_FAULT, ROUND_NO_MEMORY, ROUND_FAILED } round_end;
 
-/** What a call has found joins the round and what this process knows; what it has left joins the round. */
-static void join_call(search *s, search_round *r, const qm_hausdorff_result *result)
-{
-    const qm_store_bounds found = found_by(result);
-    join_bounds(&r->found, &found);
-    join_bounds(&s->known, &found);
-    for (size_t i = 0; i < s->rest.count; i++)
-        add_entry(&r->left, &s->rest.at[i]);
-    r->left.failed |= s->rest.failed;
-}
-
-/** The time that the next call may take: all that is left of the round for one entry, and more for a pack that had no
- * end before. */
-static double call_limit(const search *s, const search_round *r, size_t run, int64_t tries)
-{
-    double round_ms = s->split->round_ms, left_ms = round_ms - (qm_clock_now_ms() - r->start_ms);
-    if (run == 1 && r->begun == 0) return ldexp(round_ms, TRY_BITS * (int)tries);
-    return fmax(run == 1 ? left_ms : fmin(CALL_LIMIT * round_ms, left_ms), LEAST_LIMIT * round_ms);
-}
-
-/** Runs the next entries of a round; *has_ended: nothing of them is left. */
-static qm_status run_next(search *s, search_round *r, int64_t tries, qm_hausdorff_stop *stop, bool *has_ended)
-{
-    size_t left = r->entries.count - r->begun, run = left < s->share ? left : s->share;
-    const qm_hausdorff_part *first = &r->entries.at[r->begun];
-    s->others = fmax(s->known.lower, fmax(s->known.settled, s->known.others));
-    if (run < left) s->others = fmax(s->others, first[run].upper);
-    for (size_t i = 0; i < r->left.count; i++)
-        s->others = fmax(s->others, r->left.at[i].upper);
-    qm_hausdorff_result result;
-    qm_status status = call(s, first, run, call_limit(s, r, run, tries), &result);
-    if (status != QM_OK) return status;
-    *has_ended = s->rest.count == 0;
-    *stop = result.stop;
-    if (run == 1 && first->level == 0 && !*has_ended) r->tries = tries < MOST_TRIES ? tries + 1 : tries;
-    merge_entries(&s->rest, first->upper);
-    join_call(s, r, &result);
-    adapt_share(s, run, *has_ended);
-    r->begun += run;
-    return QM_OK;
-}
-
 /** Runs claimed parts and finishes them. ROUND_FAILED: *status is the engine's. */
 static round_end run_parts(search *s, const qm_store_part *claimed, size_t count, bool is_owner,
                            qm_status *status)
 {
-    search_round r = {.start_ms = qm_clock_now_ms()};
-    round_end end = join_parts(claimed, count, &r.entries) ? ROUND_DONE : ROUND_NO_MEMORY;
-    bool goes_on = end == ROUND_DONE;
-    while (goes_on && r.begun < r.entries.count) {
-        qm_hausdorff_stop stop;
-        bool has_ended;
-        *status = run_next(s, &r, claimed[0].tries, &stop, &has_ended);
-        if (*status != QM_OK)
-            end = ROUND_FAILED;
-        else if (stop == QM_STOP_MEMORY)
-            end = ROUND_NO_MEMORY;
-        bool is_in_time = qm_clock_now_ms() - r.start_ms < LAST_CALL * s->split->round_ms;
-        goes_on = end == ROUND_DONE && is_in_time && !qm_context_canceled(s->ctx) &&
-                  !(s->known.lower - s->margin > s->options->threshold);
+    double start_ms = qm_clock_now_ms(), upper = 0.0;
+    entry_list entries = {0};
+    qm_hausdorff_result result = {.stop = QM_STOP_MEMORY};
+    *status = QM_OK;
+    s->others = fmax(s->known.lower, fmax(s->known.discarded, s->known.others));
+    if (join_parts(claimed, count, &entries)) {
+        upper = entries.at[0].upper;
+        *status = call(s, entries.at, entries.count, s->split->round_ms, &result);
     }
-    s->claims = CALLS * s->share / (r.entries.count / count + 1) + 1;
-    if (end == ROUND_NO_MEMORY && !is_owner) {
+    free_entries(&entries);
+    if (*status != QM_OK) return ROUND_FAILED;
+    if (result.stop == QM_STOP_MEMORY && !is_owner) {
         give_back(s, claimed, count);
-    } else if (end != ROUND_FAILED && r.begun > 0) {
-        qm_stored stored = replace_parts(s, claimed, count, &r);
-        if (stored == QM_STORED_NO_MEMORY) end = ROUND_NO_MEMORY;
-        if (stored != QM_STORED && stored != QM_STORED_LOST && end == ROUND_DONE) end = ROUND_FAULT;
+        return ROUND_NO_MEMORY;
     }
-    free_entries(&r.entries);
-    free_entries(&r.left);
-    return end;
+    if (result.stop == QM_STOP_MEMORY && result.iterations == 0) return ROUND_NO_MEMORY;
+    const qm_store_bounds found = found_by(&result);
+    join_bounds(&s->known, &found);
+    merge_entries(&s->rest, upper, s->split->most_pieces);
+    adapt_claims(s, count, start_ms, s->rest.count == 0);
+    qm_stored stored = replace_parts(s, claimed, count, &found);
+    if (stored == QM_STORED_NO_MEMORY || result.stop == QM_STOP_MEMORY) return ROUND_NO_MEMORY;
+    return stored == QM_STORED || stored == QM_STORED_LOST ? ROUND_DONE : ROUND_FAULT;
 }
 
 /** Claims parts, at most a share of those that are left, and reads the bounds as of then. */
@@ -609,7 +570,6 @@ static search start_search(qm_split *split, qm_context *ctx, const qm_bvh *a, co
                     .a = a,
                     .b = b,
                     .options = options,
-                    .share = FIRST_SHARE,
                     .claims = 1,
                     .start_ms = qm_clock_now_ms(),
                     .others = -INFINITY,
@@ -637,7 +597,7 @@ static qm_status run_in_memory(search *s, qm_hausdorff_result *out)
 {
     entry_list left = s->rest;
     s->rest = (entry_list){0};
-    s->others = fmax(s->known.lower, s->known.settled);
+    s->others = fmax(s->known.lower, s->known.discarded);
     qm_hausdorff_result result;
     qm_status status = call(s, left.at, left.count, INFINITY, &result);
     free_entries(&left);
@@ -659,7 +619,7 @@ static qm_status run_in_memory(search *s, qm_hausdorff_result *out)
 /** What the whole search has found and left, before its export. */
 static void keep_whole(search *s, const qm_hausdorff_result *result)
 {
-    merge_entries(&s->rest, INFINITY);
+    merge_entries(&s->rest, INFINITY, s->split->most_pieces);
     s->known = found_by(result);
     s->known.parts = s->rest.count;
     s->known.upper = s->rest.at[0].upper;

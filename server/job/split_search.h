@@ -19,9 +19,10 @@
  * Entries mean the same only for trees with the same fingerprints (qm_bvh_fingerprint): who has others takes no part, and
  * an owner with others begins anew.
  *
- * A round takes QM_SPLIT_ROUND_MS at most: so much is lost with a process. What is proved inside a pack is lost with
- * each call that does not end the pack, so a round is a number of calls, about as many entries each as lately ended
- * in a twentieth of its time. A pack alone that does not end in a round gets four times as long in the next one.
+ * A round is one call of the engine about the parts that it has claimed, and takes QM_SPLIT_ROUND_MS at most: so much is lost
+ * with a process. A call that is cut off leaves its queue as it is, pieces of faces too, so that nothing is done again, and each
+ * call gets on, however much a single face takes. Of very many pieces their packs are kept, to bound what is stored; the limit of work
+ * ends a search that this keeps from its end.
  */
 #ifndef QM_SPLIT_SEARCH_H
 #define QM_SPLIT_SEARCH_H
@@ -31,12 +32,14 @@
 
 #define QM_SPLIT_WHOLE_MS 3000.0
 #define QM_SPLIT_ROUND_MS 2000.0
+#define QM_SPLIT_MOST_PIECES ((size_t)1 << 20) /* that a call leaves: of more, their packs are kept */
 
 typedef struct qm_split {
     qm_store *store;
     const char *job;
     int64_t restarts;          /* of the run of the job; of the owner */
-    double whole_ms, round_ms; /* the two times above, unless a test has others */
+    double whole_ms, round_ms; /* the times above, unless a test has others, */
+    size_t most_pieces;        /* as this number */
     /* Set before each report of progress, for the owner: parts that are left, and nodes that run some; 0 while the search is whole. */
     size_t parts, nodes;
     bool is_lost; /* written, for the owner: another process has the job, or it is over */

@@ -333,6 +333,7 @@ qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
 static qm_stored keep(qm_blob_writer *writer, bool is_repair)
 {
     QM_ASSERT(writer->name[0]);
+    QM_FAILPOINT_BEGIN("keep_blob");
     qm_store *store = writer->store;
     qm_stored stored = QM_STORED;
     if (fsync(writer->file) != 0) {
@@ -346,6 +347,7 @@ static qm_stored keep(qm_blob_writer *writer, bool is_repair)
         stored = QM_STORED_FAULT;
     }
     bool is_kept = stored == QM_STORED;
+    QM_FAILPOINT_END();
     if (!is_kept) unlink(writer->path);
     qm_space_release(store, QM_STORE_UPLOADS, writer->claimed - (is_kept ? writer->size : 0));
     if (is_kept) qm_space_move(store, QM_STORE_UPLOADS, QM_STORE_BLOBS, writer->size);

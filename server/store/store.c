@@ -3,7 +3,6 @@
  */
 #include <stdlib.h>
 
-#include "base/clock.h"
 #include "base/metrics.h"
 #include "store_driver.h"
 
@@ -44,62 +43,60 @@ static const char *const outcome_names[] = {
     [QM_STORED_NO_ROOM] = "no_room", [QM_STORED_DAMAGED] = "damaged", [QM_STORED_NO_MEMORY] = "no_memory",
     [QM_STORED_AWAY] = "away",       [QM_STORED_FAULT] = "fault"};
 
-/** The body of a verb: calls the driver, and counts the time of a shared store. */
-#define RETURN_VERB(store, verb, ...)                                                                        \
-    double start_ms = qm_clock_now_ms();                                                                     \
-    qm_stored stored = (store)->driver->verb(__VA_ARGS__);                                                   \
-    if ((store)->postgres)                                                                                   \
-        qm_metrics_add_store(#verb, outcome_names[stored], 1e-3 * (qm_clock_now_ms() - start_ms));           \
-    return stored
+void qm_store_count_verb(const qm_store *store, const char *verb, qm_stored stored, double start_ms)
+{
+    if (store->postgres)
+        qm_metrics_add_store(verb, outcome_names[stored], 1e-3 * (qm_clock_now_ms() - start_ms));
+}
 
 /* ---- meshes ---- */
 
 qm_stored qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
-    RETURN_VERB(store, put_mesh, store, mesh);
+    QM_STORE_RETURN_VERB(store, put_mesh, store, mesh);
 }
 
 qm_stored qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out)
 {
-    RETURN_VERB(store, find_mesh, store, id, out);
+    QM_STORE_RETURN_VERB(store, find_mesh, store, id, out);
 }
 
 qm_stored qm_store_find_revision(qm_store *store, const char *id, uint64_t *revision)
 {
-    RETURN_VERB(store, find_revision, store, id, revision);
+    QM_STORE_RETURN_VERB(store, find_revision, store, id, revision);
 }
 
 qm_stored qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
                                         qm_store_mesh *out)
 {
-    RETURN_VERB(store, find_mesh_by_content, store, hash, options, out);
+    QM_STORE_RETURN_VERB(store, find_mesh_by_content, store, hash, options, out);
 }
 
 qm_stored qm_store_list_meshes(qm_store *store, const qm_store_page *page, const qm_store_mesh_filter *filter,
                                qm_store_mesh *out, size_t *count)
 {
-    RETURN_VERB(store, list_meshes, store, page, filter, out, count);
+    QM_STORE_RETURN_VERB(store, list_meshes, store, page, filter, out, count);
 }
 
 qm_stored qm_store_revise_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
     QM_ASSERT(mesh->revision > 0);
-    RETURN_VERB(store, revise_mesh, store, mesh);
+    QM_STORE_RETURN_VERB(store, revise_mesh, store, mesh);
 }
 
 qm_stored qm_store_set_expiry(qm_store *store, const char *id, const char *expires)
 {
-    RETURN_VERB(store, set_expiry, store, id, expires);
+    QM_STORE_RETURN_VERB(store, set_expiry, store, id, expires);
 }
 
 qm_stored qm_store_find_expired_mesh(qm_store *store, const char *before, qm_store_mesh *out)
 {
-    RETURN_VERB(store, find_expired_mesh, store, before, out);
+    QM_STORE_RETURN_VERB(store, find_expired_mesh, store, before, out);
 }
 
 qm_stored qm_store_delete_mesh(qm_store *store, const char *id)
 {
-    RETURN_VERB(store, delete_mesh, store, id);
+    QM_STORE_RETURN_VERB(store, delete_mesh, store, id);
 }
 
 void qm_store_mesh_reset(qm_store_mesh *mesh)
@@ -116,89 +113,94 @@ void qm_store_mesh_reset(qm_store_mesh *mesh)
 qm_stored qm_store_submit_job(qm_store *store, const qm_store_submission *submission)
 {
     QM_ASSERT(submission->job && submission->job->state == QM_JOB_QUEUED);
-    RETURN_VERB(store, submit_job, store, submission);
+    QM_STORE_RETURN_VERB(store, submit_job, store, submission);
 }
 
 qm_stored qm_store_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_store_job *out, size_t *count)
 {
-    RETURN_VERB(store, claim_jobs, store, wish, out, count);
+    QM_STORE_RETURN_VERB(store, claim_jobs, store, wish, out, count);
 }
 
 qm_stored qm_store_begin_job(qm_store *store, const char *id)
 {
-    RETURN_VERB(store, begin_job, store, id);
+    QM_STORE_RETURN_VERB(store, begin_job, store, id);
+}
+
+qm_stored qm_store_note_cancel(qm_store *store, const char *id)
+{
+    QM_STORE_RETURN_VERB(store, note_cancel, store, id);
 }
 
 qm_stored qm_store_append_events(qm_store *store, qm_store_run *runs, size_t run_count,
                                  const qm_store_event *events, size_t count)
 {
-    RETURN_VERB(store, append_events, store, runs, run_count, events, count);
+    QM_STORE_RETURN_VERB(store, append_events, store, runs, run_count, events, count);
 }
 
 qm_stored qm_store_finish_job(qm_store *store, const qm_store_job *end, const char *revisions,
                               const qm_store_event *events, size_t count, const qm_store_effect *effect)
 {
     QM_ASSERT(end->state > QM_JOB_RUNNING && end->document);
-    RETURN_VERB(store, finish_job, store, end, revisions, events, count, effect);
+    QM_STORE_RETURN_VERB(store, finish_job, store, end, revisions, events, count, effect);
 }
 
 qm_stored qm_store_leave_jobs(qm_store *store)
 {
-    RETURN_VERB(store, leave_jobs, store);
+    QM_STORE_RETURN_VERB(store, leave_jobs, store);
 }
 
 qm_stored qm_store_read_events(qm_store *store, const char *id, uint64_t after, qm_store_event_fn *take,
                                void *user)
 {
-    RETURN_VERB(store, read_events, store, id, after, take, user);
+    QM_STORE_RETURN_VERB(store, read_events, store, id, after, take, user);
 }
 
 qm_stored qm_store_find_job(qm_store *store, const char *id, qm_store_job *out)
 {
-    RETURN_VERB(store, find_job, store, id, out);
+    QM_STORE_RETURN_VERB(store, find_job, store, id, out);
 }
 
 qm_stored qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions,
                                    qm_job_state state, qm_store_job *out)
 {
-    RETURN_VERB(store, find_job_by_key, store, key, revisions, state, out);
+    QM_STORE_RETURN_VERB(store, find_job_by_key, store, key, revisions, state, out);
 }
 
 qm_stored qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out)
 {
-    RETURN_VERB(store, find_job_by_idempotency_key, store, key, out);
+    QM_STORE_RETURN_VERB(store, find_job_by_idempotency_key, store, key, out);
 }
 
 qm_stored qm_store_forget_answer(qm_store *store, const char *id)
 {
-    RETURN_VERB(store, forget_answer, store, id);
+    QM_STORE_RETURN_VERB(store, forget_answer, store, id);
 }
 
 qm_stored qm_store_list_jobs(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
                              qm_store_job *out, size_t *count)
 {
-    RETURN_VERB(store, list_jobs, store, page, filter, out, count);
+    QM_STORE_RETURN_VERB(store, list_jobs, store, page, filter, out, count);
 }
 
 qm_stored qm_store_drop_old_jobs(qm_store *store, size_t kept, double kept_s, size_t limit,
                                  char (*ids)[QM_ID_SIZE], size_t *count)
 {
-    RETURN_VERB(store, drop_old_jobs, store, kept, kept_s, limit, ids, count);
+    QM_STORE_RETURN_VERB(store, drop_old_jobs, store, kept, kept_s, limit, ids, count);
 }
 
 qm_stored qm_store_delete_job(qm_store *store, const char *id)
 {
-    RETURN_VERB(store, delete_job, store, id);
+    QM_STORE_RETURN_VERB(store, delete_job, store, id);
 }
 
 qm_stored qm_store_put_array(qm_store *store, const char *job_id, const qm_store_array *array)
 {
-    RETURN_VERB(store, put_array, store, job_id, array);
+    QM_STORE_RETURN_VERB(store, put_array, store, job_id, array);
 }
 
 qm_stored qm_store_find_array(qm_store *store, const char *job_id, qm_store_array *out)
 {
-    RETURN_VERB(store, find_array, store, job_id, out);
+    QM_STORE_RETURN_VERB(store, find_array, store, job_id, out);
 }
 
 void qm_store_job_reset(qm_store_job *job)
@@ -218,39 +220,39 @@ void qm_store_job_reset(qm_store_job *job)
 qm_stored qm_store_put_layout(qm_store *store, const qm_store_layout *layout,
                               const qm_store_idempotency *idempotency)
 {
-    RETURN_VERB(store, put_layout, store, layout, idempotency);
+    QM_STORE_RETURN_VERB(store, put_layout, store, layout, idempotency);
 }
 
 qm_stored qm_store_find_layout(qm_store *store, const char *id, qm_store_layout *out)
 {
-    RETURN_VERB(store, find_layout, store, id, out);
+    QM_STORE_RETURN_VERB(store, find_layout, store, id, out);
 }
 
 qm_stored qm_store_find_layout_by_idempotency_key(qm_store *store, const char *key,
                                                   qm_store_idempotency_record *out)
 {
-    RETURN_VERB(store, find_layout_by_idempotency_key, store, key, out);
+    QM_STORE_RETURN_VERB(store, find_layout_by_idempotency_key, store, key, out);
 }
 
 qm_stored qm_store_list_layouts(qm_store *store, const qm_store_page *page, const char *mesh,
                                 qm_store_layout *out, size_t *count)
 {
-    RETURN_VERB(store, list_layouts, store, page, mesh, out, count);
+    QM_STORE_RETURN_VERB(store, list_layouts, store, page, mesh, out, count);
 }
 
 qm_stored qm_store_edit_layout(qm_store *store, const qm_store_layout *layout)
 {
-    RETURN_VERB(store, edit_layout, store, layout);
+    QM_STORE_RETURN_VERB(store, edit_layout, store, layout);
 }
 
 qm_stored qm_store_move_layout(qm_store *store, const char *id, int64_t from, int64_t to)
 {
-    RETURN_VERB(store, move_layout, store, id, from, to);
+    QM_STORE_RETURN_VERB(store, move_layout, store, id, from, to);
 }
 
 qm_stored qm_store_delete_layout(qm_store *store, const char *id)
 {
-    RETURN_VERB(store, delete_layout, store, id);
+    QM_STORE_RETURN_VERB(store, delete_layout, store, id);
 }
 
 void qm_store_layout_reset(qm_store_layout *layout)
@@ -266,34 +268,34 @@ void qm_store_layout_reset(qm_store_layout *layout)
 qm_stored qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction,
                                       const qm_store_mesh *mesh, const qm_store_idempotency *idempotency)
 {
-    RETURN_VERB(store, put_reconstruction, store, reconstruction, mesh, idempotency);
+    QM_STORE_RETURN_VERB(store, put_reconstruction, store, reconstruction, mesh, idempotency);
 }
 
 qm_stored qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out)
 {
-    RETURN_VERB(store, find_reconstruction, store, id, out);
+    QM_STORE_RETURN_VERB(store, find_reconstruction, store, id, out);
 }
 
 qm_stored qm_store_find_reconstruction_by_idempotency_key(qm_store *store, const char *key,
                                                           qm_store_idempotency_record *out)
 {
-    RETURN_VERB(store, find_reconstruction_by_idempotency_key, store, key, out);
+    QM_STORE_RETURN_VERB(store, find_reconstruction_by_idempotency_key, store, key, out);
 }
 
 qm_stored qm_store_list_reconstructions(qm_store *store, const qm_store_page *page, const char *source,
                                         qm_store_reconstruction *out, size_t *count)
 {
-    RETURN_VERB(store, list_reconstructions, store, page, source, out, count);
+    QM_STORE_RETURN_VERB(store, list_reconstructions, store, page, source, out, count);
 }
 
 qm_stored qm_store_update_reconstruction(qm_store *store, const qm_store_effect *effect)
 {
-    RETURN_VERB(store, update_reconstruction, store, effect);
+    QM_STORE_RETURN_VERB(store, update_reconstruction, store, effect);
 }
 
 qm_stored qm_store_delete_reconstruction(qm_store *store, const char *id)
 {
-    RETURN_VERB(store, delete_reconstruction, store, id);
+    QM_STORE_RETURN_VERB(store, delete_reconstruction, store, id);
 }
 
 void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction)
@@ -311,13 +313,13 @@ void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction)
 qm_stored qm_store_list_job_copies(qm_store *store, const qm_store_page *page, qm_store_job_copy *out,
                                    size_t *count)
 {
-    RETURN_VERB(store, list_job_copies, store, page, out, count);
+    QM_STORE_RETURN_VERB(store, list_job_copies, store, page, out, count);
 }
 
 qm_stored qm_store_put_job_copy(qm_store *store, const qm_store_job_copy *copy, const qm_store_event *events,
                                 size_t count, const qm_store_array *array)
 {
-    RETURN_VERB(store, put_job_copy, store, copy, events, count, array);
+    QM_STORE_RETURN_VERB(store, put_job_copy, store, copy, events, count, array);
 }
 
 void qm_store_job_copy_reset(qm_store_job_copy *copy)
@@ -331,50 +333,50 @@ void qm_store_job_copy_reset(qm_store_job_copy *copy)
 qm_stored qm_store_list_layout_revisions(qm_store *store, const char *id, const qm_store_page *page,
                                          qm_store_layout *out, size_t *count)
 {
-    RETURN_VERB(store, list_layout_revisions, store, id, page, out, count);
+    QM_STORE_RETURN_VERB(store, list_layout_revisions, store, id, page, out, count);
 }
 
 qm_stored qm_store_put_layout_copy(qm_store *store, const qm_store_layout *revisions, size_t count,
                                    int64_t current, const qm_store_idempotency *idempotency)
 {
     QM_ASSERT(count > 0 && revisions[0].revision <= current && current <= revisions[count - 1].revision);
-    RETURN_VERB(store, put_layout_copy, store, revisions, count, current, idempotency);
+    QM_STORE_RETURN_VERB(store, put_layout_copy, store, revisions, count, current, idempotency);
 }
 
 qm_stored qm_store_find_layout_origin(qm_store *store, const char *id, qm_store_origin *out)
 {
-    RETURN_VERB(store, find_layout_origin, store, id, out);
+    QM_STORE_RETURN_VERB(store, find_layout_origin, store, id, out);
 }
 
 qm_stored qm_store_find_reconstruction_origin(qm_store *store, const char *id, qm_store_origin *out)
 {
-    RETURN_VERB(store, find_reconstruction_origin, store, id, out);
+    QM_STORE_RETURN_VERB(store, find_reconstruction_origin, store, id, out);
 }
 
-qm_stored qm_store_settle(qm_store *store)
+qm_stored qm_store_sync(qm_store *store)
 {
-    RETURN_VERB(store, settle, store);
+    QM_STORE_RETURN_VERB(store, sync, store);
 }
 
 /* ---- nodes of a shared store ---- */
 
 qm_stored qm_store_beat(qm_store *store, size_t free_workers, qm_store_cluster *out,
-                        qm_store_settled_fn *settled, void *user)
+                        qm_store_durable_fn *take, void *user)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    RETURN_VERB(store, beat, store, free_workers, out, settled, user);
+    QM_STORE_RETURN_VERB(store, beat, store, free_workers, out, take, user);
 }
 
 qm_stored qm_store_join(qm_store *store)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    RETURN_VERB(store, join, store);
+    QM_STORE_RETURN_VERB(store, join, store);
 }
 
 qm_stored qm_store_reap(qm_store *store, double silence_s, size_t *count)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    RETURN_VERB(store, reap, store, silence_s, count);
+    QM_STORE_RETURN_VERB(store, reap, store, silence_s, count);
 }
 
 qm_stored qm_store_find_home(qm_store *store, const char *id, char out[QM_NODE_NAME_SIZE])
@@ -387,26 +389,26 @@ qm_stored qm_store_cancel_job(qm_store *store, const char *id, const char *docum
                               const qm_store_event *last)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    RETURN_VERB(store, cancel_job, store, id, document, last);
+    QM_STORE_RETURN_VERB(store, cancel_job, store, id, document, last);
 }
 
 qm_stored qm_store_hold_job(qm_store *store, const char *id, int owners, bool is_kept, bool *is_unwanted)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    RETURN_VERB(store, hold_job, store, id, owners, is_kept, is_unwanted);
+    QM_STORE_RETURN_VERB(store, hold_job, store, id, owners, is_kept, is_unwanted);
 }
 
 qm_stored qm_store_look_at_jobs(qm_store *store, qm_store_look *looks, size_t count, qm_store_event_fn *take,
                                 void *user)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    RETURN_VERB(store, look_at_jobs, store, looks, count, take, user);
+    QM_STORE_RETURN_VERB(store, look_at_jobs, store, looks, count, take, user);
 }
 
 qm_stored qm_store_clean_blobs(qm_store *store, double delay_s)
 {
     QM_ASSERT(qm_store_is_shared(store));
-    RETURN_VERB(store, clean_blobs, store, delay_s);
+    QM_STORE_RETURN_VERB(store, clean_blobs, store, delay_s);
 }
 
 void qm_store_watch(qm_store *store, qm_store_news_fn *tell, void *user)

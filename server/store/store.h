@@ -284,6 +284,10 @@ typedef struct qm_store_job {
     int64_t sequence; /* order of creation; given by the store */
     int64_t restarts; /* number of times that it was claimed, and began again */
     int64_t deaths;   /* how many processes have died while it ran, since one has ended in order */
+    double
+        waited_s; /* of a job that a node claims: from its submission to its first claim; 0 in later ones */
+    bool
+        is_canceled; /* its end was asked for, and it has not ended yet; of a job that is taken over or copied */
 } qm_store_job;
 
 /** Deaths after which a job is not begun again. The last run before is one that the job began alone. */
@@ -327,7 +331,7 @@ typedef struct qm_store_run {
  * Appends events of several runs, of all or of none; an event names its job, which is one of the runs. An event
  * replaces the one of the same job and seq, so that events which may have been stored are appended again. A job
  * that has ended, does not exist, or is lost, stays as it is. A failure of a server may take away what was appended last,
- * until a later beat of a shared store has settled it, or the end of the job: this appends them again.
+ * until a later beat of a shared store has told that it is durable, or the end of the job: this appends them again.
  */
 qm_stored qm_store_append_events(qm_store *store, qm_store_run *runs, size_t run_count,
                                  const qm_store_event *events, size_t count);
@@ -384,6 +388,8 @@ qm_stored qm_store_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_sto
  * job is given up for a death before its last run.
  */
 qm_stored qm_store_begin_job(qm_store *store, const char *id);
+/** Takes note that the end of a job that this process runs was asked for: whoever has it after a death ends it. */
+qm_stored qm_store_note_cancel(qm_store *store, const char *id);
 /** Ends in order: the unfinished jobs of this process have not ended it, and may be claimed at once. */
 qm_stored qm_store_leave_jobs(qm_store *store);
 /**
@@ -409,14 +415,14 @@ typedef struct qm_store_cluster {
 
 /** Receives, for a job that this process runs, how many of its events no failure takes away any more, and the number of the
  * last of them. */
-typedef void qm_store_settled_fn(void *user, const char *job, size_t count, uint64_t last);
+typedef void qm_store_durable_fn(void *user, const char *job, size_t count, uint64_t last);
 
 /**
- * Tells that this process lives, durably. What it has appended before and the store still has is durable with it: settled is
+ * Tells that this process lives, durably. What it has appended before and the store still has is durable with it: take is
  * called for each job; NULL: for none. QM_STORED_LOST: it was declared dead, and its jobs are given away.
  */
 qm_stored qm_store_beat(qm_store *store, size_t free_workers, qm_store_cluster *out,
-                        qm_store_settled_fn *settled, void *user);
+                        qm_store_durable_fn *take, void *user);
 /** Joins again, with a new id, after QM_STORED_LOST. */
 qm_stored qm_store_join(qm_store *store);
 /** Declares nodes dead that have been silent, and queues their jobs again; *count is the number of these. */
@@ -554,7 +560,7 @@ qm_stored qm_store_list_job_copies(qm_store *store, const qm_store_page *page, q
 struct qm_store_array;
 /**
  * Stores a job with its events and its array, or NULL for none, as they are; one that has not ended waits for a claim, and
- * runs to its end whichever client leaves. All of it is stored, or nothing, and durably after qm_store_settle. QM_STORED
+ * runs to its end whichever client leaves. All of it is stored, or nothing, and durably after qm_store_sync. QM_STORED
  * also when the store has a job of this id, which stays as it is; QM_STORED_TAKEN when its idempotency key has another job.
  */
 qm_stored qm_store_put_job_copy(qm_store *store, const qm_store_job_copy *copy, const qm_store_event *events,
@@ -580,7 +586,7 @@ qm_stored qm_store_find_layout_origin(qm_store *store, const char *id, qm_store_
 qm_stored qm_store_find_reconstruction_origin(qm_store *store, const char *id, qm_store_origin *out);
 
 /** Makes all that was put before durable. */
-qm_stored qm_store_settle(qm_store *store);
+qm_stored qm_store_sync(qm_store *store);
 
 /* ---- a shared store, from outside ---- */
 

@@ -384,7 +384,7 @@ static qm_stored copy_all(copy *work, size_t *count)
     if (stored == QM_STORED) stored = copy_kind(work, &layouts, &done->layouts);
     if (stored == QM_STORED) stored = copy_kind(work, &reconstructions, &done->reconstructions);
     if (stored == QM_STORED) stored = copy_kind(work, &jobs, &done->jobs);
-    if (stored == QM_STORED) stored = qm_store_settle(work->to);
+    if (stored == QM_STORED) stored = qm_store_sync(work->to);
     *count = done->meshes + done->layouts + done->reconstructions + done->jobs;
     return stored;
 }
@@ -395,13 +395,56 @@ qm_stored qm_store_copy(qm_store *from, qm_store *to, FILE *out, qm_store_copied
     size_t count;
     qm_stored stored = copy_all(&work, &count);
     /* A database that was started again meanwhile, or another one in its place, may have lost rows that were copied before
-     * they were settled. What a look after that finds is there for good. */
+     * they were durable. What a look after that finds is there for good. */
     while (stored == QM_STORED && count > 0 && qm_store_is_shared(to)) {
         copy again = {.from = from, .to = to};
         stored = copy_all(&again, &count);
     }
     *copied = work.done;
     return stored;
+}
+
+/* ---- marks ---- */
+
+/* A folder notes the databases that have all of it: to copy it once more would bring back what was deleted there since. */
+#define MARKS "imported"
+
+static void make_marks_path(const char *folder, char out[QM_STORE_PATH_SIZE])
+{
+    snprintf(out, QM_STORE_PATH_SIZE, "%s/" MARKS, folder);
+}
+
+/** True with a message when the folder has the mark of the database. */
+static bool is_marked(const char *folder, const char *database, char message[QM_MESSAGE_SIZE])
+{
+    char path[QM_STORE_PATH_SIZE], line[QM_STORE_IDENTITY_SIZE + 2];
+    make_marks_path(folder, path);
+    FILE *file = fopen(path, "re");
+    bool found = false;
+    while (file && !found && fgets(line, sizeof line, file)) {
+        line[strcspn(line, "\n")] = '\0';
+        found = strcmp(line, database) == 0;
+    }
+    if (file) fclose(file);
+    if (found)
+        snprintf(message, QM_MESSAGE_SIZE,
+                 "all of it is in the database, and what was deleted there would come back; without %.150s "
+                 "it is copied",
+                 path);
+    return found;
+}
+
+static qm_stored mark(const char *folder, const char *database, char message[QM_MESSAGE_SIZE])
+{
+    char path[QM_STORE_PATH_SIZE];
+    make_marks_path(folder, path);
+    FILE *file = fopen(path, "ae");
+    bool written = file && fprintf(file, "%s\n", database) > 0;
+    if (file && fclose(file) != 0) written = false;
+    if (written) return QM_STORED;
+    snprintf(message, QM_MESSAGE_SIZE, "everything is copied, but %.200s cannot be written: %s", path,
+             strerror(errno));
+    return QM_STORED_FAULT;
 }
 
 /** Why a copy was cut off. */
@@ -415,6 +458,21 @@ static void explain(qm_stored stored, char message[QM_MESSAGE_SIZE])
     snprintf(message, QM_MESSAGE_SIZE, "the copy was cut off: %s", why);
 }
 
+static qm_stored import_once(qm_store *from, qm_store *to, const char *folder, FILE *out,
+                             qm_store_copied *copied, char message[QM_MESSAGE_SIZE])
+{
+    char database[QM_STORE_IDENTITY_SIZE];
+    qm_stored stored = to->driver->identify(to, database);
+    if (stored == QM_STORED && is_marked(folder, database, message)) return QM_STORED_TAKEN;
+    if (stored == QM_STORED) stored = qm_store_copy(from, to, out, copied);
+    if (stored != QM_STORED) {
+        explain(stored, message);
+        return stored;
+    }
+    /* What was left out may be copied once it is repaired. */
+    return copied->faults == 0 ? mark(folder, database, message) : QM_STORED;
+}
+
 qm_stored qm_store_import(const char *folder, const char *address, const qm_store_node *self, bool is_unsafe,
                           FILE *out, qm_store_copied *copied, char message[QM_MESSAGE_SIZE])
 {
@@ -426,10 +484,7 @@ qm_stored qm_store_import(const char *folder, const char *address, const qm_stor
         return QM_STORED_FAULT;
     }
     qm_stored stored = qm_store_visit_to_write(address, self, is_unsafe, &to, message);
-    if (stored == QM_STORED) {
-        stored = qm_store_copy(from, to, out, copied);
-        if (stored != QM_STORED) explain(stored, message);
-    }
+    if (stored == QM_STORED) stored = import_once(from, to, folder, out, copied, message);
     qm_store_close(to);
     qm_store_close(from);
     return stored;

@@ -24,7 +24,8 @@ qm_stored qm_store_copy(qm_store *from, qm_store *to, FILE *out, qm_store_copied
 /**
  * Copies a data folder that no process holds to a shared store, whose nodes may run. A folder of an earlier version is
  * first brought up to date. Jobs that have not ended wait there. A mesh whose content is there under another id keeps its
- * id, and no upload finds it. All is durable when QM_STORED is returned; else there is a message.
+ * id, and no upload finds it. All is durable when QM_STORED is returned; else there is a message. A folder that the database
+ * has had all of, without a fault, notes that, and is not copied there once more (QM_STORED_TAKEN).
  */
 qm_stored qm_store_import(const char *folder, const char *address, const qm_store_node *self, bool is_unsafe,
                           FILE *out, qm_store_copied *copied, char message[QM_MESSAGE_SIZE]);

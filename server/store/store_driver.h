@@ -8,10 +8,14 @@
 #ifndef QM_STORE_DRIVER_H
 #define QM_STORE_DRIVER_H
 
+#include "base/clock.h"
+#include "base/failpoint.h"
 #include "blob.h"
 #include "space.h"
 #include "store.h"
 #include "store_parts.h"
+
+#define QM_STORE_IDENTITY_SIZE 48 /* of a shared store: two numbers */
 
 typedef struct qm_store_driver {
     void (*close)(qm_store *store);
@@ -31,6 +35,7 @@ typedef struct qm_store_driver {
     qm_stored (*submit_job)(qm_store *store, const qm_store_submission *submission);
     qm_stored (*claim_jobs)(qm_store *store, const qm_store_wish *wish, qm_store_job *out, size_t *count);
     qm_stored (*begin_job)(qm_store *store, const char *id);
+    qm_stored (*note_cancel)(qm_store *store, const char *id);
     qm_stored (*append_events)(qm_store *store, qm_store_run *runs, size_t run_count,
                                const qm_store_event *events, size_t count);
     qm_stored (*finish_job)(qm_store *store, const qm_store_job *end, const char *revisions,
@@ -82,7 +87,7 @@ typedef struct qm_store_driver {
                                  int64_t current, const qm_store_idempotency *idempotency);
     qm_stored (*find_layout_origin)(qm_store *store, const char *id, qm_store_origin *out);
     qm_stored (*find_reconstruction_origin)(qm_store *store, const char *id, qm_store_origin *out);
-    qm_stored (*settle)(qm_store *store);
+    qm_stored (*sync)(qm_store *store);
     qm_stored (*open_parts)(qm_store *store, const char *job, int64_t restarts, const qm_store_bounds *bounds,
                             const qm_store_part *parts, size_t count);
     qm_stored (*claim_parts)(qm_store *store, const char *job, size_t limit, qm_store_part *out,
@@ -98,8 +103,8 @@ typedef struct qm_store_driver {
     bool (*has_job)(qm_store *store, const char *id);      /* true after a fault */
 
     /* Of a shared store; NULL in the driver of an embedded one. */
-    qm_stored (*beat)(qm_store *store, size_t free_workers, qm_store_cluster *out,
-                      qm_store_settled_fn *settled, void *user);
+    qm_stored (*beat)(qm_store *store, size_t free_workers, qm_store_cluster *out, qm_store_durable_fn *take,
+                      void *user);
     qm_stored (*join)(qm_store *store);
     qm_stored (*reap)(qm_store *store, double silence_s, size_t *count);
     qm_stored (*find_home)(qm_store *store, const char *id, char out[QM_NODE_NAME_SIZE]);
@@ -117,6 +122,8 @@ typedef struct qm_store_driver {
     /** Blobs that no row names, in the order of their hashes, up to limit after one. */
     qm_stored (*list_orphans)(qm_store *store, const char *after, size_t limit, char (*hashes)[QM_HASH_SIZE],
                               size_t *count);
+    /** Writes what tells the database from all others, and stays when a standby takes over. */
+    qm_stored (*identify)(qm_store *store, char out[QM_STORE_IDENTITY_SIZE]);
     void (*watch)(qm_store *store, qm_store_news_fn *tell, void *user);
     void (*unwatch)(qm_store *store);
     qm_stored (*find_split_job)(qm_store *store, const char (*except)[QM_ID_SIZE], size_t count,
@@ -133,6 +140,18 @@ struct qm_store {
 };
 
 extern const qm_store_driver qm_sqlite_driver, qm_postgres_driver;
+
+/** Counts the time of a verb of a shared store. */
+void qm_store_count_verb(const qm_store *store, const char *verb, qm_stored stored, double start_ms);
+
+/** The body of a verb: calls the driver, and counts the time. */
+#define QM_STORE_RETURN_VERB(store, verb, ...)                                                               \
+    double start_ms = qm_clock_now_ms();                                                                     \
+    QM_FAILPOINT_BEGIN(#verb);                                                                               \
+    qm_stored stored = (store)->driver->verb(__VA_ARGS__);                                                   \
+    QM_FAILPOINT_END();                                                                                      \
+    qm_store_count_verb(store, #verb, stored, start_ms);                                                     \
+    return stored
 
 /** The status of a call on files that depends on rows; QM_E_CANCELED: the database is away. */
 qm_status qm_store_status(qm_stored stored);

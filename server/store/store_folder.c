@@ -155,8 +155,10 @@ bool qm_store_plan_folder(const char *folder, const char *ending, char name[QM_S
     if (!is_free(name))
         snprintf(message, QM_MESSAGE_SIZE, "%.200s is not empty: this needs a new folder", name);
     else if (access(path, F_OK) == 0)
-        snprintf(message, QM_MESSAGE_SIZE, "%.180s is there, of an attempt that was cut off or still runs",
-                 path);
+        snprintf(
+            message, QM_MESSAGE_SIZE,
+            "%.160s is there, of an attempt that was cut off or still runs: in the first case, remove it",
+            path);
     else
         return true;
     return false;

@@ -2,8 +2,8 @@
  * store_parts.h: a search that is kept in parts, so that several processes may run it and none loses it: its bounds,
  * and the parts that are left. The store knows nothing of what an entry of a part is.
  *
- * Let L be the lower bound, D what is settled, u(p) the upper bound of a part p. The owner of the job opens the parts
- * with L and D such that no point is farther than max(L, D, max u(p)). Each verb is one step and keeps this true, if
+ * Let L be the lower bound, D the largest upper bound that was discarded, u(p) the upper bound of a part p. The owner of
+ * the job opens the parts with L and D such that no point is farther than max(L, D, max u(p)). Each verb is one step and keeps this true, if
  * the caller of qm_store_finish_parts does: in place of what it takes away it gives a rest and a D that cover it.
  *   - A part whose process dies is still there, with its u(p): it is claimed again.
  *   - A part that two processes run is taken away once: each claim raises its epoch, the other finish is LOST.
@@ -24,7 +24,6 @@
 typedef struct qm_store_part {
     int64_t number; /* given by the store */
     int64_t epoch;  /* claims so far */
-    int64_t tries;  /* of the caller: runs that have not brought it further */
     double upper;
     void *entries; /* of a claimed part from malloc, for qm_store_parts_reset */
     size_t size;   /* bytes */
@@ -34,7 +33,7 @@ typedef struct qm_store_bounds {
     char engine[QM_STORE_ENGINE_SIZE];   /* who may run its parts */
     double lower;                        /* raw, as the engine's found_lower; 0: none */
     char witness[QM_STORE_WITNESS_SIZE]; /* of the lower bound */
-    double settled;
+    double discarded;
     uint64_t iterations, projections; /* of all runs that counted */
     /* Only read: */
     double upper;  /* max of the parts' */
@@ -55,7 +54,7 @@ qm_stored qm_store_claim_parts(qm_store *store, const char *job, size_t limit, q
                                size_t *count);
 
 /**
- * Replaces claimed parts by what is left of them, at most QM_STORE_REST_PARTS, and joins what their run has found: settled, lower with
+ * Replaces claimed parts by what is left of them, at most QM_STORE_REST_PARTS, and joins what their run has found: discarded, lower with
  * its witness, and counts. All or nothing. QM_STORED_LOST: not all of them are at the epoch of the claim, as after an equal
  * call, or the job has ended.
  */

@@ -37,6 +37,7 @@ const qm_store_driver qm_postgres_driver = {
     .submit_job = qm_postgres_submit_job,
     .claim_jobs = qm_postgres_claim_jobs,
     .begin_job = qm_postgres_begin_job,
+    .note_cancel = qm_postgres_note_cancel,
     .append_events = qm_postgres_append_events,
     .finish_job = qm_postgres_finish_job,
     .leave_jobs = qm_postgres_leave_jobs,
@@ -86,7 +87,8 @@ const qm_store_driver qm_postgres_driver = {
     .put_layout_copy = qm_postgres_put_layout_copy,
     .find_layout_origin = qm_postgres_find_layout_origin,
     .find_reconstruction_origin = qm_postgres_find_reconstruction_origin,
-    .settle = qm_postgres_settle,
+    .sync = qm_postgres_sync,
+    .identify = qm_postgres_identify,
     .watch = qm_postgres_watch,
     .unwatch = qm_postgres_unwatch,
 };
@@ -147,6 +149,14 @@ static qm_stored open_database(qm_store *store, const char *address, bool is_uns
     return status;
 }
 
+/** The end of a call that opens a store: gives the store to the caller, or closes it. */
+static qm_stored give(qm_store *store, qm_stored status, qm_store **out)
+{
+    *out = status == QM_STORED ? store : NULL;
+    if (status != QM_STORED) qm_store_close(store);
+    return status;
+}
+
 /** A store without connections. */
 static qm_stored create_store(const qm_store_node *self, const char *folder, qm_store **out,
                               char message[QM_MESSAGE_SIZE])
@@ -173,11 +183,7 @@ qm_stored qm_postgres_visit(const char *address, const qm_store_node *self, cons
     qm_stored status = create_store(self, folder, &store, message);
     if (status != QM_STORED) return status;
     status = qm_postgres_open_pool(store, address, is_reader, message);
-    if (status == QM_STORED)
-        *out = store;
-    else
-        qm_store_close(store);
-    return status;
+    return give(store, status, out);
 }
 
 /** Takes a snapshot of tables of this version. */
@@ -208,11 +214,7 @@ qm_stored qm_store_visit_to_read(const char *address, const qm_store_node *self,
     bool has_folder = !folder || qm_blob_make_folders(folder, message);
     status = has_folder ? begin_reading(store, message) : QM_STORED_FAULT;
     if (status == QM_STORED) status = qm_postgres_open_place_to_read(store, message);
-    if (status == QM_STORED)
-        *out = store;
-    else
-        qm_store_close(store);
-    return status;
+    return give(store, status, out);
 }
 
 qm_stored qm_store_visit_to_write(const char *address, const qm_store_node *self, bool is_unsafe,
@@ -225,11 +227,7 @@ qm_stored qm_store_visit_to_write(const char *address, const qm_store_node *self
     status = check_durability(store, is_unsafe, message);
     if (status == QM_STORED) status = qm_postgres_set_up(store, false, message);
     if (status == QM_STORED) status = qm_postgres_open_place(store, message);
-    if (status == QM_STORED)
-        *out = store;
-    else
-        qm_store_close(store);
-    return status;
+    return give(store, status, out);
 }
 
 qm_stored qm_store_open_shared(const char *address, const char *folder, const qm_store_node *self,
@@ -241,11 +239,7 @@ qm_stored qm_store_open_shared(const char *address, const char *folder, const qm
     if (status != QM_STORED) return status;
     status = take_folder(store, message);
     if (status == QM_STORED) status = open_database(store, address, is_unsafe, message);
-    if (status == QM_STORED)
-        *out = store;
-    else
-        qm_store_close(store);
-    return status;
+    return give(store, status, out);
 }
 
 qm_stored qm_store_migrate(const char *address, const qm_store_node *self, char message[QM_MESSAGE_SIZE])

@@ -166,6 +166,12 @@ typedef struct qm_postgres_home {
     int64_t waiting;
 } qm_postgres_home;
 
+/** A job that this process has, or that is over while a claim is under way. */
+typedef struct qm_postgres_claim {
+    char id[QM_ID_SIZE];
+    bool is_over;
+} qm_postgres_claim;
+
 struct qm_postgres {
     struct qm_postgres_pool *pool;
     qm_place *place;               /* of the blobs */
@@ -175,8 +181,9 @@ struct qm_postgres {
     char node[QM_NODE_NAME_SIZE + 16];
     qm_postgres_home *homes; /* nodes that take work, as of the last beat */
     size_t home_count;
-    char (*claims)[QM_ID_SIZE]; /* jobs */
+    qm_postgres_claim *claims;
     size_t claim_count, claim_capacity;
+    bool is_claiming; /* the pulse asks for jobs */
 };
 
 /** The id of this start of the process. */
@@ -306,7 +313,11 @@ bool qm_postgres_read_layout(const qm_postgres_rows *rows, int row, void *out);
 bool qm_postgres_add_claim(qm_store *store, const char *id);
 void qm_postgres_remove_claim(qm_store *store, const char *id);
 void qm_postgres_remove_claims(qm_store *store);
-void qm_postgres_write_claims(qm_store *store, qm_text *array);
+/** Begins a claim, one at a time, and writes the jobs that it is to tell. */
+void qm_postgres_begin_claiming(qm_store *store, qm_text *array);
+/** True for a job that was known when the claim began, or has been added since. */
+bool qm_postgres_has_claim(qm_store *store, const char *id);
+void qm_postgres_end_claiming(qm_store *store);
 
 /* ---- verbs; store.h says what they do ---- */
 
@@ -325,6 +336,7 @@ qm_stored qm_postgres_submit_job(qm_store *store, const qm_store_submission *sub
 qm_stored qm_postgres_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_store_job *out,
                                  size_t *count);
 qm_stored qm_postgres_begin_job(qm_store *store, const char *id);
+qm_stored qm_postgres_note_cancel(qm_store *store, const char *id);
 qm_stored qm_postgres_append_events(qm_store *store, qm_store_run *runs, size_t run_count,
                                     const qm_store_event *events, size_t count);
 qm_stored qm_postgres_finish_job(qm_store *store, const qm_store_job *end, const char *revisions,
@@ -376,7 +388,7 @@ qm_stored qm_postgres_list_reconstructions(qm_store *store, const qm_store_page 
 qm_stored qm_postgres_update_reconstruction(qm_store *store, const qm_store_effect *effect);
 qm_stored qm_postgres_delete_reconstruction(qm_store *store, const char *id);
 qm_stored qm_postgres_beat(qm_store *store, size_t free_workers, qm_store_cluster *out,
-                           qm_store_settled_fn *settled, void *user);
+                           qm_store_durable_fn *take, void *user);
 qm_stored qm_postgres_join(qm_store *store);
 qm_stored qm_postgres_reap(qm_store *store, double silence_s, size_t *count);
 qm_stored qm_postgres_find_home(qm_store *store, const char *id, char out[QM_NODE_NAME_SIZE]);
@@ -400,6 +412,7 @@ qm_stored qm_postgres_put_layout_copy(qm_store *store, const qm_store_layout *re
                                       int64_t current, const qm_store_idempotency *idempotency);
 qm_stored qm_postgres_find_layout_origin(qm_store *store, const char *id, qm_store_origin *out);
 qm_stored qm_postgres_find_reconstruction_origin(qm_store *store, const char *id, qm_store_origin *out);
-qm_stored qm_postgres_settle(qm_store *store);
+qm_stored qm_postgres_identify(qm_store *store, char out[QM_STORE_IDENTITY_SIZE]);
+qm_stored qm_postgres_sync(qm_store *store);
 
 #endif

@@ -1,6 +1,6 @@
 /**
  * store_postgres_copy.c: rows of a shared store as copies: all that it has of them, read for another store and written
- * from one. Copies of jobs are many, so their commits wait for no disk; qm_postgres_settle makes them durable at the end.
+ * from one. Copies of jobs are many, so their commits wait for no disk; qm_postgres_sync makes them durable at the end.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,6 +15,7 @@ static bool read_job_copy(const qm_postgres_rows *rows, int row, void *out)
     qm_store_job_copy *copy = out;
     *copy = (qm_store_job_copy){.claims = qm_postgres_integer(rows, row, 14)};
     if (!qm_postgres_read_job(rows, row, &copy->job)) return false;
+    copy->job.is_canceled = !copy->job.document && qm_postgres_bool(rows, row, 17);
     qm_postgres_read(rows, row, 15, copy->subjects[0], QM_ID_SIZE);
     qm_postgres_read(rows, row, 16, copy->subjects[1], QM_ID_SIZE);
     if (qm_postgres_copy(rows, row, 12, &copy->type) && qm_postgres_copy(rows, row, 13, &copy->revisions))
@@ -35,7 +36,7 @@ qm_stored qm_postgres_list_job_copies(qm_store *store, const qm_store_page *page
     const qm_postgres_listing listing = {
         .select = "SELECT " QM_POSTGRES_JOB_COLUMNS ", j.type, j.revisions,"
                   " CASE WHEN j.document IS NULL THEN coalesce(r.epoch, q.epoch, 0) ELSE j.restarts + 1 END,"
-                  " s.subjects[1], s.subjects[2] FROM quadmeshd.jobs j" QM_POSTGRES_JOB_PLACES
+                  " s.subjects[1], s.subjects[2], j.cancel FROM quadmeshd.jobs j" QM_POSTGRES_JOB_PLACES
                   " LEFT JOIN LATERAL (SELECT array_agg(subject) AS subjects FROM quadmeshd.job_subjects"
                   "   WHERE sequence = j.sequence) s ON true",
         .sequence = "j.sequence"};
@@ -73,9 +74,9 @@ qm_stored qm_postgres_put_job_copy(qm_store *store, const qm_store_job_copy *cop
             "WITH " QM_POSTGRES_RELAXED ","
             " blob AS (UPDATE quadmeshd.blobs SET unneeded = NULL WHERE hash = $21 AND unneeded IS NOT NULL),"
             " made AS (INSERT INTO quadmeshd.jobs (id, key, idempotency_key, body, created, type, document,"
-            "     result, revisions, state, restarts, submitted, owners, kept)"
+            "     result, revisions, state, restarts, submitted, owners, kept, cancel)"
             "   SELECT $1::text, $2::text, $3::text, $4::text, $5::text, $6::text, $7::text, $8::text,"
-            "     $9::text, $10::smallint, $11::int, " SUBMITTED ", 0, true"
+            "     $9::text, $10::smallint, $11::int, " SUBMITTED ", 0, true, $22::boolean"
             "   FROM relaxed WHERE mode = 'off' ON CONFLICT DO NOTHING RETURNING sequence),"
             " queued AS (INSERT INTO quadmeshd.job_queue (sequence, home, epoch, deaths)"
             "   SELECT sequence, '', $13::int, $14::int FROM made WHERE $7::text IS NULL),"
@@ -100,6 +101,7 @@ qm_stored qm_postgres_put_job_copy(qm_store *store, const qm_store_job_copy *cop
     qm_postgres_add_bytes(&query, array ? array->sums : NULL,
                           array ? qm_store_array_blocks(array->count) * sizeof *array->sums : 0);
     qm_postgres_add_text(&query, array ? array->hash : NULL);
+    qm_postgres_add_bool(&query, copy->job.is_canceled);
     qm_stored status =
         qm_postgres_create_row(store, &query, "SELECT 1 FROM quadmeshd.jobs WHERE id = $1", copy->job.id);
     qm_text_reset(&subjects);
@@ -206,7 +208,19 @@ qm_stored qm_postgres_find_reconstruction_origin(qm_store *store, const char *id
         out);
 }
 
-qm_stored qm_postgres_settle(qm_store *store)
+qm_stored qm_postgres_identify(qm_store *store, char out[QM_STORE_IDENTITY_SIZE])
+{
+    qm_postgres_query query = {
+        .sql = "SELECT format('%s %s', c.system_identifier, d.oid) FROM pg_catalog.pg_control_system() c,"
+               " pg_catalog.pg_database d WHERE d.datname = current_database()"};
+    qm_postgres_rows rows;
+    qm_stored status = qm_postgres_run(store, &query, &rows);
+    if (status == QM_STORED) qm_postgres_read(&rows, 0, 0, out, QM_STORE_IDENTITY_SIZE);
+    qm_postgres_free(&rows);
+    return status;
+}
+
+qm_stored qm_postgres_sync(qm_store *store)
 {
     return qm_postgres_confirm(store, QM_STORED);
 }

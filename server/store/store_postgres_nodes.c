@@ -102,20 +102,20 @@ static qm_stored keep_homes(qm_store *store, const qm_postgres_rows *rows)
 
 /** Tells of the events that the statement of a beat has seen: "job count last" for each job, between spaces. They are in the log
  * before the commit of the beat, on the same server, which has returned: they are as durable as it. */
-static void tell_settled(const char *text, qm_store_settled_fn *settled, void *user)
+static void tell_durable(const char *text, qm_store_durable_fn *take, void *user)
 {
     char job[QM_ID_SIZE];
     unsigned long long count, last;
     int length;
     while (text && sscanf(text, "%39s %llu %llu%n", job, &count, &last, &length) == 3) {
-        settled(user, job, (size_t)count, last);
+        take(user, job, (size_t)count, last);
         text += length;
     }
 }
 _Static_assert(QM_ID_SIZE == 40, "sscanf reads an id");
 
 qm_stored qm_postgres_beat(qm_store *store, size_t free_workers, qm_store_cluster *out,
-                           qm_store_settled_fn *settled, void *user)
+                           qm_store_durable_fn *take, void *user)
 {
     qm_postgres_query query = {
         .sql = "WITH beaten AS (UPDATE quadmeshd.node_beats b SET beat = clock_timestamp(), free = $2::int"
@@ -146,7 +146,7 @@ qm_stored qm_postgres_beat(qm_store *store, size_t free_workers, qm_store_cluste
         bool lives = qm_postgres_bool(&rows, 0, 0);
         status = keep_homes(store, &rows);
         if (!lives) status = QM_STORED_LOST;
-        if (lives && settled) tell_settled(qm_postgres_text(&rows, 0, 7), settled, user);
+        if (lives && take) tell_durable(qm_postgres_text(&rows, 0, 7), take, user);
     }
     qm_postgres_free(&rows);
     return status;

@@ -15,15 +15,15 @@
     " OR NOT EXISTS (SELECT FROM quadmeshd.nodes n WHERE n.id = p.node AND n.state = 0))"
 
 /** Inserts the parts of the parameters from `first` on for the sequence of a member of WITH. */
-#define INSERT_PARTS(from, upper, tries, start, size, bytes)                                                 \
-    "INSERT INTO quadmeshd.job_parts (sequence, upper, tries, entries)"                                      \
-    " SELECT r.sequence, a.upper, a.tries, substring(" bytes "::bytea FROM a.start FOR a.size) FROM " from   \
-    " r, unnest(" upper "::float8[], " tries "::int[], " start "::int[], " size "::int[])"                   \
-    " AS a(upper, tries, start, size)"
+#define INSERT_PARTS(from, upper, start, size, bytes)                                                        \
+    "INSERT INTO quadmeshd.job_parts (sequence, upper, entries)"                                             \
+    " SELECT r.sequence, a.upper, substring(" bytes "::bytea FROM a.start FOR a.size) FROM " from            \
+    " r, unnest(" upper "::float8[], " start "::int[], " size "::int[])"                                     \
+    " AS a(upper, start, size)"
 
 /** Parts as arrays, and their entries one after the other. */
 typedef struct part_arrays {
-    qm_text uppers, tries, starts, sizes, entries;
+    qm_text uppers, starts, sizes, entries;
 } part_arrays;
 
 static void add_parts(qm_postgres_query *query, part_arrays *arrays, const qm_store_part *parts, size_t count)
@@ -32,14 +32,12 @@ static void add_parts(qm_postgres_query *query, part_arrays *arrays, const qm_st
     for (size_t i = 0; i < count; i++) {
         qm_text_number(parts[i].upper, number);
         qm_postgres_write_text(&arrays->uppers, number);
-        qm_postgres_write_integer(&arrays->tries, parts[i].tries);
         qm_postgres_write_integer(&arrays->starts, (int64_t)arrays->entries.size + 1);
         qm_postgres_write_integer(&arrays->sizes, (int64_t)parts[i].size);
         qm_text_add(&arrays->entries, parts[i].entries, parts[i].size);
     }
     query->failed |= arrays->entries.failed;
     qm_postgres_add_array(query, &arrays->uppers);
-    qm_postgres_add_array(query, &arrays->tries);
     qm_postgres_add_array(query, &arrays->starts);
     qm_postgres_add_array(query, &arrays->sizes);
     qm_postgres_add_bytes(query, arrays->entries.data ? arrays->entries.data : "", arrays->entries.size);
@@ -48,7 +46,6 @@ static void add_parts(qm_postgres_query *query, part_arrays *arrays, const qm_st
 static void reset_parts(part_arrays *arrays)
 {
     qm_text_reset(&arrays->uppers);
-    qm_text_reset(&arrays->tries);
     qm_text_reset(&arrays->starts);
     qm_text_reset(&arrays->sizes);
     qm_text_reset(&arrays->entries);
@@ -56,7 +53,7 @@ static void reset_parts(part_arrays *arrays)
 
 static void add_found(qm_postgres_query *query, const qm_store_bounds *found)
 {
-    qm_postgres_add_real(query, found->settled);
+    qm_postgres_add_real(query, found->discarded);
     qm_postgres_add_real(query, found->lower);
     qm_postgres_add_text(query, found->witness);
     qm_postgres_add_integer(query, (int64_t)found->iterations);
@@ -67,21 +64,22 @@ qm_stored qm_postgres_open_parts(qm_store *store, const char *job, int64_t resta
                                  const qm_store_bounds *bounds, const qm_store_part *parts, size_t count)
 {
     qm_postgres_query query = {
-        .sql = "WITH lease AS (SELECT r.sequence FROM quadmeshd.jobs j JOIN quadmeshd.job_runs r USING "
-               "(sequence)"
-               "   WHERE j.id = $1 AND r.node = $2 AND r.epoch = $3::int + 1 FOR UPDATE OF r),"
-               " old AS (DELETE FROM quadmeshd.job_parts p USING lease, quadmeshd.job_bounds b"
-               "   WHERE p.sequence = lease.sequence AND b.sequence = lease.sequence AND b.engine <> $9),"
-               " made AS (INSERT INTO quadmeshd.job_bounds AS b"
-               "   (sequence, settled, lower, witness, iterations, projections, engine)"
-               "   SELECT sequence, $4::float8, $5::float8, $6::text, $7::bigint, $8::bigint, $9::text FROM "
-               "lease"
-               "   ON CONFLICT (sequence) DO UPDATE SET settled = EXCLUDED.settled, lower = EXCLUDED.lower,"
-               "     witness = EXCLUDED.witness, iterations = EXCLUDED.iterations,"
-               "     projections = EXCLUDED.projections, engine = EXCLUDED.engine"
-               "   WHERE b.engine <> EXCLUDED.engine RETURNING sequence),"
-               " added AS (" INSERT_PARTS("made", "$10", "$11", "$12", "$13", "$14") ")"
-                                                                                     " SELECT 1 FROM lease"};
+        .sql =
+            "WITH lease AS (SELECT r.sequence FROM quadmeshd.jobs j JOIN quadmeshd.job_runs r USING "
+            "(sequence)"
+            "   WHERE j.id = $1 AND r.node = $2 AND r.epoch = $3::int + 1 FOR UPDATE OF r),"
+            " old AS (DELETE FROM quadmeshd.job_parts p USING lease, quadmeshd.job_bounds b"
+            "   WHERE p.sequence = lease.sequence AND b.sequence = lease.sequence AND b.engine <> $9),"
+            " made AS (INSERT INTO quadmeshd.job_bounds AS b"
+            "   (sequence, discarded, lower, witness, iterations, projections, engine)"
+            "   SELECT sequence, $4::float8, $5::float8, $6::text, $7::bigint, $8::bigint, $9::text FROM "
+            "lease"
+            "   ON CONFLICT (sequence) DO UPDATE SET discarded = EXCLUDED.discarded, lower = EXCLUDED.lower,"
+            "     witness = EXCLUDED.witness, iterations = EXCLUDED.iterations,"
+            "     projections = EXCLUDED.projections, engine = EXCLUDED.engine"
+            "   WHERE b.engine <> EXCLUDED.engine RETURNING sequence),"
+            " added AS (" INSERT_PARTS("made", "$10", "$11", "$12", "$13") ")"
+                                                                           " SELECT 1 FROM lease"};
     char node[QM_NODE_NAME_SIZE + 16];
     part_arrays arrays = {0};
     qm_postgres_name_node(store, node);
@@ -100,11 +98,10 @@ static bool read_part(const qm_postgres_rows *rows, int row, qm_store_part *out)
 {
     *out = (qm_store_part){.number = qm_postgres_integer(rows, row, 0),
                            .epoch = qm_postgres_integer(rows, row, 1),
-                           .tries = qm_postgres_integer(rows, row, 2),
-                           .upper = qm_postgres_real(rows, row, 3)};
-    out->size = qm_postgres_size(rows, row, 4);
+                           .upper = qm_postgres_real(rows, row, 2)};
+    out->size = qm_postgres_size(rows, row, 3);
     out->entries = malloc(out->size > 0 ? out->size : 1);
-    if (out->entries && out->size > 0) memcpy(out->entries, qm_postgres_text(rows, row, 4), out->size);
+    if (out->entries && out->size > 0) memcpy(out->entries, qm_postgres_text(rows, row, 3), out->size);
     return out->entries;
 }
 
@@ -117,8 +114,8 @@ qm_stored qm_postgres_claim_parts(qm_store *store, const char *job, size_t limit
                "   WHERE p.sequence = (SELECT sequence FROM quadmeshd.jobs WHERE id = $1) AND " IS_FREE(
                    "$2") "   ORDER BY p.upper DESC, p.part LIMIT $3::bigint FOR UPDATE OF p SKIP LOCKED),"
                          " taken AS (UPDATE quadmeshd.job_parts p SET node = $2, epoch = p.epoch + 1 FROM top"
-                         "   WHERE p.part = top.part RETURNING p.part, p.epoch, p.tries, p.upper, p.entries)"
-                         " SELECT part::text, epoch::text, tries::text, upper::text, entries FROM taken"
+                         "   WHERE p.part = top.part RETURNING p.part, p.epoch, p.upper, p.entries)"
+                         " SELECT part::text, epoch::text, upper::text, entries FROM taken"
                          " ORDER BY taken.upper DESC, taken.part",
         .is_binary = true};
     char node[QM_NODE_NAME_SIZE + 16];
@@ -157,15 +154,15 @@ qm_stored qm_postgres_finish_parts(qm_store *store, const char *job, const qm_st
                " ready AS (SELECT sequence FROM bounds WHERE (SELECT count(*) FROM mine) = "
                "cardinality($2::bigint[])),"
                " gone AS (DELETE FROM quadmeshd.job_parts p USING ready, mine WHERE p.part = mine.part),"
-               " raised AS (UPDATE quadmeshd.job_bounds b SET settled = greatest(b.settled, $4::float8),"
+               " raised AS (UPDATE quadmeshd.job_bounds b SET discarded = greatest(b.discarded, $4::float8),"
                "   lower = greatest(b.lower, $5::float8),"
                "   witness = CASE WHEN $5::float8 > b.lower THEN $6::text ELSE b.witness END,"
                "   iterations = b.iterations + $7::bigint, projections = b.projections + $8::bigint"
                "   FROM ready WHERE b.sequence = ready.sequence),"
                " lives AS (UPDATE quadmeshd.job_runs r SET deaths = 0 FROM ready"
                "   WHERE r.sequence = ready.sequence AND r.deaths > 0),"
-               " added AS (" INSERT_PARTS("ready", "$9", "$10", "$11", "$12", "$13") ")"
-                                                                                     " SELECT 1 FROM ready"};
+               " added AS (" INSERT_PARTS("ready", "$9", "$10", "$11", "$12") ")"
+                                                                              " SELECT 1 FROM ready"};
     qm_text numbers = {0}, epochs = {0};
     part_arrays arrays = {0};
     for (size_t i = 0; i < count; i++) {
@@ -202,7 +199,7 @@ static bool read_bounds(const qm_postgres_rows *rows, int row, void *user)
     qm_postgres_read(rows, row, 0, out->engine, sizeof out->engine);
     qm_postgres_read(rows, row, 2, out->witness, sizeof out->witness);
     out->lower = qm_postgres_real(rows, row, 1);
-    out->settled = qm_postgres_real(rows, row, 3);
+    out->discarded = qm_postgres_real(rows, row, 3);
     out->iterations = (uint64_t)qm_postgres_integer(rows, row, 4);
     out->projections = (uint64_t)qm_postgres_integer(rows, row, 5);
     out->parts = (size_t)qm_postgres_integer(rows, row, 6);
@@ -217,7 +214,7 @@ qm_stored qm_postgres_read_bounds(qm_store *store, const char *job, const qm_sto
 {
     static const qm_postgres_table table = {sizeof(qm_store_bounds), read_bounds, NULL};
     qm_postgres_query query = {
-        .sql = "SELECT b.engine, b.lower, b.witness, b.settled, b.iterations, b.projections, p.* FROM "
+        .sql = "SELECT b.engine, b.lower, b.witness, b.discarded, b.iterations, b.projections, p.* FROM "
                "quadmeshd.jobs j"
                " JOIN quadmeshd.job_bounds b USING (sequence), LATERAL (SELECT count(*), max(p.upper),"
                "   max(p.upper) FILTER (WHERE p.part <> ALL ($2::bigint[])), count(DISTINCT n.id)"

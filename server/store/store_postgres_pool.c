@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "base/clock.h"
+#include "base/failpoint.h"
 #include "base/log.h"
 #include "store_postgres.h"
 
@@ -476,7 +477,12 @@ qm_stored qm_postgres_run(qm_store *store, qm_postgres_query *query, qm_postgres
         qm_postgres_connection *connection = take(pool, query->use, wait_until_ms);
         if (!connection) return QM_STORED_AWAY;
         begin_statement(connection, fmax(deadline_ms, qm_clock_now_ms() + LEAST_MS));
+        QM_FAILPOINT("before");
         status = run_on(connection, query, rows);
+        if (QM_FAILPOINT_DROPS("after")) {
+            qm_postgres_free(rows);
+            status = lose(connection, true);
+        }
         bool repeats = connection->is_worth_repeating, is_broken = connection->is_broken;
         give_back(pool, connection, status == QM_STORED_AWAY && !query->is_relaxed);
         if (!repeats) break;
@@ -496,7 +502,11 @@ qm_stored qm_postgres_transact(qm_store *store, qm_postgres_body *body, void *us
         status =
             qm_postgres_command(connection, "BEGIN; SET LOCAL idle_in_transaction_session_timeout = '10s'");
         if (status == QM_STORED) status = body(connection, user);
-        if (status == QM_STORED) status = qm_postgres_command(connection, "COMMIT");
+        if (status == QM_STORED) {
+            QM_FAILPOINT("before");
+            status = qm_postgres_command(connection, "COMMIT");
+            if (QM_FAILPOINT_DROPS("after")) status = lose(connection, true);
+        }
         bool repeats = status == QM_STORED_AWAY && connection->is_worth_repeating;
         /* Closing the connection would do as well, but another one takes time. */
         if (status != QM_STORED && !connection->is_broken) qm_postgres_command(connection, "ROLLBACK");

@@ -132,7 +132,8 @@ qm_stored qm_postgres_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_
      * lock meets the update of the reaper. */
     qm_postgres_query query = {
         .sql =
-            "WITH unheard AS (SELECT r.sequence, r.epoch, r.deaths, r.progress FROM quadmeshd.job_runs r"
+            "WITH unheard AS (SELECT r.sequence, r.epoch, r.deaths, r.progress, true FROM quadmeshd.job_runs "
+            "r"
             "   JOIN quadmeshd.jobs j USING (sequence) WHERE r.node = $1 AND j.id <> ALL ($6::text[])"
             "   ORDER BY r.sequence LIMIT $3::bigint + $4::bigint),"
             " near AS (SELECT q.sequence FROM quadmeshd.job_queue q WHERE q.home IN ($2, '')"
@@ -154,18 +155,21 @@ qm_stored qm_postgres_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_
                                 "   RETURNING q.sequence, q.epoch, q.deaths),"
                                 " made AS (INSERT INTO quadmeshd.job_runs (sequence, node, epoch, deaths)"
                                 "   SELECT sequence, $1, epoch + 1, deaths FROM taken RETURNING sequence, "
-                                "epoch, deaths, progress)"
+                                "epoch, deaths, progress, false)"
                                 " SELECT j.id, j.key, j.idempotency_key, j.body, j.created, 1, j.sequence, "
                                 "j.document, r.epoch - 1,"
-                                "   j.result, r.deaths, r.progress"
-                                " FROM (SELECT * FROM unheard UNION ALL SELECT * FROM made) r JOIN "
+                                "   j.result, r.deaths, r.progress, CASE WHEN r.epoch > 1 THEN 0"
+                                "     ELSE extract(epoch FROM clock_timestamp() - j.submitted) END::float8,"
+                                "   r.is_unheard"
+                                " FROM (SELECT * FROM unheard UNION ALL SELECT * FROM made) "
+                                "   r(sequence, epoch, deaths, progress, is_unheard) JOIN "
                                 "quadmeshd.jobs j USING (sequence)"
                                 " ORDER BY j.sequence",
         .use = QM_POSTGRES_PULSE};
     char node[QM_NODE_NAME_SIZE + 16];
     qm_text known = {0};
     qm_postgres_name_node(store, node);
-    qm_postgres_write_claims(store, &known);
+    qm_postgres_begin_claiming(store, &known);
     qm_postgres_add_text(&query, node);
     qm_postgres_add_text(&query, store->postgres->self.name);
     qm_postgres_add_integer(&query, (int64_t)wish->free);
@@ -175,15 +179,24 @@ qm_stored qm_postgres_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_
     qm_postgres_rows rows;
     *count = 0;
     qm_stored status = qm_postgres_run(store, &query, &rows);
-    for (int i = 0; i < rows.count; i++) {
+    for (int i = 0; i < rows.count && status == QM_STORED; i++) {
+        qm_store_job *job = &out[*count];
+        bool is_unheard = qm_postgres_bool(&rows, i, 13);
         /* A job that does not fit into memory stays claimed, and is found by the next claim. */
-        if (!qm_postgres_read_job(&rows, i, &out[*count])) break;
-        if (qm_postgres_add_claim(store, out[*count].id))
+        if (!qm_postgres_read_job(&rows, i, job)) {
+            status = QM_STORED_NO_MEMORY;
+        } else if (is_unheard && qm_postgres_has_claim(store, job->id)) {
+            qm_store_job_reset(job); /* it was submitted while this was under way */
+        } else if (qm_postgres_add_claim(store, job->id)) {
+            job->waited_s = qm_postgres_real(&rows, i, 12);
             ++*count;
-        else
-            qm_store_job_reset(&out[*count]);
+        } else {
+            qm_store_job_reset(job);
+            status = QM_STORED_NO_MEMORY;
+        }
     }
-    if (status == QM_STORED && rows.count > 0 && *count == 0) status = QM_STORED_NO_MEMORY;
+    if (*count > 0) status = QM_STORED;
+    qm_postgres_end_claiming(store);
     qm_postgres_free(&rows);
     qm_text_reset(&known);
     return status;
@@ -201,6 +214,15 @@ qm_stored qm_postgres_begin_job(qm_store *store, const char *id)
     qm_postgres_add_integer(&query, QM_STORE_MAX_DEATHS);
     qm_stored status = qm_postgres_change_row(store, &query);
     return status == QM_STORED_NONE ? QM_STORED : status; /* it has more runs left */
+}
+
+qm_stored qm_postgres_note_cancel(qm_store *store, const char *id)
+{
+    qm_postgres_query query = {.sql = "UPDATE quadmeshd.jobs j SET cancel = true FROM quadmeshd.job_runs r"
+                                      " WHERE j.id = $1 AND r.sequence = j.sequence RETURNING 1"};
+    qm_postgres_add_text(&query, id);
+    qm_stored status = qm_postgres_change_row(store, &query);
+    return status == QM_STORED_NONE ? QM_STORED : status; /* it has ended */
 }
 
 qm_stored qm_postgres_leave_jobs(qm_store *store)

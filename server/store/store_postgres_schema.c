@@ -123,12 +123,12 @@ static const char second[] =
     "CREATE TABLE quadmeshd.job_bounds ("
     "  sequence bigint PRIMARY KEY REFERENCES quadmeshd.jobs ON DELETE CASCADE,"
     "  engine text NOT NULL COLLATE \"C\", lower double precision NOT NULL, witness text NOT NULL,"
-    "  settled double precision NOT NULL, iterations bigint NOT NULL, projections bigint NOT NULL)"
+    "  discarded double precision NOT NULL, iterations bigint NOT NULL, projections bigint NOT NULL)"
     "  WITH (fillfactor = 50, autovacuum_vacuum_scale_factor = 0.01);"
     "CREATE TABLE quadmeshd.job_parts ("
     "  part bigint GENERATED ALWAYS AS IDENTITY PRIMARY KEY,"
     "  sequence bigint NOT NULL REFERENCES quadmeshd.job_bounds ON DELETE CASCADE,"
-    "  upper double precision NOT NULL, entries bytea NOT NULL, tries int NOT NULL,"
+    "  upper double precision NOT NULL, entries bytea NOT NULL,"
     "  node text COLLATE \"C\","      /* that runs it; of one that is gone: nobody */
     "  epoch int NOT NULL DEFAULT 0)" /* claims so far */
     "  WITH (autovacuum_vacuum_scale_factor = 0.01);"

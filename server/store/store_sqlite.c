@@ -17,7 +17,7 @@
 #define BUSY_TIMEOUT_MS 5000
 #define OLDEST_SCHEMA 7
 #define FIRST_SUMMED 10 /* schema whose pages have checksums */
-#define SCHEMA 13
+#define SCHEMA 14
 
 static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON;";
 
@@ -44,12 +44,12 @@ static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = 
 #define CREATE_PARTS                                                                                         \
     "CREATE TABLE job_bounds ("                                                                              \
     "  job INTEGER PRIMARY KEY REFERENCES jobs (sequence) ON DELETE CASCADE, engine TEXT NOT NULL,"          \
-    "  lower REAL NOT NULL, witness TEXT NOT NULL, settled REAL NOT NULL, iterations INTEGER NOT NULL,"      \
+    "  lower REAL NOT NULL, witness TEXT NOT NULL, discarded REAL NOT NULL, iterations INTEGER NOT NULL,"    \
     "  projections INTEGER NOT NULL);"                                                                       \
     "CREATE TABLE job_parts ("                                                                               \
     "  part INTEGER PRIMARY KEY AUTOINCREMENT,"                                                              \
     "  job INTEGER NOT NULL REFERENCES job_bounds (job) ON DELETE CASCADE, upper REAL NOT NULL,"             \
-    "  entries BLOB NOT NULL, tries INTEGER NOT NULL, epoch INTEGER NOT NULL DEFAULT 0);"                    \
+    "  entries BLOB NOT NULL, epoch INTEGER NOT NULL DEFAULT 0);"                                            \
     "CREATE INDEX job_parts_by_upper ON job_parts (job, upper DESC);"
 
 /** Of a new database. */
@@ -65,7 +65,7 @@ static const char schema[] =
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, key TEXT NOT NULL,"
     "  idempotency_key TEXT UNIQUE, body TEXT NOT NULL, created TEXT NOT NULL, document TEXT,"
     "  result TEXT, state INTEGER NOT NULL, revisions TEXT NOT NULL, restarts INTEGER NOT NULL DEFAULT 0,"
-    "  begun INTEGER NOT NULL DEFAULT 0, type TEXT NOT NULL DEFAULT '');"
+    "  begun INTEGER NOT NULL DEFAULT 0, type TEXT NOT NULL DEFAULT '', cancel INTEGER NOT NULL DEFAULT 0);"
     "CREATE INDEX jobs_by_key ON jobs (key, revisions, state);"
     "CREATE INDEX jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
     "CREATE TABLE job_events ("
@@ -110,6 +110,7 @@ static const migration migrations[SCHEMA - OLDEST_SCHEMA] = {
      NULL},                                                                                  /* 10 to 11 */
     {"ALTER TABLE meshes ADD COLUMN expires TEXT NOT NULL DEFAULT '';" CREATE_EXPIRY, NULL}, /* 11 to 12 */
     {CREATE_PARTS, NULL},                                                                    /* 12 to 13 */
+    {"ALTER TABLE jobs ADD COLUMN cancel INTEGER NOT NULL DEFAULT 0", NULL},                 /* 13 to 14 */
 };
 
 /** Writes the value of a pragma; false, and "", after a fault. */
@@ -235,6 +236,16 @@ static bool make_driver(qm_store *store)
     return true;
 }
 
+#ifdef QM_FAILPOINTS
+/** All is written but the commit. */
+static int meet_commit(void *unused)
+{
+    (void)unused;
+    QM_FAILPOINT("before");
+    return 0;
+}
+#endif
+
 qm_status qm_sqlite_open_database(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE])
 {
     char path[QM_STORE_PATH_SIZE];
@@ -252,6 +263,9 @@ qm_status qm_sqlite_open_database(qm_store *store, qm_store_purpose purpose, cha
             SQLITE_OK)
         return fail_to_open(store->sqlite->database, message);
     sqlite3_busy_timeout(store->sqlite->database, BUSY_TIMEOUT_MS);
+#ifdef QM_FAILPOINTS
+    sqlite3_commit_hook(store->sqlite->database, meet_commit, NULL);
+#endif
     return set_up(store, purpose, message);
 }
 
@@ -302,6 +316,7 @@ const qm_store_driver qm_sqlite_driver = {
     .submit_job = qm_sqlite_submit_job,
     .claim_jobs = qm_sqlite_claim_jobs,
     .begin_job = qm_sqlite_begin_job,
+    .note_cancel = qm_sqlite_note_cancel,
     .append_events = qm_sqlite_append_events,
     .finish_job = qm_sqlite_finish_job,
     .leave_jobs = qm_sqlite_leave_jobs,
@@ -334,7 +349,7 @@ const qm_store_driver qm_sqlite_driver = {
     .put_layout_copy = qm_sqlite_put_layout_copy,
     .find_layout_origin = qm_sqlite_find_layout_origin,
     .find_reconstruction_origin = qm_sqlite_find_reconstruction_origin,
-    .settle = qm_sqlite_settle,
+    .sync = qm_sqlite_sync,
     .open_parts = qm_sqlite_open_parts,
     .claim_parts = qm_sqlite_claim_parts,
     .finish_parts = qm_sqlite_finish_parts,
@@ -398,8 +413,10 @@ void qm_sqlite_measure_database(qm_store *store)
 /** Gives the lock back. */
 static void leave(qm_store *store)
 {
-    if (sqlite3_total_changes(store->sqlite->database) != store->sqlite->measured)
+    if (sqlite3_total_changes(store->sqlite->database) != store->sqlite->measured) {
+        QM_FAILPOINT("after");
         qm_sqlite_measure_database(store);
+    }
     pthread_mutex_unlock(&store->sqlite->lock);
 }
 

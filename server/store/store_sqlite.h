@@ -127,7 +127,7 @@ bool qm_sqlite_add_subjects(qm_store *store, const char *job_id, const char *con
 
 /** The columns of a job, and how they are read into a qm_store_job. */
 #define QM_SQLITE_JOB_COLUMNS                                                                                \
-    "id, key, idempotency_key, body, created, state, sequence, document, restarts, result, begun"
+    "id, key, idempotency_key, body, created, state, sequence, document, restarts, result, begun, cancel"
 bool qm_sqlite_read_job(sqlite3_stmt *statement, void *row);
 
 /** The columns of a layout l at its revision r, and how they are read into a qm_store_layout. */
@@ -168,6 +168,7 @@ qm_stored qm_sqlite_delete_mesh(qm_store *store, const char *id);
 qm_stored qm_sqlite_submit_job(qm_store *store, const qm_store_submission *submission);
 qm_stored qm_sqlite_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_store_job *out, size_t *count);
 qm_stored qm_sqlite_begin_job(qm_store *store, const char *id);
+qm_stored qm_sqlite_note_cancel(qm_store *store, const char *id);
 qm_stored qm_sqlite_append_events(qm_store *store, qm_store_run *runs, size_t run_count,
                                   const qm_store_event *events, size_t count);
 qm_stored qm_sqlite_finish_job(qm_store *store, const qm_store_job *end, const char *revisions,
@@ -216,7 +217,7 @@ qm_stored qm_sqlite_put_layout_copy(qm_store *store, const qm_store_layout *revi
                                     int64_t current, const qm_store_idempotency *idempotency);
 qm_stored qm_sqlite_find_layout_origin(qm_store *store, const char *id, qm_store_origin *out);
 qm_stored qm_sqlite_find_reconstruction_origin(qm_store *store, const char *id, qm_store_origin *out);
-qm_stored qm_sqlite_settle(qm_store *store);
+qm_stored qm_sqlite_sync(qm_store *store);
 qm_stored qm_sqlite_open_parts(qm_store *store, const char *job, int64_t restarts,
                                const qm_store_bounds *bounds, const qm_store_part *parts, size_t count);
 qm_stored qm_sqlite_claim_parts(qm_store *store, const char *job, size_t limit, qm_store_part *out,

@@ -26,8 +26,8 @@ static bool read_job_copy(sqlite3_stmt *statement, void *row)
     if (!qm_sqlite_read_job(statement, &out->job)) return false;
     /* What the next process counts when it takes the job over (qm_sqlite_read_job). */
     out->job.deaths = out->job.document ? 0 : 1 + sqlite3_column_int64(statement, 10);
-    read_subjects((const char *)sqlite3_column_text(statement, 13), out->subjects);
-    if (qm_sqlite_copy_text(statement, 11, &out->type) && qm_sqlite_copy_text(statement, 12, &out->revisions))
+    read_subjects((const char *)sqlite3_column_text(statement, 14), out->subjects);
+    if (qm_sqlite_copy_text(statement, 12, &out->type) && qm_sqlite_copy_text(statement, 13, &out->revisions))
         return true;
     qm_store_job_copy_reset(out);
     return false;
@@ -56,7 +56,7 @@ static qm_stored add_job(qm_store *store, const qm_store_job_copy *copy)
     const qm_store_job *job = &copy->job;
     sqlite3_stmt *row = qm_sqlite_prepare(
         store, "INSERT INTO jobs (id, key, idempotency_key, body, created, document, result, state,"
-               "  revisions, restarts, begun, type) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+               "  revisions, restarts, begun, type, cancel) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
                " ON CONFLICT DO NOTHING");
     if (!row) return QM_STORED_FAULT;
     const char *const texts[] = {job->id,      job->key,      job->idempotency_key, job->body,
@@ -69,6 +69,7 @@ static qm_stored add_job(qm_store *store, const qm_store_job_copy *copy)
     sqlite3_bind_int64(row, 10, copy->claims > 0 ? copy->claims - 1 : 0);
     sqlite3_bind_int64(row, 11, job->deaths - 1);
     qm_sqlite_bind_text(row, 12, copy->type);
+    sqlite3_bind_int(row, 13, job->is_canceled && !job->document);
     if (!qm_sqlite_run(store, row)) return QM_STORED_FAULT;
     if (qm_sqlite_has_changed(store)) return QM_STORED;
     return QM_STORED_TAKEN;
@@ -179,7 +180,7 @@ qm_stored qm_sqlite_find_reconstruction_origin(qm_store *store, const char *id, 
                                  id, &origins, out);
 }
 
-qm_stored qm_sqlite_settle(qm_store *store)
+qm_stored qm_sqlite_sync(qm_store *store)
 {
     (void)store; /* each commit is durable, or the whole folder by its owner (QM_STORE_FILL) */
     return QM_STORED;

@@ -148,7 +148,8 @@ bool qm_sqlite_read_job(sqlite3_stmt *statement, void *row)
         .state = (qm_job_state)sqlite3_column_int(statement, 5),
         .sequence = sqlite3_column_int64(statement, 6),
         .restarts = sqlite3_column_int64(statement, 8),
-        .deaths = sqlite3_column_int64(statement, 8) > 0 ? 1 + sqlite3_column_int64(statement, 10) : 0};
+        .deaths = sqlite3_column_int64(statement, 8) > 0 ? 1 + sqlite3_column_int64(statement, 10) : 0,
+        .is_canceled = sqlite3_column_int(statement, 11) != 0};
     if (qm_sqlite_read_text(statement, 0, out->id, sizeof out->id) &&
         qm_sqlite_copy_text(statement, 1, &out->key) &&
         qm_sqlite_copy_text(statement, 2, &out->idempotency_key) &&
@@ -245,6 +246,15 @@ qm_stored qm_sqlite_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_st
 qm_stored qm_sqlite_begin_job(qm_store *store, const char *id)
 {
     sqlite3_stmt *statement = qm_sqlite_begin(store, "UPDATE jobs SET begun = begun + 1 WHERE id = ?");
+    if (!statement) return QM_STORED_FAULT;
+    qm_sqlite_bind_text(statement, 1, id);
+    return qm_sqlite_execute(store, statement);
+}
+
+qm_stored qm_sqlite_note_cancel(qm_store *store, const char *id)
+{
+    sqlite3_stmt *statement =
+        qm_sqlite_begin(store, "UPDATE jobs SET cancel = 1 WHERE id = ? AND document IS NULL");
     if (!statement) return QM_STORED_FAULT;
     qm_sqlite_bind_text(statement, 1, id);
     return qm_sqlite_execute(store, statement);

@@ -13,7 +13,7 @@
 /** Binds a number that may be infinite, which SQLite keeps. */
 static void bind_bounds(sqlite3_stmt *statement, int index, const qm_store_bounds *bounds)
 {
-    sqlite3_bind_double(statement, index, bounds->settled);
+    sqlite3_bind_double(statement, index, bounds->discarded);
     sqlite3_bind_double(statement, index + 1, bounds->lower);
     qm_sqlite_bind_text(statement, index + 2, bounds->witness);
     sqlite3_bind_int64(statement, index + 3, (sqlite3_int64)bounds->iterations);
@@ -23,15 +23,14 @@ static void bind_bounds(sqlite3_stmt *statement, int index, const qm_store_bound
 /** In a transaction: adds parts to the bounds of a job. */
 static bool add_parts(qm_store *store, const char *job, const qm_store_part *parts, size_t count)
 {
-    sqlite3_stmt *statement = qm_sqlite_prepare(store, "INSERT INTO job_parts (job, upper, tries, entries)"
-                                                       " SELECT sequence, ?, ?, ? FROM jobs WHERE id = ?");
+    sqlite3_stmt *statement = qm_sqlite_prepare(store, "INSERT INTO job_parts (job, upper, entries)"
+                                                       " SELECT sequence, ?, ? FROM jobs WHERE id = ?");
     bool added = statement;
     for (size_t i = 0; added && i < count; i++) {
         sqlite3_bind_double(statement, 1, parts[i].upper);
-        sqlite3_bind_int64(statement, 2, parts[i].tries);
         added = parts[i].size <= INT32_MAX &&
-                sqlite3_bind_blob(statement, 3, parts[i].entries, (int)parts[i].size, NULL) == SQLITE_OK;
-        qm_sqlite_bind_text(statement, 4, job);
+                sqlite3_bind_blob(statement, 2, parts[i].entries, (int)parts[i].size, NULL) == SQLITE_OK;
+        qm_sqlite_bind_text(statement, 3, job);
         added = added && qm_sqlite_run(store, statement);
     }
     return added;
@@ -50,7 +49,7 @@ static qm_stored open_parts(qm_store *store, const char *job, int64_t restarts, 
                                                  " WHERE job = (SELECT sequence FROM jobs WHERE id = ?)");
     sqlite3_stmt *made =
         qm_sqlite_prepare(store, "INSERT INTO job_bounds"
-                                 " (job, settled, lower, witness, iterations, projections, engine)"
+                                 " (job, discarded, lower, witness, iterations, projections, engine)"
                                  " SELECT sequence, ?, ?, ?, ?, ?, ? FROM jobs WHERE id = ?");
     if (!run || !same || !old || !made) return QM_STORED_FAULT;
     sqlite3_bind_int64(run, 2, restarts);
@@ -76,14 +75,13 @@ qm_stored qm_sqlite_open_parts(qm_store *store, const char *job, int64_t restart
 
 static bool read_part(sqlite3_stmt *statement, qm_store_part *out)
 {
-    size_t size = (size_t)sqlite3_column_bytes(statement, 4);
+    size_t size = (size_t)sqlite3_column_bytes(statement, 3);
     *out = (qm_store_part){.number = sqlite3_column_int64(statement, 0),
                            .epoch = sqlite3_column_int64(statement, 1) + 1,
-                           .tries = sqlite3_column_int64(statement, 2),
-                           .upper = sqlite3_column_double(statement, 3),
+                           .upper = sqlite3_column_double(statement, 2),
                            .entries = malloc(size > 0 ? size : 1),
                            .size = size};
-    if (out->entries && size > 0) memcpy(out->entries, sqlite3_column_blob(statement, 4), size);
+    if (out->entries && size > 0) memcpy(out->entries, sqlite3_column_blob(statement, 3), size);
     return out->entries;
 }
 
@@ -91,7 +89,7 @@ static bool read_part(sqlite3_stmt *statement, qm_store_part *out)
 static qm_stored claim(qm_store *store, const char *job, size_t limit, qm_store_part *out, size_t *count)
 {
     sqlite3_stmt *top = qm_sqlite_prepare(
-        store, "SELECT p.part, p.epoch, p.tries, p.upper, p.entries FROM jobs j JOIN job_parts p"
+        store, "SELECT p.part, p.epoch, p.upper, p.entries FROM jobs j JOIN job_parts p"
                " ON p.job = j.sequence WHERE j.id = ? ORDER BY p.upper DESC, p.part LIMIT ?");
     sqlite3_stmt *taken = qm_sqlite_prepare(store, "UPDATE job_parts SET epoch = ? WHERE part = ?");
     if (!top || !taken) return QM_STORED_FAULT;
@@ -139,11 +137,11 @@ static bool take_away(qm_store *store, const qm_store_part *parts, size_t count)
 static qm_stored finish(qm_store *store, const char *job, const qm_store_part *parts, size_t count,
                         const qm_store_bounds *found, const qm_store_part *rest, size_t rest_count)
 {
-    sqlite3_stmt *raised =
-        qm_sqlite_prepare(store, "UPDATE job_bounds SET settled = max(settled, ?1), lower = max(lower, ?2),"
-                                 " witness = CASE WHEN ?2 > lower THEN ?3 ELSE witness END,"
-                                 " iterations = iterations + ?4, projections = projections + ?5"
-                                 " WHERE job = (SELECT sequence FROM jobs WHERE id = ?6)");
+    sqlite3_stmt *raised = qm_sqlite_prepare(
+        store, "UPDATE job_bounds SET discarded = max(discarded, ?1), lower = max(lower, ?2),"
+               " witness = CASE WHEN ?2 > lower THEN ?3 ELSE witness END,"
+               " iterations = iterations + ?4, projections = projections + ?5"
+               " WHERE job = (SELECT sequence FROM jobs WHERE id = ?6)");
     sqlite3_stmt *lives = qm_sqlite_prepare(store, "UPDATE jobs SET begun = 0 WHERE id = ? AND begun > 0");
     if (!raised || !lives) return QM_STORED_FAULT;
     if (!take_away(store, parts, count)) return QM_STORED_LOST;
@@ -205,7 +203,7 @@ static qm_stored read_bounds(qm_store *store, const char *job, const qm_store_pa
                              qm_store_bounds *out)
 {
     sqlite3_stmt *bounds = qm_sqlite_prepare(
-        store, "SELECT b.engine, b.lower, b.witness, b.settled, b.iterations, b.projections FROM jobs j"
+        store, "SELECT b.engine, b.lower, b.witness, b.discarded, b.iterations, b.projections FROM jobs j"
                " JOIN job_bounds b ON b.job = j.sequence WHERE j.id = ?");
     if (!bounds) return QM_STORED_FAULT;
     qm_sqlite_bind_text(bounds, 1, job);
@@ -214,7 +212,7 @@ static qm_stored read_bounds(qm_store *store, const char *job, const qm_store_pa
                 qm_sqlite_read_text(bounds, 2, out->witness, sizeof out->witness);
     if (good) {
         out->lower = sqlite3_column_double(bounds, 1);
-        out->settled = sqlite3_column_double(bounds, 3);
+        out->discarded = sqlite3_column_double(bounds, 3);
         out->iterations = (uint64_t)sqlite3_column_int64(bounds, 4);
         out->projections = (uint64_t)sqlite3_column_int64(bounds, 5);
     }

@@ -19,7 +19,7 @@ DATA = pathlib.Path(os.environ.get("QM_TEST_DATA", ROOT / "../shared/data"))
 # What is about the folder of collected meshes is there when the folder is, and what needs a database when a server is.
 collect_ignore = [] if DATA.is_dir() else ["test_collection.py"]
 if not os.environ.get("QM_TEST_POSTGRES"):
-    collect_ignore.append("test_moving.py")
+    collect_ignore += ["test_moving.py", "test_two_nodes.py"]
 # Seconds. Sanitized builds need several times the time of a release; 600 are what the daemon would wait for at most.
 PATIENCE = float(os.environ.get("QM_PATIENCE", 60))
 WAIT = f"wait={PATIENCE:.0f}"
@@ -122,8 +122,14 @@ class Client(httpx.Client):
 
     def upload(self, content, **query):
         """The resource of an uploaded mesh; content is a mesh of shapes.py or the bytes of a file."""
+        return self.check_mesh(self.post_mesh(content, **query))
+
+    def post_mesh(self, content, **query):
         data = content if isinstance(content, bytes) else shapes.ply_little(content)
-        reply = self.post("/v1/meshes", params=query, content=data)
+        return self.post("/v1/meshes", params=query, content=data)
+
+    @staticmethod
+    def check_mesh(reply):
         assert reply.status_code in (200, 201), reply.text
         return reply.json()
 
@@ -259,6 +265,17 @@ def make_daemon(tmp_path):
     for running in made:
         if running.process.poll() is None:
             assert running.stop() == 0, running.log()
+
+
+@pytest.fixture
+def make_node(request, tmp_path):
+    """Daemons of a test's own on a database that outlives them: make_node("name", address, ...)."""
+    def make(name, store, *settings):
+        (tmp_path / name).mkdir()
+        node = Daemon(tmp_path / name, "--store", store, "--node-name", name, *settings)
+        request.addfinalizer(lambda: node.stop(signal.SIGKILL))
+        return node
+    return make
 
 
 @pytest.fixture(scope="session")

@@ -221,3 +221,80 @@ def test_the_nginx_of_several_daemons_is_valid(tmp_path):
     tested = subprocess.run([program, "-p", tmp_path, "-e", tmp_path / "error.log", "-c", tmp_path / "nginx.conf", "-t"],
                             capture_output=True, text=True)
     assert tested.returncode == 0, tested.stderr
+
+
+CHART = ROOT / "docker/helm/quadmeshd"
+
+
+def known_settings():
+    """The names of all settings."""
+    shown = subprocess.run([BUILD / "quadmeshd", "--print-config"], capture_output=True, text=True, check=True).stdout
+    return {*re.findall(r"^([a-z-]+) =", shown, re.M), "config"}
+
+
+def as_setting(variable):
+    return variable.removeprefix("QUADMESHD_").lower().replace("_", "-")
+
+
+def test_files_name_settings_that_there_are():
+    """In whatever form: as an environment variable, as a flag of the daemon."""
+    known, tasks = known_settings(), {"store", "status", "check", "backup", "restore"}
+    for path in sorted((ROOT / "docker").rglob("*")):
+        if not path.is_file() or path.name == "install-packages.sh":
+            continue
+        text = path.read_text()
+        for variable in re.findall(r"\bQUADMESHD_[A-Z_]+\b", text):
+            assert as_setting(variable) in known, (path, variable)
+        words = re.findall(r'"--([a-z-]+)"', text) if path.suffix == ".yaml" else \
+            [word for line in re.findall(r"^ExecStart=.*quadmeshd (.*)$", text, re.M) for word in re.findall(r"--([a-z-]+)", line)]
+        for flag in words:
+            assert flag in known | tasks, (path, flag)
+
+
+def render(template, values):
+    """Documents of a template, with values put in where they are named, and a word where a function gives one."""
+    def value_of(match):
+        found = values
+        for name in match.group(1).split("."):
+            found = found[name]
+        return str(found)
+    lines = [line for line in template.splitlines() if not re.fullmatch(r"\s*\{\{-? ?(range|end|with|if).*\}\}", line)]
+    text = re.sub(r"\{\{ \.Values\.([\w.]+) \}\}", value_of, "\n".join(lines))
+    return list(yaml.safe_load_all(re.sub(r"\{\{.*?\}\}", "7", text)))
+
+
+def test_the_chart_agrees_with_the_image_and_the_contract():
+    values = yaml.safe_load((CHART / "values.yaml").read_text())
+    image = (ROOT / "docker/Dockerfile").read_text()
+    contract = yaml.safe_load((ROOT / "proto/openapi.yaml").read_text())
+    daemons, _ = render((CHART / "templates/daemons.yaml").read_text(), values)
+    services = render((CHART / "templates/service.yaml").read_text(), values)
+    (container,) = daemons["spec"]["template"]["spec"]["containers"]
+    ports = {port["name"]: port["containerPort"] for port in container["ports"]}
+    assert [str(ports["http"]), str(ports["health"])] == re.search(r"EXPOSE (.*)", image).group(1).split()
+    assert f"QUADMESHD_HEALTH_PORT={ports['health']}" in image and "QUADMESHD_HEALTH_LISTEN=0.0.0.0" in image
+    for probe in ("readinessProbe", "livenessProbe"):
+        asked = container[probe]["httpGet"]
+        assert asked["port"] == "health" and "get" in contract["paths"][asked["path"]]
+    for service in services:
+        assert {port["targetPort"] for port in service["spec"]["ports"]} <= set(ports)
+    pod = daemons["spec"]["template"]
+    assert pod["metadata"]["annotations"]["prometheus.io/port"] == str(ports["health"])
+    assert f"--uid {pod['spec']['securityContext']['runAsUser']} " in image
+    # The folder of the image is the cache, and every file that an argument names is in a volume.
+    mounts = {mount["mountPath"] for mount in container["volumeMounts"]}
+    assert re.search(r"QUADMESHD_DATA_DIR=(\S+)", image).group(1) in mounts
+    for argument in container["args"]:
+        if argument.startswith("/"):
+            assert os.path.dirname(argument) in mounts, argument
+    volumes = {volume["name"] for volume in pod["spec"]["volumes"]} | {
+        claim["metadata"]["name"] for claim in daemons["spec"]["volumeClaimTemplates"]}
+    assert {mount["name"] for mount in container["volumeMounts"]} == volumes
+    # Each value that a template names is there, and each that is there is used.
+    text = "".join(path.read_text() for path in (CHART / "templates").iterdir())
+    named = {name.split(".")[0] for name in re.findall(r"\.Values\.([\w.]+)", text)}
+    assert named == set(values)
+    chart = yaml.safe_load((CHART / "Chart.yaml").read_text())
+    version = subprocess.run([BUILD / "quadmeshd", "--version"], capture_output=True, text=True, check=True).stdout
+    assert chart["appVersion"] in version and (CHART / "templates/_helpers.tpl").exists()
+    assert daemons["spec"]["serviceName"] == services[1]["metadata"]["name"]

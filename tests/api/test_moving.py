@@ -7,6 +7,7 @@ import concurrent.futures
 import os
 import random
 import re
+import shutil
 import signal
 import socket
 import struct
@@ -17,7 +18,7 @@ import time
 import pytest
 
 import shapes
-from conftest import BUILD, FINDINGS, PATIENCE, ROOT, SLOW, WAIT, Daemon, make_database
+from conftest import BUILD, FINDINGS, PATIENCE, ROOT, SLOW, WAIT, Daemon, gauge, make_database
 from test_layouts import edit, saddle_layout
 
 SEED = int(os.environ.get("QM_TEST_SEED", "1"))
@@ -40,17 +41,6 @@ def count(text):
                       r" there: (\d+) faults$", text, re.M)
     assert found, text
     return [int(number) for number in found.groups()]
-
-
-@pytest.fixture
-def make_node(request, tmp_path):
-    """Daemons of a test's own on a database that outlives them: make_node("name", address)."""
-    def make(name, store):
-        (tmp_path / name).mkdir()
-        node = Daemon(tmp_path / name, "--store", store, "--node-name", name)
-        request.addfinalizer(lambda: node.stop(signal.SIGKILL))
-        return node
-    return make
 
 
 def submit(client, **request):
@@ -225,12 +215,19 @@ def rows_of(store):
     return done.stdout.splitlines()
 
 
-def test_a_second_import_changes_nothing(filled):
+def test_a_folder_is_imported_once(filled):
+    """What was deleted since does not come back, but for those who ask for it; another database may have it, too."""
     store = make_database()
     copied = count(run("--store", store, "--import", filled[0]))
+    subprocess.run(["psql", "-q", "-X", store, "-c", "DELETE FROM quadmeshd.meshes WHERE id IN"
+                    " (SELECT id FROM quadmeshd.meshes ORDER BY sequence DESC LIMIT 1)"], check=True)
     before = rows_of(store)
-    assert count(run("--store", store, "--import", filled[0])) == [0, 0, 0, 0, sum(copied), 0]
+    line = run("--store", store, "--import", filled[0], status=1).splitlines()[-1]
+    assert "would come back" in line and f"{filled[0]}/imported" in line
     assert rows_of(store) == before
+    (filled[0] / "imported").unlink()
+    assert count(run("--store", store, "--import", filled[0])) == [1, 0, 0, 0, sum(copied) - 1, 0]
+    assert count(run("--store", make_database(), "--import", filled[0]))[:4] == copied[:4]
 
 
 def test_a_restored_folder_is_imported(filled, tmp_path):
@@ -274,6 +271,7 @@ def test_an_import_that_is_killed_is_made_again(filled):
         time.sleep(chance.uniform(0.0, taken))
         importing.kill()
         importing.wait()
+    (filled[0] / "imported").unlink()  # one may have come to its end
     text = run("--store", store, "--import", filled[0])
     assert count(text)[5] == 0, f"seed {SEED}: {text}"
     assert anonymous(rows_of(store)) == anonymous(rows_of(whole)), f"seed {SEED}"
@@ -290,7 +288,33 @@ def test_an_export_that_is_killed_leaves_no_folder(filled, tmp_path):
     exporting.kill()
     exporting.wait()
     assert not (tmp_path / "data").exists()
-    assert "cut off" in run("--store", store, "--export", tmp_path / "data", status=1)
+    assert "cut off or still runs: in the first case, remove it" in run("--store", store, "--export", tmp_path / "data", status=1)
+    shutil.rmtree(tmp_path / "data.exporting")
+    assert count(run("--store", store, "--export", tmp_path / "data"))[4:] == [0, 0]
+
+
+def test_an_end_that_was_asked_for_moves_along(make_node, tmp_path, slow_files, request):
+    """The node that runs the job stands still: it has not heard of the cancelation when the database is copied."""
+    store, again = make_database(), make_database()
+    (tmp_path / "back").mkdir()
+    first, second = (make_node(name, store) for name in ("n1", "n2"))
+    with first.client() as client, second.client() as other:
+        job = start_slow(client, slow_files)
+        # The one that helps runs no job.
+        asleep, awake = (first, second) if gauge(client, "jobs_running") == 1 else (second, first)
+        assert gauge(client, "jobs_running") + gauge(other, "jobs_running") == 1
+        os.kill(asleep.process.pid, signal.SIGSTOP)
+        with awake.client() as asking:
+            assert asking.delete(f"/v1/jobs/{job}").status_code == 202
+        run("--store", store, "--export", tmp_path / "back/data")
+    for node in (first, second):
+        node.stop(signal.SIGKILL)
+    run("--store", again, "--import", tmp_path / "back/data")
+    for running in (Daemon(tmp_path / "back"), make_node("n3", again)):
+        request.addfinalizer(lambda running=running: running.stop(signal.SIGKILL))
+        with running.client() as client:
+            assert client.wait(job)["state"] == "canceled"
+            assert client.events(job)[-1]["event"] in ("result", "error")
 
 
 def test_what_is_damaged_is_left_out(make_daemon, make_node):
@@ -369,10 +393,19 @@ def test_status_of_an_empty_a_living_and_a_dead_cluster(make_node):
     assert told["fault"] == ["no node lives"] and all(" state=silent " in line for line in told["node"])
 
 
+@pytest.mark.parametrize("name", ["two words", "a\tb", "a\nb", "a=b", "\u00fc", "n" * 64])
+def test_a_name_that_breaks_lists_is_refused(name):
+    (line,) = run("--store", "postgres://nobody@127.0.0.1/none", "--node-name", name, status=2).splitlines()
+    assert line.startswith("quadmeshd: --node-name takes at most 63 ")
+
+
 def test_status_names_commits_that_are_lost():
     store = make_database()
     name = store.rpartition("/")[2]
     subprocess.run(["psql", "-q", "-X", store, "-c", f"ALTER DATABASE {name} SET synchronous_commit = off"], check=True)
+    # A proxy may still have a session that began before.
+    end = f"SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{name}'"
+    subprocess.run(["psql", "-q", "-X", os.environ["QM_TEST_POSTGRES"], "-c", end], check=True, capture_output=True)
     told = facts(run("--store", store, "--status", status=1))
     assert told["durability"] == ["none"] and any("does not wait for its disk" in fault for fault in told["fault"])
 

@@ -1,4 +1,5 @@
-"""What a store that daemons share costs beside the embedded one: jobs, commits, log, events at another daemon, uploads.
+"""What a store that daemons share costs beside the embedded one: jobs, commits, log, events at another daemon, long searches,
+uploads.
 
 PostgreSQL runs on this machine with fsync and without a standby, and shares the cores with the daemons and this program.
 """
@@ -15,6 +16,7 @@ import threading
 import time
 
 import bench_service
+import bench_split
 import pairs as meshes
 import tables
 from bench_service import Daemon, shapes
@@ -111,14 +113,20 @@ def bench_commits(daemon, primary, count):
         yield {"what": what, "figure": busy / count, "unit": unit, "note": f"a daemon without work: {idle:.1f} a second"}
 
 
-def bench_verbs(daemon):
-    """From the histograms of the daemon: the mean, and the bucket that holds the 99th percentile."""
+def read_verbs(daemon):
+    """The histograms of a daemon: by verb a count, a sum, and buckets."""
     _, text = daemon.call("GET", "/metrics")
     series = {}
     for line in text.decode().splitlines():
         found = SERIES.fullmatch(line)
         if found:
             series.setdefault(found["verb"], {})[found["part"] + (found["end"] or "")] = float(found["value"])
+    return series
+
+
+def bench_verbs(daemon):
+    """The mean, and the bucket that holds the 99th percentile."""
+    series = read_verbs(daemon)
     for verb in VERBS:
         values = series[verb]
         ends = sorted((float(name.removeprefix("bucket")), count) for name, count in values.items() if name.startswith("bucket"))
@@ -234,6 +242,7 @@ def measure(settings, say):
                     for mesh in (shapes.cut(heap, 2), shapes.moved(shapes.cut(heap, 3), 0, 0, 1 / 512))]
             yield from bench_events(daemons, slow, 5 if quick else 20)
             yield from bench_claims(daemons, jobs)
+        yield from bench_split.measure(folder, 1500 if quick else 4000, running, read_verbs, say)
         with open_places(folder) as places:
             for place, setting in places.items():
                 say(f"store: uploads, {place}")

@@ -30,7 +30,7 @@ WAITING_REAPERS = "SELECT pid FROM pg_stat_activity WHERE wait_event_type = 'Loc
 PART_NODES = """SELECT DISTINCT n.name FROM job_parts p JOIN nodes n ON n.id = p.node AND n.state = 0
                 JOIN jobs j USING (sequence) WHERE j.id = '{}'"""
 PARTS = "SELECT p.part FROM job_parts p JOIN jobs j USING (sequence) WHERE j.id = '{}'"
-BOUNDS = """SELECT b.lower, greatest(b.lower, b.settled, max(p.upper)) FROM job_bounds b JOIN jobs j USING (sequence)
+BOUNDS = """SELECT b.lower, greatest(b.lower, b.discarded, max(p.upper)) FROM job_bounds b JOIN jobs j USING (sequence)
             LEFT JOIN job_parts p USING (sequence) WHERE j.id = '{}' GROUP BY b.sequence"""
 NEXT_VERSION = "UPDATE about SET version = version + 1; ALTER TABLE jobs ADD COLUMN new int; CREATE TABLE new (n int)"
 FIRST_VERSION = "DROP TABLE job_parts, job_bounds, blob_place, blob_objects; UPDATE about SET version = 1"

@@ -8,8 +8,20 @@ import time
 import httpx
 
 import proxy
-from api_conftest import PATIENCE, Daemon
+from api_conftest import PATIENCE, Client, Daemon
 from postgres import NAME, Postgres
+
+
+class PatientClient(Client):
+    """Does with an upload as Retry-After asks: a machine with much else to do keeps a daemon from its database at times."""
+
+    def upload(self, content, **query):
+        end = time.monotonic() + PATIENCE
+        while True:
+            reply = self.post_mesh(content, **query)
+            if reply.status_code != 503 or time.monotonic() > end:
+                return self.check_mesh(reply)
+            time.sleep(float(reply.headers["Retry-After"]))
 
 
 class Node:
@@ -43,7 +55,7 @@ class Node:
         return self.daemon.process.pid
 
     def client(self):
-        return self.daemon.client()
+        return PatientClient(base_url=self.daemon.url, timeout=PATIENCE + 10, verify=False)
 
     def info(self):
         with self.client() as client:
@@ -54,6 +66,12 @@ class Node:
         self.is_serving = False
         self.kills += 1
         self.daemon.stop(signal.SIGKILL)
+
+    def note_kill(self):
+        """It has killed itself, or will at once."""
+        self.is_serving = False
+        self.kills += 1
+        assert self.daemon.stop(signal.SIGCONT) == -signal.SIGKILL, self.daemon.log()
 
     def stop(self):
         """An orderly end; gives the exit status."""

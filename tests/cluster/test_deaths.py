@@ -1,4 +1,4 @@
-"""Daemons that die, hang, are slow, or are killed by a job (T1, T5, T14, T15)."""
+"""Daemons that die, hang or are slow (T1, T5, T14)."""
 import concurrent.futures
 import contextlib
 import random
@@ -8,7 +8,7 @@ import time
 import pytest
 
 import at_rest
-from faults import SEED, SILENCE, another, choose, lease_of, runner, start_slow, upload_slow, wait_for_another_run
+from faults import SEED, SILENCE, choose, lease_of, runner, start_slow, upload_slow, wait_for_another_run
 from load import Client, Load
 from postgres import Session
 
@@ -127,20 +127,3 @@ def test_a_claim_is_under_way_when_its_node_dies(cluster):
         assert asking.result()
     at_rest.select(cluster.query, at_rest.DROP_STOP)
     load.check(check_tables=False)
-
-
-def test_a_job_that_kills_its_nodes_is_given_up(cluster, slow_files):
-    """T15: three deaths, and the others live."""
-    job = start_slow(cluster.nodes[0], upload_slow(cluster, slow_files), 1000)
-    with Load(cluster, SEED, others=False) as load:
-        load.jobs[job] = {"type": "slow"}
-        for _ in range(3):
-            node, lease = runner(cluster, job), lease_of(cluster, job)
-            node.kill()
-            node.start()  # the second start of a name declares the first one dead
-            cluster.wait_for("the reaper", lambda lease=lease: at_rest.lease(cluster.query, job) != lease)
-    load.check()
-    with another(cluster).client() as client:
-        document = client.wait(job)
-        assert document["state"] == "failed" and document["problem"]["detail"], document
-        assert client.events(job)[-1]["event"] == "error"

@@ -10,19 +10,6 @@ from load import Client, Load
 WRITES = ("INSERT", "UPDATE", "DELETE", "COMMIT", "MERGE", "SELECT")
 
 
-def use_everything(load, client):
-    """One of each thing that changes the store."""
-    mesh = client.upload()
-    client.move(load.registers[0], is_guarded=False)
-    client.move(load.registers[0], is_guarded=True)
-    client.submit({"type": "hausdorff", "a": load.pair[0], "b": load.pair[1], "tolerance": 1e-6})
-    client.edit(load.layouts[0])
-    made = client.reconstruct(client.draw(load.saddle))
-    load.reconstructions.append(made)
-    client.refine(made)
-    client.remove(mesh)
-
-
 def is_write(answer):
     """A statement may be a SELECT over WITH parts that write."""
     return any(tag.startswith(WRITES) for tag in answer.tags) and any(
@@ -39,7 +26,7 @@ def test_each_answer_is_lost_once(make_cluster):
     load = Load(cluster, SEED)
     client = Client(load, "one", SEED)
     link.note_answers()
-    use_everything(load, client)
+    client.use_everything()
     time.sleep(2.5)  # a beat, and a look for dead nodes
     counts = collections.Counter(tuple(answer.statements) for answer in link.answers if is_write(answer))
     # The end of a transaction does not say of which, so that each of them gets its turn.
@@ -49,7 +36,7 @@ def test_each_answer_is_lost_once(make_cluster):
     for place, (kind, skip) in enumerate(cases):
         for is_silent in (False, True) if choose(place % 5 == 0, True) else (False,):
             loss = link.lose_answer(lambda answer, kind=kind: tuple(answer.statements) == kind, skip, is_silent)
-            use_everything(load, client)
+            client.use_everything()
             loss.done.wait(4)
             met += loss.done.is_set()
             print("lost" if loss.done.is_set() else "not met", "silently" if is_silent else "with the connection",

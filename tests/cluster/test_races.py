@@ -40,9 +40,13 @@ def test_many_move_one_mesh(cluster):
     with Load(cluster, SEED, movers=8, askers=1, others=False) as load:
         del load.registers[1:]
         time.sleep(choose(4, 15))
+        cluster.wait_for("moves of both kinds", lambda: min(count_moves(load, kind) for kind in ("write", "swap")) > 5)
     load.check()
-    done = [call.name for call in load.history.calls if call.is_known and "revision" in call.answer]
-    assert done.count("write") > 5 and done.count("swap") > 5
+
+
+def count_moves(load, kind):
+    """The moves that made a revision."""
+    return sum(call.name == kind and call.is_known and "revision" in call.answer for call in list(load.history.calls))
 
 
 @pytest.mark.timeout(900)

@@ -51,16 +51,25 @@ def test_it_agrees_with_the_first_model():
     assert 300 < report["wait_p99_ms"] < 900 and 3000 < report["commits_per_second"] < 4000
 
 
-@pytest.mark.parametrize("work, nodes, times", [(5e3, 8, 7.4), (5e4, 32, 30.5), (5e4, 128, 111.6), (5e5, 128, 124.0)])
-def test_a_split_search_agrees_with_the_first_model(work, nodes, times):
+@pytest.mark.parametrize("work, nodes, times", [(5e3, 8, 7.4), (5e4, 32, 30.5), (5e4, 128, 105.5), (5e5, 128, 124.0)])
+def test_a_split_search_agrees_with_the_design(work, nodes, times):
     one, many = simulate_split.Search(work, 1), simulate_split.Search(work, nodes)
     assert one.run() / many.run() == pytest.approx(times, rel=0.1)
     assert one.is_settled_once() and many.is_settled_once()
 
 
+def test_a_split_search_agrees_with_real_runs():
+    """Runs of bench_split.py with 1500 folds, and one that no search can be as fast as."""
+    measured = [{"whole": 10.3, "figure": 59.5, "spent": [9.28], "verbs": True},
+                {"whole": 10.3, "figure": 22.1, "spent": [4.85, 4.23], "verbs": True},
+                {"whole": 10.3, "figure": 13.5, "spent": [5.15, 1.93, 2.44], "verbs": True}]
+    assert simulate_split.calibrate(measured) < 4 / 3
+    assert simulate_split.calibrate([{"whole": 100.0, "figure": 10.0, "spent": [10.0, 10.0], "verbs": True}]) > 2
+
+
 def test_parts_of_dead_nodes_are_settled_once():
     search = simulate_split.Search(5e5, 128, deaths=1e-3, seed=SEED)
-    assert search.run() < 350
+    assert search.run() < 400
     assert search.is_settled_once() and search.voided > 10
     planted = simulate_split.Search(5e5, 128, deaths=1e-3, fault=True, seed=SEED)
     planted.run()

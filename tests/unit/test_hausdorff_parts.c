@@ -8,6 +8,7 @@
 #include "bvh/bvh_tree.h"
 #include "measured.h"
 #include "random.h"
+#include "regridded.h"
 #include "shapes.h"
 #include "slow_twin.h"
 
@@ -105,26 +106,42 @@ static int compare_nodes(const void *a, const void *b)
     return (p->index > q->index) - (p->index < q->index);
 }
 
-/** A node that came several times is one part with the largest of the bounds. */
+/** Puts packs in place of some pieces, or of all of them. */
+static void drop_pieces(pool *p, qm_random *random)
+{
+    size_t share = qm_random_below(random, 4); /* 0: every piece stays */
+    for (size_t i = 0; i < p->count; i++)
+        if (share > 0 && qm_random_below(random, share) == 0) p->part[i].piece_size = 0;
+}
+
+/** A node that came several times is one part with the largest of the bounds, which stands for pieces of it. */
 static void merge_parts(pool *p)
 {
     size_t kept = 0;
     qsort(p->part, p->count, sizeof *p->part, compare_nodes);
-    for (size_t i = 0; i < p->count; i++)
-        if (kept > 0 && compare_nodes(&p->part[kept - 1], &p->part[i]) == 0)
-            p->part[kept - 1].upper = fmax(p->part[kept - 1].upper, p->part[i].upper);
-        else
-            p->part[kept++] = p->part[i];
+    for (size_t i = 0, end; i < p->count; i = end) {
+        qm_hausdorff_part whole = p->part[i];
+        bool is_whole = false;
+        for (end = i; end < p->count && compare_nodes(&p->part[i], &p->part[end]) == 0; end++) {
+            is_whole |= p->part[end].piece_size == 0;
+            whole.upper = fmax(whole.upper, p->part[end].upper);
+        }
+        whole.piece_size = 0;
+        for (size_t k = i; k < end && !is_whole; k++)
+            p->part[kept++] = p->part[k];
+        if (is_whole) p->part[kept++] = whole;
+    }
     p->count = kept;
 }
 
-/** The end of a call: its parts leave the pool, its rest and its bounds join it. */
-static void end_call(pool *p, const call *c, const qm_hausdorff_result *r, size_t parts)
+/** The end of a call: its parts leave the pool, its rest and its bounds join it; packs in place of some pieces, with `random`. */
+static void end_call(pool *p, const call *c, const qm_hausdorff_result *r, size_t parts, qm_random *random)
 {
     p->count -= parts;
     assert_true(p->count + c->rest_count <= MOST_PARTS);
     if (c->rest_count > 0) memcpy(p->part + p->count, c->rest, c->rest_count * sizeof *c->rest);
     p->count += c->rest_count;
+    if (random) drop_pieces(p, random);
     merge_parts(p);
     p->discarded = fmax(p->discarded, r->discarded);
     p->lower = fmax(p->lower, fmax(r->found_lower, c->found));
@@ -165,7 +182,7 @@ static int check_search(uint64_t base, uint64_t seed, const qm_mesh *a, const qm
     int calls = 0;
     for (; calls == 0 || p.count > 0; calls++) {
         QM_CHECK(calls < MOST_CALLS, "seed %llu: %zu parts are left", (unsigned long long)seed, p.count);
-        /* A call that ends within a pack leaves all of it, so that little work may never end one. */
+        /* Where packs are put in place of pieces, little work may never end one. */
         options.work_limit =
             1 + qm_random_below(&random, most_work << (calls / PATIENCE < 16 ? calls / PATIENCE : 16));
         options.thread_count = qm_random_below(&random, 4) == 0 ? 3 : 1;
@@ -177,7 +194,7 @@ static int check_search(uint64_t base, uint64_t seed, const qm_mesh *a, const qm
         qm_hausdorff_result r = run_call(&c, a, b, options, parts);
         bool is_lost = qm_random_below(&random, 8) == 0, is_twice = qm_random_below(&random, 8) == 0;
         if (is_lost && parts > 0) continue;
-        end_call(&p, &c, &r, parts);
+        end_call(&p, &c, &r, parts, &random);
         check_bracket(&p, r.margin, size);
         if (!is_twice || p.count == 0) continue;
         /* Another process has run parts meanwhile that are others' by now: only its lower bound counts. */
@@ -260,14 +277,66 @@ static void spheres_in_parts_hold_the_distance(void **state)
     qm_shape_free(&b);
 }
 
-static qm_status status_of(const qm_mesh *a, const qm_mesh *b, const qm_hausdorff_parts *parts)
+/** Folded patches in one grid, and a little apart in another: much is left of most faces before they are proved near. */
+static void make_folds(qm_random *random, bool as_triangles, qm_mesh *a, qm_mesh *b)
+{
+    const double half[] = {0, 0.5, 1}, third[] = {0, 0.34, 0.67, 1}, shift[] = {0, 0, 1.0 / 512};
+    qm_mesh heap = qm_folded_heap(random, 12);
+    *a = qm_regridded(&heap, 2, half, 2, half, as_triangles);
+    *b = qm_regridded(&heap, 3, third, 3, third, as_triangles);
+    qm_shape_move(b, 1, shift);
+    qm_shape_free(&heap);
+}
+
+/** Iterations of a search by calls of `most` iterations, each of which goes on with all that the one before has left. */
+static uint64_t work_of_calls(const qm_mesh *a, const qm_mesh *b, qm_hausdorff_options options, uint64_t most,
+                              int *calls)
+{
+    static pool p;
+    static call c;
+    uint64_t iterations = 0;
+    p = (pool){.truth = {0, INFINITY}};
+    c.of = &p;
+    options.work_limit = most;
+    for (*calls = 0; *calls == 0 || p.count > 0; ++*calls) {
+        QM_CHECK(*calls < MOST_CALLS, "%zu parts are left", p.count);
+        c.known = p.lower;
+        size_t parts = p.count;
+        qm_hausdorff_result r = run_call(&c, a, b, options, parts);
+        end_call(&p, &c, &r, parts, NULL);
+        iterations += r.iterations;
+    }
+    return iterations;
+}
+
+/** What a call leaves is all that is left to do: calls of which none ends a pack do together what one call does. */
+static void calls_do_nothing_again(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 720000);
+    for (int i = 0; i < 6; i++) {
+        qm_mesh a, b;
+        make_folds(&random, false, &a, &b);
+        qm_hausdorff_options options = qm_hausdorff_options_default();
+        options.quads = QM_QUADS_BILINEAR;
+        options.tolerance = 1e-6 * qm_measured_size(&a, &b);
+        qm_hausdorff_result whole = qm_measured(&a, &b, &options);
+        int calls;
+        uint64_t work = work_of_calls(&a, &b, options, whole.iterations / 20 + 1, &calls);
+        QM_CHECK(calls >= 10 && (double)work <= 1.1 * (double)whole.iterations + 16.0 * calls,
+                 "case %d: %llu iterations in %d calls, %llu whole", i, (unsigned long long)work, calls,
+                 (unsigned long long)whole.iterations);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+}
+
+static qm_status status_with(const qm_mesh *a, const qm_mesh *b, qm_hausdorff_options options,
+                             const qm_hausdorff_parts *parts)
 {
     qm_context ctx = qm_context_make();
     qm_bvh *tree_a = NULL, *tree_b = NULL;
-    qm_hausdorff_options options = qm_hausdorff_options_default();
     qm_hausdorff_result result;
-    options.direction = QM_A_TO_B;
-    options.tolerance = 1e-6;
     options.parts = parts;
     assert_int_equal(qm_bvh_build(&ctx, a, QM_BVH_ALL, 1, &tree_a), QM_OK);
     assert_int_equal(qm_bvh_build(&ctx, b, QM_BVH_ALL, 1, &tree_b), QM_OK);
@@ -275,6 +344,14 @@ static qm_status status_of(const qm_mesh *a, const qm_mesh *b, const qm_hausdorf
     qm_bvh_destroy(&ctx, tree_a);
     qm_bvh_destroy(&ctx, tree_b);
     return status;
+}
+
+static qm_status status_of(const qm_mesh *a, const qm_mesh *b, const qm_hausdorff_parts *parts)
+{
+    qm_hausdorff_options options = qm_hausdorff_options_default();
+    options.direction = QM_A_TO_B;
+    options.tolerance = 1e-6;
+    return status_with(a, b, options, parts);
 }
 
 static void parts_that_the_trees_lack_are_refused(void **state)
@@ -307,12 +384,71 @@ static void parts_that_the_trees_lack_are_refused(void **state)
     qm_shape_free(&b);
 }
 
+/** A piece with a changed byte is refused, or is another piece: nothing worse comes of it. */
+static void pieces_that_are_none_are_refused(void **state)
+{
+    (void)state;
+    static pool p;
+    static call c;
+    qm_random random = qm_random_make(qm_check_seed(), 730000);
+    /* Patches, triangles, and triangles by matching. */
+    const qm_bounds bounds[] = {QM_BOUNDS_COVER, QM_BOUNDS_COVER, QM_BOUNDS_MATCHING};
+    for (int i = 0; i < 3; i++) {
+        qm_mesh a, b;
+        make_folds(&random, i > 0, &a, &b);
+        qm_hausdorff_options options = qm_hausdorff_options_default();
+        options.direction = QM_A_TO_B;
+        options.quads = i == 0 ? QM_QUADS_BILINEAR : QM_QUADS_TRIANGLES;
+        options.bounds = bounds[i];
+        options.tolerance = 1e-9;
+        c.of = &p;
+        c.known = 0;
+        c.rest_count = 0;
+        bool has_piece = false;
+        for (options.work_limit = 1; !has_piece && options.work_limit < 1000; options.work_limit *= 2) {
+            p = (pool){.truth = {0, INFINITY}};
+            run_call(&c, &a, &b, options, 0);
+            for (size_t k = 0; k < c.rest_count; k++)
+                has_piece |= c.rest[k].piece_size > 0;
+        }
+        size_t pieces = 0;
+        for (size_t k = 0; k < c.rest_count; k++) {
+            qm_hausdorff_part part = c.rest[k];
+            if (part.piece_size == 0) continue;
+            pieces++;
+            qm_hausdorff_parts parts = {.begin = &part, .count = 1};
+            assert_int_equal(status_with(&a, &b, options, &parts), QM_OK);
+            part.piece_size--;
+            assert_int_equal(status_with(&a, &b, options, &parts), QM_E_ARGUMENT);
+            part.piece_size++;
+            part.level = 1, part.index = 0;
+            assert_int_equal(status_with(&a, &b, options, &parts), QM_E_ARGUMENT);
+            part = c.rest[k];
+            memset(part.piece + 4, 0xff, 4); /* the face */
+            assert_int_equal(status_with(&a, &b, options, &parts), QM_E_ARGUMENT);
+            part = c.rest[k];
+            memset(part.piece + 16, 0xff, 8); /* a coordinate: not a number */
+            assert_int_equal(status_with(&a, &b, options, &parts), QM_E_ARGUMENT);
+            part = c.rest[k];
+            part.piece[qm_random_below(&random, part.piece_size)] ^=
+                (unsigned char)(1 + qm_random_below(&random, 255));
+            qm_status status = status_with(&a, &b, options, &parts);
+            assert_true(status == QM_OK || status == QM_E_ARGUMENT);
+        }
+        assert_true(pieces > 0);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(soups_in_parts_hold_the_distance),
         cmocka_unit_test(pieces_that_are_sampled_twice),
         cmocka_unit_test(spheres_in_parts_hold_the_distance),
+        cmocka_unit_test(calls_do_nothing_again),
+        cmocka_unit_test(pieces_that_are_none_are_refused),
         cmocka_unit_test(parts_that_the_trees_lack_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

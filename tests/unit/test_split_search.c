@@ -19,7 +19,7 @@
 
 #define ROUND_MS 20.0 /* short, though a sanitized build has to get on in it */
 
-enum { HELPERS = 2, MOST_LIVES = 400 };
+enum { HELPERS = 2, MOST_LIVES = 400, MOST_PIECES = 1000 };
 
 /** A pair with its store, and the bounds of its distance. */
 typedef struct scene {
@@ -30,6 +30,7 @@ typedef struct scene {
     qm_hausdorff_options options;
     double low, high; /* the distance lies between them */
     uint64_t seed;
+    size_t most_pieces;
 } scene;
 
 /** What a listener to one run has heard. */
@@ -60,13 +61,12 @@ static void submit(scene *s)
 /** Takes over the meshes. */
 static scene make_scene(qm_mesh a, qm_mesh b, double tolerance, uint64_t seed)
 {
-    scene s = {.folder = qm_folder_make(), .a = a, .b = b, .seed = seed};
+    scene s = {.folder = qm_folder_make(), .a = a, .b = b, .seed = seed, .most_pieces = MOST_PIECES};
     qm_context ctx = qm_context_make();
     assert_int_equal(qm_bvh_build(&ctx, &s.a, QM_BVH_ALL, 1, &s.tree_a), QM_OK);
     assert_int_equal(qm_bvh_build(&ctx, &s.b, QM_BVH_ALL, 1, &s.tree_b), QM_OK);
     s.options = qm_hausdorff_options_default();
     s.options.tolerance = tolerance;
-    s.options.work_limit = UINT64_C(1) << 40; /* with very short rounds much is done again */
     open_store(&s);
     submit(&s);
     return s;
@@ -106,7 +106,6 @@ static scene make_soups(uint64_t seed)
     s.options.direction = (qm_direction)qm_random_below(&random, 3);
     s.options.quads = (qm_quad_reading)qm_random_below(&random, 2);
     qm_hausdorff_options close = s.options;
-    close.work_limit = 0;
     close.tolerance *= 0.01;
     qm_hausdorff_result whole = qm_measured(&s.a, &s.b, &close);
     s.low = whole.lower;
@@ -137,7 +136,8 @@ static qm_hausdorff_result own(scene *s, int64_t restarts, double whole_ms, doub
                       .job = "j_split",
                       .restarts = restarts,
                       .whole_ms = whole_ms,
-                      .round_ms = round_ms};
+                      .round_ms = round_ms,
+                      .most_pieces = s->most_pieces};
     qm_hausdorff_options options = s->options;
     options.progress = hear;
     options.progress_user = &l;
@@ -209,7 +209,7 @@ static int64_t die(scene *s, qm_random *random)
 static void check_lives(scene *s)
 {
     qm_random random = qm_random_make(qm_check_seed(), 820000 + s->seed);
-    qm_store_bounds before = {.upper = INFINITY, .settled = INFINITY}, now;
+    qm_store_bounds before = {.upper = INFINITY, .discarded = INFINITY}, now;
     qm_hausdorff_result r = {.stop = QM_STOP_CANCELED};
     int64_t restarts = 0;
     int lives = 0;
@@ -218,9 +218,9 @@ static void check_lives(scene *s)
         /* Of a run without any report, as of a very short one, nothing is told: the next one gets longer. */
         r = own(s, restarts, 0.2, ROUND_MS, 2 + (int)qm_random_below(&random, 6) + lives / 8);
         if (qm_store_read_bounds(s->store, "j_split", NULL, 0, &now) == QM_STORED) {
-            double upper = fmax(now.lower, fmax(now.settled, now.upper));
+            double upper = fmax(now.lower, fmax(now.discarded, now.upper));
             QM_CHECK(now.lower >= before.lower &&
-                         upper <= fmax(before.lower, fmax(before.settled, before.upper)),
+                         upper <= fmax(before.lower, fmax(before.discarded, before.upper)),
                      "seed %llu: stored bounds widen", (unsigned long long)s->seed);
             before = now;
         }
@@ -262,7 +262,8 @@ static void *help(void *user)
     helper *h = user;
     const scene *s = h->of;
     qm_context ctx = qm_context_make();
-    qm_split split = {.store = s->store, .job = "j_split", .round_ms = ROUND_MS};
+    qm_split split = {
+        .store = s->store, .job = "j_split", .round_ms = ROUND_MS, .most_pieces = s->most_pieces};
     for (; !atomic_load(h->is_over); h->calls = 0) {
         qm_split_help(&split, &ctx, s->tree_a, s->tree_b, &s->options, has_done_one, h);
         uv_sleep(50);
@@ -307,12 +308,12 @@ static void parts_of_other_trees_are_left(void **state)
 {
     (void)state;
     scene s = make_spheres(0);
-    const qm_store_bounds other = {.engine = "another", .lower = 100, .settled = 100};
+    const qm_store_bounds other = {.engine = "another", .lower = 100, .discarded = 100};
     assert_int_equal(qm_store_open_parts(s.store, "j_split", 0, &other, NULL, 0), QM_STORED);
     qm_context ctx = qm_context_make();
     atomic_bool over = false;
     helper h = {&s, &over, 0};
-    qm_split split = {.store = s.store, .job = "j_split", .round_ms = ROUND_MS};
+    qm_split split = {.store = s.store, .job = "j_split", .round_ms = ROUND_MS, .most_pieces = MOST_PIECES};
     assert_false(qm_split_help(&split, &ctx, s.tree_a, s.tree_b, &s.options, has_done_one, &h));
     qm_random random = qm_random_make(qm_check_seed(), 830000);
     qm_hausdorff_result r = own(&s, die(&s, &random), 1e-3, 20, INT32_MAX);
@@ -338,6 +339,20 @@ static void other_trees_have_other_fingerprints(void **state)
     free_scene(&s);
 }
 
+/** Packs in place of pieces: the search takes more work, and its bounds hold. */
+static void pieces_that_are_too_many_become_packs(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 30; seed < (qm_check_long() ? 60u : 34u); seed++) {
+        scene s = make_soups(seed);
+        s.most_pieces = seed % 4;
+        s.options.work_limit = UINT64_C(1) << 40;
+        qm_hausdorff_result r = own(&s, 0, 1e-3, 100, INT32_MAX);
+        check_end(&s, &r);
+        free_scene(&s);
+    }
+}
+
 /** Limits end a search in parts as they end a whole one. */
 static void limits_end_a_search(void **state)
 {
@@ -360,9 +375,15 @@ static void limits_end_a_search(void **state)
     assert_true(r.stop == QM_STOP_DEADLINE || r.stop == QM_STOP_PRECISION);
     free_scene(&s);
     s = make_spheres(3);
+    /* The same work as of a whole search: its calls count together, and a limit is seen an interval late. */
     s.options.work_limit = 200;
     r = own(&s, 0, 1e-3, 3, INT32_MAX);
+    qm_hausdorff_result whole = qm_measured(&s.a, &s.b, &s.options);
     assert_int_equal(r.stop, QM_STOP_DEADLINE);
+    assert_int_equal(whole.stop, QM_STOP_DEADLINE);
+    QM_CHECK(r.iterations >= 200 && r.iterations <= whole.iterations + 32,
+             "%llu iterations, %llu of a whole search", (unsigned long long)r.iterations,
+             (unsigned long long)whole.iterations);
     free_scene(&s);
     s = make_spheres(4);
     s.options.memory_limit = 1;
@@ -380,6 +401,7 @@ int main(void)
         cmocka_unit_test(parts_that_are_run_twice_count_once),
         cmocka_unit_test(parts_of_other_trees_are_left),
         cmocka_unit_test(other_trees_have_other_fingerprints),
+        cmocka_unit_test(pieces_that_are_too_many_become_packs),
         cmocka_unit_test(limits_end_a_search),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -68,6 +68,7 @@ static void check_copy(const qm_store_job_copy *found, const qm_store_job_copy *
     assert_string_equal(found->subjects[1], expected->subjects[1]);
     assert_int_equal(found->job.state, expected->job.state);
     assert_int_equal(found->job.deaths, expected->job.deaths);
+    assert_int_equal(found->job.is_canceled, expected->job.is_canceled);
     assert_int_equal(found->claims, expected->claims);
 }
 
@@ -122,7 +123,7 @@ static void test_jobs_that_have_ended(void **state)
     assert_int_equal(qm_store_put_job_copy(store, &b, events, 2, NULL), QM_STORED_TAKEN);
     check_only(store, &a);
     check_events(store, "j_a");
-    assert_int_equal(qm_store_settle(store), QM_STORED);
+    assert_int_equal(qm_store_sync(store), QM_STORED);
     /* It is found as those of this store are. */
     assert_int_equal(qm_store_find_job_by_key(store, a.job.key, "1 2", QM_JOB_FAILED, &found), QM_STORED);
     assert_string_equal(found.id, "j_a");
@@ -171,6 +172,16 @@ static void test_jobs_that_wait(void **state)
     qm_store_job_reset(&rows[0]);
     assert_int_equal(qm_store_claim_jobs(f->store, &wish, rows, &count), QM_STORED);
     assert_int_equal(count, 0);
+}
+
+/** Somebody has asked for its end: the store that has it next is to end it. */
+static void test_jobs_whose_end_was_asked_for(void **state)
+{
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
+    qm_store_job_copy waiting = make_waiting("j_w");
+    waiting.job.is_canceled = true;
+    assert_int_equal(qm_store_put_job_copy(store, &waiting, events, 2, NULL), QM_STORED);
+    check_only(store, &waiting);
 }
 
 static void test_pages_of_jobs(void **state)
@@ -426,9 +437,8 @@ static void test_there_and_back(void **state)
     assert_int_equal(j->copied.layouts, 1);
     assert_int_equal(j->copied.jobs, 2);
     assert_int_equal(j->copied.before + j->copied.faults, 0);
-    assert_int_equal(import(j), QM_STORED); /* nothing is left to do */
-    assert_int_equal(j->copied.meshes + j->copied.layouts + j->copied.jobs + j->copied.faults, 0);
-    assert_int_equal(j->copied.before, 4);
+    assert_int_equal(import(j), QM_STORED_TAKEN); /* what was deleted since would come back */
+    assert_int_equal(j->copied.meshes + j->copied.layouts + j->copied.jobs + j->copied.before, 0);
     qm_store *store = qm_stored_open_node(j->database, j->cache);
     check_all(store);
     qm_store_close(store);
@@ -612,6 +622,7 @@ static void test_status(void **state)
         cmocka_unit_test_setup_teardown(test_jobs_that_have_ended, set_up, qm_stored_tear_down),             \
             cmocka_unit_test_setup_teardown(test_copies_of_unclaimed_jobs, set_up, qm_stored_tear_down),     \
             cmocka_unit_test_setup_teardown(test_jobs_that_wait, set_up, qm_stored_tear_down),               \
+            cmocka_unit_test_setup_teardown(test_jobs_whose_end_was_asked_for, set_up, qm_stored_tear_down), \
             cmocka_unit_test_setup_teardown(test_pages_of_jobs, set_up, qm_stored_tear_down),                \
             cmocka_unit_test_setup_teardown(test_layouts, set_up, qm_stored_tear_down),                      \
             cmocka_unit_test_setup_teardown(test_undone_revisions, set_up, qm_stored_tear_down),             \

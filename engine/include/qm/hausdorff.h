@@ -74,24 +74,30 @@ typedef struct qm_hausdorff_progress {
  * ms. */
 typedef void qm_hausdorff_progress_fn(void *user, const qm_hausdorff_progress *progress);
 
+/** Bytes of a piece at most. */
+#define QM_HAUSDORFF_PIECE_SIZE 160
+
 /**
- * A part of a search: a node of a source's tree, or a pack of it (level 0). Its bound has no margin for roundings.
- * Parts mean the same to every call on trees of the same arrays that were built alike, also in another process
- * of the same version; not to a tree that was refitted.
+ * A part of a search: a node of a source's tree, a pack of it (level 0), or a piece of a face of a pack, with what a call has
+ * proved of it. Its bound has no margin for roundings. Parts mean the same to every call on trees of the same arrays that were
+ * built alike and with the same way of bounding, also in another process of the same version; not to a tree that was refitted.
  */
 typedef struct qm_hausdorff_part {
     double upper;        /* no point of the part is farther, but for points that a search has discarded */
-    uint32_t index;      /* in the level */
+    uint32_t index;      /* in the level; of a piece: its pack */
     uint32_t hint;       /* a pack of the target; the nearer, the faster */
     uint8_t side, level; /* side 0 is the first direction of the search, 1 the second */
+    uint8_t piece_size;  /* 0: all of the node; else the bytes of a piece, */
+    unsigned char piece[QM_HAUSDORFF_PIECE_SIZE]; /* which only the engine reads */
 } qm_hausdorff_part;
 
 /** Called on one thread at a time, with the largest distance that one thread of this search has found (-1: none
  * yet): returns the largest lower bound that the caller knows, or 0. Neither has a margin. */
 typedef double qm_hausdorff_exchange_fn(void *user, double found_lower);
 
-/** Called at the end, on the calling thread, for each part that is left. A pack may come several times: it is
- * one part with the largest of these bounds. All that a call has proved of some faces of such a pack is lost. */
+/** Called at the end, on the calling thread, for each part that is left. A node may come several times, and a pack beside pieces
+ * of it: it is one part with the largest of these bounds, and stands for its pieces. Pieces may be given back as their pack,
+ * with the largest of their bounds: what was proved of the rest of the pack is then lost. */
 typedef void qm_hausdorff_rest_fn(void *user, const qm_hausdorff_part *part);
 
 /**

@@ -232,6 +232,20 @@ static bool choose_overlay(qm_worker *worker)
 
 /* --- Packs --- */
 
+/** Queues the faces of a pack from `first` on, as the search is to end: as pieces, but by matching as the pack, since they lack what
+ * matching keeps of corners. */
+static void leave_open(qm_worker *worker, const pack_work *work, int first, bool is_matching)
+{
+    qm_entry entry = work->entry;
+    if (is_matching) {
+        qm_worker_push(worker, entry, NULL);
+        return;
+    }
+    entry.kind = QM_ENTRY_PIECE;
+    for (int i = first; i < work->open_count; i++)
+        qm_worker_push(worker, entry, &work->open[i]);
+}
+
 /** Visits the faces of a pack that one lane does not reach: the cheapest test first, one by one last. */
 static void visit_open(qm_worker *worker, pack_work *work)
 {
@@ -252,7 +266,7 @@ static void visit_open(qm_worker *worker, pack_work *work)
     }
     for (int i = 0; i < work->open_count; i++) {
         if (qm_worker_must_stop(worker)) {
-            qm_worker_push(worker, work->entry, NULL); /* faces of it are left */
+            leave_open(worker, work, i, is_matching);
             return;
         }
         if (is_matching) {

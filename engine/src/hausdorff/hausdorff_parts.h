@@ -12,8 +12,7 @@ qm_status qm_parts_check(qm_context *ctx, const qm_search *search);
 /** Queues the parts that the search begins with. */
 void qm_parts_queue(qm_search *search);
 
-/** Gives the caller the parts that are left when all workers have ended: nodes and packs as they are, a piece
- * as the pack that it is of. */
+/** Gives the caller the parts that are left when all workers have ended. */
 void qm_parts_give_rest(const qm_search *search);
 
 #endif
