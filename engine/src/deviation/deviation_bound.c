@@ -93,7 +93,9 @@ static const qm_deviation_match *match_of(bound_work *work, int rectangle, bool 
 {
     const qm_deviation_rectangle *of = &work->near->rectangle[rectangle];
     QM_ASSERT(rectangle >= 0 && rectangle < work->near->rectangle_count);
-    if (!of->is_mild) return NULL;
+    /* The planes of its facets say all of a plane patch that is not the base. */
+    int base = work->near->rectangle_of[work->base / QM_PACK_LANES][work->base % QM_PACK_LANES];
+    if (!of->is_mild || (of->is_plane && rectangle != base)) return NULL;
     const double centre[2] = {0.5 * (of->box.low[0] + of->box.high[0]),
                               0.5 * (of->box.low[1] + of->box.high[1])};
     if (!work->matches[rectangle].is_computed) {
@@ -400,6 +402,7 @@ typedef struct base {
     double cubic[4], cubic_most;         /* but for a cubic part; */
     double slack;                        /* the source may be so far from the points that it is of */
     double loss, more;   /* of the match: by how much the distance may be below the height, and above, */
+    bool is_plane;       /* the loss is that to all of its patch */
     double below, above; /* widen the height to hold the signed distance */
     uint32_t face;
 } base;
@@ -552,6 +555,7 @@ static qm_positive_part find_match_loss(bound_work *work, const side_work *side,
 {
     const qm_deviation_rectangle *of = &work->near->rectangle[rectangle];
     if (side->over->match && side->over->face == of->face) {
+        if (side->over->is_plane) return (qm_positive_part){0.0, 0.0, 0.0};
         double loss = qm_deviation_match_loss(work->setup, side->over->match, &of->box);
         /* No more than that of the base, or at least little: nowhere is it the nearest by more. */
         if (loss <= side->over->loss) return (qm_positive_part){0.0, 0.0, 0.0};
@@ -772,12 +776,12 @@ static double find_patch_loss(const bound_work *work, const base *over)
 }
 
 /** Bounds how far the distance to a patch exceeds the height. */
-static void set_patch_outside(const bound_work *work, base *over, const qm_uv_box *box)
+static void set_patch_outside(const bound_work *work, base *over)
 {
     double edge[4][3];
-    qm_match_margin margin = qm_deviation_match_margin(work->setup, over->match, box);
-    qm_deviation_match_edges(work->setup, over->match, margin.foot, edge);
-    over->more = margin.over;
+    qm_match_rise rise = qm_deviation_match_rise(work->setup, over->match);
+    qm_deviation_match_edges(work->setup, over->match, rise.foot, edge);
+    over->more = rise.over;
     over->outside = find_outside((const double(*)[3])edge, 4, 1.0);
 }
 
@@ -789,6 +793,9 @@ static bool set_patch_base(bound_work *work, base *over)
     if (!over->match) return false;
     over->face = work->near->rectangle[rectangle].face;
     over->loss = find_patch_loss(work, over);
+    double to_plane = qm_deviation_match_plane_loss(work->setup, over->match, work->bezier);
+    over->is_plane = to_plane < over->loss;
+    if (over->is_plane) over->loss = to_plane;
     if (!(over->loss < INFINITY)) return false;
     const qm_deviation_match *match = over->match;
     over->normal = match->normal;
@@ -799,7 +806,7 @@ static bool set_patch_base(bound_work *work, base *over)
     over->cubic_most = match->cubic_most;
     for (int k = 0; k < 4 && over->cubic_most > 0.0; k++)
         over->cubic[k] = match->cubic[k];
-    set_patch_outside(work, over, &work->near->rectangle[rectangle].box);
+    set_patch_outside(work, over);
     if (!(over->more < INFINITY)) return false;
     bool has_sign = match->least > 0.0, is_above = match->low[0] > 0.0;
     double both = qm_max(over->loss, over->more);
@@ -981,7 +988,7 @@ void qm_deviation_list_facets(const qm_deviation_setup *setup, const qm_deviatio
                               qm_deviation_workspace *workspace)
 {
     double certain, distance = qm_deviation_search(setup, workspace, shape->centroid, &certain);
-    qm_deviation_facets_find(setup->kernel, setup->target, setup->target_patches, cuts_all,
+    qm_deviation_facets_find(setup->kernel, setup->target, setup->target_patches, cuts_all, shape->slack,
                              setup->patch_error, shape->centroid, distance,
                              qm_deviation_search_radius(setup, shape, distance), &workspace->near);
 }

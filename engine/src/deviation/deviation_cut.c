@@ -471,6 +471,9 @@ int qm_deviation_piece_cut(const qm_deviation_setup *setup, const qm_deviation_f
     }
     first->area = area_of(first);
     work.count = 1;
+    bool has_planes = false;
+    for (int i = 0; i < near->rectangle_count; i++)
+        has_planes |= near->rectangle[i].is_plane;
     double slack[2] = {0.0, 0.0}; /* the greatest of a facet, and of one that is no part of a patch */
     for (int i = 0; i < near->count; i++) {
         double here = near->slack[i / QM_PACK_LANES][i % QM_PACK_LANES];
@@ -478,7 +481,7 @@ int qm_deviation_piece_cut(const qm_deviation_setup *setup, const qm_deviation_f
         if (near->rectangle_of[i / QM_PACK_LANES][i % QM_PACK_LANES] == QM_NO_RECTANGLE)
             slack[1] = fmax(slack[1], here);
     }
-    work.has_patches = !(slack[0] < nearest) && slack[0] > slack[1];
+    work.has_patches = has_planes || (!(slack[0] < nearest) && slack[0] > slack[1]);
     for (int i = 0; i < 3 && work.has_patches; i++) {
         first->nearest[i] = find_patch(&work, first->at[i]).distance;
         nearest = fmin(nearest, first->nearest[i]);

@@ -92,6 +92,9 @@
  *
  * Lower, by the centroid. d >= d(c, B) - r, a constant.
  *
+ * A plane patch of a target is two facets, and the edge between them counts as one beyond which the distance exceeds the height.
+ * Where the piece is bent by more than its distance, the patch is a rectangle that stays whole (is_plane) instead.
+ *
  * Facets of a bilinear target stand for rectangles of its patches, within a slack by which their bounds are
  * widened. A mild rectangle is bounded as a patch instead: the height is then that over the patch itself
  * (deviation_match.h), and neither it nor the piece is replaced by triangles.
