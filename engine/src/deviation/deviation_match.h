@@ -62,7 +62,7 @@
  *
  * Here U need be round b and b + z alone: J is taken at no other parameters.
  *
- * Planes. For a vector m no longer than 1, and a and b the least and the greatest m.c of the patch's corners c, the
+ * Planes. For a vector m no longer than 1, and a and b the least and the greatest m.q of the patch's corners q, the
  * patch lies between the planes m.x = a and m.x = b, and d(P, R) >= |m.P - (a + b) / 2| - (b - a) / 2. m.P is
  * quadratic in l, as H is: |H| is above this by no more than the greatest difference of their coefficients, or of those of
  * H and -m.P, and half of b - a. The distance is no more than so much below H with its cubic part if the greatest value
