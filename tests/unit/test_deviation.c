@@ -950,7 +950,7 @@ static void the_pieces_bound_the_maximum(void **state)
     (void)state;
     qm_mesh a = qm_shape_torus(36, 18, 1.0, 0.3), b = qm_shape_torus(30, 15, 1.0, 0.31);
     qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-9);
-    options.accuracy = 0.1;
+    options.accuracy = 0.01;
     qm_deviation truth = measure(&a, &b, &options), found;
     qm_context ctx = qm_context_make();
     atomic_bool cancel = false;

@@ -17,9 +17,10 @@
 #define MAX_OUTSIDE 0.5          /* share of a piece beside the base: with more the height is a poor bound */
 #define NEAR_BASE 4.0   /* radii: flat pieces farther from the target are bounded by their corners better */
 #define LEAST_APART 0.5 /* radii: nearer pieces have no distance from an edge that is about cubic */
+#define WHOLE 0.25      /* radii: plane patches that are nearer to a piece of a patch are not cut in two */
 #define ATTACHED_PART 0x1p-6 /* of a height: the greatest loss to other parts of the base's patch */
 #define NEGLIGIBLE 0x1p-6    /* of base_margin: a loss below it is not reduced any further */
-#define BEND_PART 0x1p-6     /* of bend_error: the error of an integral over a part of a cell */
+#define BEND_PART 0x1p-4     /* of bend_error: the error of an integral over a part of a cell */
 #define TILT 1.25            /* how much steeper than needed a height is tilted */
 
 /** The state of one piece while it is bounded. */
@@ -560,6 +561,7 @@ static qm_positive_part find_match_loss(bound_work *work, const side_work *side,
         /* No more than that of the base, or at least little: nowhere is it the nearest by more. */
         if (loss <= side->over->loss) return (qm_positive_part){0.0, 0.0, 0.0};
     }
+    if (of->is_plane) return (qm_positive_part){INFINITY, INFINITY, 1.0};
     qm_positive_part least = find_aside_loss(work, side, rectangle);
     if (side->over->feature && least.mean > 0.0) {
         qm_vec corner[4];
@@ -988,7 +990,8 @@ void qm_deviation_list_facets(const qm_deviation_setup *setup, const qm_deviatio
                               qm_deviation_workspace *workspace)
 {
     double certain, distance = qm_deviation_search(setup, workspace, shape->centroid, &certain);
-    qm_deviation_facets_find(setup->kernel, setup->target, setup->target_patches, cuts_all, shape->slack,
+    double whole = shape->slack > 0.0 ? WHOLE * shape->radius : 0.0;
+    qm_deviation_facets_find(setup->kernel, setup->target, setup->target_patches, cuts_all, whole,
                              setup->patch_error, shape->centroid, distance,
                              qm_deviation_search_radius(setup, shape, distance), &workspace->near);
 }

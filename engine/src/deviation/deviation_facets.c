@@ -24,7 +24,7 @@ typedef struct near_work {
     const qm_bvh *target;
     qm_deviation_facets *near;
     qm_vec centre;
-    double distance, reach, error, bent;
+    double distance, reach, error, whole;
     bool cuts_all;
     rectangle rectangle[QM_MAX_RECTANGLES]; /* near->rectangle_count of them */
 } near_work;
@@ -242,20 +242,16 @@ static void add_rectangles(near_work *work)
 
 /* ---- packs ---- */
 
-/** Adds a patch as a rectangle; false where its two triangles serve as well, as they do for a parallelogram within
- * the permitted error of a plane. Of any other patch in a plane the diagonal is a border between its facets, though none of the
- * distance, and a piece that bends by more than it is apart from them lies over both. */
-static bool add_patch(near_work *work, uint32_t face, double twist)
+/** Adds a patch as a rectangle. */
+static void add_patch(near_work *work, uint32_t face, double twist)
 {
     qm_vec corner[4];
     qm_bvh_load_face(work->target, face, corner);
-    qm_deviation_rectangle whole = {.face = face,
-                                    .is_plane = !(twist > work->error),
-                                    .patch = qm_bilinear_make(corner),
-                                    .box = {{0.0, 0.0}, {1.0, 1.0}}};
-    if (whole.is_plane && !(qm_vec_norm(whole.patch.w) > work->error)) return false;
+    const qm_deviation_rectangle whole = {.face = face,
+                                          .is_plane = !(twist > work->error),
+                                          .patch = qm_bilinear_make(corner),
+                                          .box = {{0.0, 0.0}, {1.0, 1.0}}};
     add_rectangle(work, corner, whole);
-    return true;
 }
 
 static void add_pack(near_work *work, const qm_kernel *kernel, uint32_t pack, bool patches)
@@ -269,8 +265,9 @@ static void add_pack(near_work *work, const qm_kernel *kernel, uint32_t pack, bo
     for (int lane = 0; lane < lanes->lane_count; lane++) {
         double twist = patches ? (double)qm_bvh_twists(target, pack)[lane] : 0.0;
         bool has_second = qm_lane_has_second(lanes, (uint32_t)lane);
-        bool may_stay = patches && has_second && work->distance < work->bent;
-        if ((twist > work->error || may_stay) && add_patch(work, lanes->face[lane], twist)) {
+        bool stays_whole = patches && has_second && work->distance < work->whole;
+        if (twist > work->error || stays_whole) {
+            add_patch(work, lanes->face[lane], twist);
             lane += has_second;
         } else if (sqrt(d2[lane]) - twist <= work->reach) {
             add_lane(work, rows, lane, twist);
@@ -294,7 +291,7 @@ static void pad(qm_deviation_facets *near)
 }
 
 void qm_deviation_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool patches, bool cuts_all,
-                              double bent, double error, qm_vec centre, double distance, double reach,
+                              double whole, double error, qm_vec centre, double distance, double reach,
                               qm_deviation_facets *near)
 {
     const qm_box point = {{centre.x, centre.y, centre.z}, {centre.x, centre.y, centre.z}};
@@ -305,7 +302,7 @@ void qm_deviation_facets_find(const qm_kernel *kernel, const qm_bvh *target, boo
     work.distance = distance;
     work.reach = reach;
     work.error = error;
-    work.bent = bent;
+    work.whole = whole;
     work.cuts_all = cuts_all;
     qm_near_packs packs;
     kernel->gather(target, &point, reach, &packs);

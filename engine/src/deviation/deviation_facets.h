@@ -27,8 +27,8 @@
 /** A part of a patch of the target. */
 typedef struct qm_deviation_rectangle {
     uint32_t face;
-    bool is_mild;  /* bends so little that matches hold */
-    bool is_plane; /* all of the patch, which is no parallelogram, is within the permitted error of a plane */
+    bool is_mild;      /* bends so little that matches hold */
+    bool is_plane;     /* all of the patch is within the permitted error of a plane */
     qm_bilinear patch; /* the whole of it */
     qm_uv_box box;
 } qm_deviation_rectangle;
@@ -48,12 +48,12 @@ typedef struct qm_deviation_facets {
  *
  * patches   whether the target's quads are bilinear patches
  * cuts_all  whether mild rectangles are cut like the others
- * bent      how far a piece of a patch is from its flat triangle: plane patches that are nearer stay whole
+ * whole     plane patches that are nearer than this are rectangles as well, and stay whole
  * error     the flatness bound below which they are not cut
  * distance  about how far the target is from the point
  */
 void qm_deviation_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool patches, bool cuts_all,
-                              double bent, double error, qm_vec centre, double distance, double reach,
+                              double whole, double error, qm_vec centre, double distance, double reach,
                               qm_deviation_facets *near);
 
 /** The facet at a lane of a pack. */

@@ -92,8 +92,8 @@
  *
  * Lower, by the centroid. d >= d(c, B) - r, a constant.
  *
- * A plane patch of a target is two facets, and the edge between them counts as one beyond which the distance exceeds the height.
- * Where the piece is bent by more than its distance, the patch is a rectangle that stays whole (is_plane) instead.
+ * A plane patch of a target is two facets, and the edge between them counts as one beyond which the distance exceeds the
+ * height. A piece of a patch bends across it; where the piece is near, the plane patch is one rectangle (is_plane) instead.
  *
  * Facets of a bilinear target stand for rectangles of its patches, within a slack by which their bounds are
  * widened. A mild rectangle is bounded as a patch instead: the height is then that over the patch itself
@@ -154,6 +154,7 @@ typedef struct qm_deviation_bounds {
     qm_quadratic bend;                /* and between these, where bend.cells > 0 */
     double invalid_low, invalid_high; /* shares of the piece where low is too high, and high too low */
     double excess;                    /* by how much high is too low at most */
+    double most;                      /* no distance is greater */
     double area_low, area_high;       /* of the piece itself */
     double density_low, density_high; /* area of the whole piece at the lowest and highest density */
     double mean_low, mean_high;       /* integral of the distance */
