@@ -213,6 +213,32 @@ static void draw_case(fan_case *c, qm_random *random)
             c->source[i][k] = centre[k] + size * qm_random_range(random, -1.0, 1.0) * (k < 2 ? 1.0 : 0.3);
 }
 
+/** A small fan about level with its vertex, and a small source high above that, a part of which lies over the fan: what the fan
+ * takes off the distance from the vertex is most of what the bounds leave open. */
+static void draw_level_case(fan_case *c, qm_random *random)
+{
+    double reach = qm_random_range(random, 0.02, 0.1), size = qm_random_range(random, 0.05, 0.2), turn[2];
+    vec3 centre = {0.0, 0.0, qm_random_range(random, 0.8, 1.2)};
+    c->count = 1 + (int)qm_random_below(random, FACETS);
+    turn[0] = qm_random_range(random, 0.0, 2.0 * M_PI);
+    for (int i = 0; i < c->count; i++) {
+        turn[1] = turn[0] + qm_random_range(random, 0.02, 1.5);
+        for (int k = 0; k < 3; k++)
+            c->facet[i][0][k] = 0.0;
+        for (int end = 0; end < 2; end++) {
+            c->facet[i][1 + end][0] = reach * cos(turn[end]);
+            c->facet[i][1 + end][1] = reach * sin(turn[end]);
+            c->facet[i][1 + end][2] = 0.0;
+        }
+        turn[0] = turn[1];
+    }
+    for (int k = 0; k < 2; k++)
+        centre[k] = -c->facet[0][1][k] / reach * size * qm_random_range(random, 0.0, 0.4);
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++)
+            c->source[i][k] = centre[k] + size * qm_random_range(random, -1.0, 1.0) * (k < 2 ? 1.0 : 0.02);
+}
+
 /** Means of the distance and of its square over the source. */
 static void sum_over_grid(const fan_case *c, double mean[2], double *range)
 {
@@ -287,7 +313,10 @@ static void integrals_beside_edges_hold(void **state)
     for (uint64_t number = 0; number < count; number++) {
         qm_random random = qm_random_make(qm_check_seed(), 920000 + number);
         fan_case c;
-        draw_case(&c, &random);
+        if (number % 2 == 0)
+            draw_case(&c, &random);
+        else
+            draw_level_case(&c, &random);
         check_case(&c, number, &bent);
     }
     QM_CHECK(bent > count / 20, "%zu bent", bent);
