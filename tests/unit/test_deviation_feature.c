@@ -10,6 +10,7 @@
 #include "shapes.h"
 
 #include <math.h>
+#include <string.h>
 
 typedef __float128 wide;
 
@@ -239,6 +240,23 @@ static void draw_level_case(fan_case *c, qm_random *random)
             c->source[i][k] = centre[k] + size * qm_random_range(random, -1.0, 1.0) * (k < 2 ? 1.0 : 0.02);
 }
 
+/** A needle, and a narrow source above it that sticks out beyond its tip: beyond one edge there, or beyond both. */
+static void draw_sharp_case(fan_case *c, qm_random *random)
+{
+    double angle = qm_random_range(random, 0.03, 0.2), size = qm_random_range(random, 0.3, 0.8);
+    double turn = angle * qm_random_range(random, 0.0, 1.0), high = qm_random_range(random, 0.8, 1.2);
+    const vec3 facet[3] = {{0.0, 0.0, 0.0}, {1.0, 0.0, 0.0}, {cos(angle), sin(angle), 0.0}};
+    const double along[3] = {-size * qm_random_range(random, 0.3, 0.8), size, 0.8 * size};
+    c->count = 1;
+    memcpy(c->facet[0], facet, sizeof facet);
+    for (int i = 0; i < 3; i++) {
+        double aside = i == 2 ? 0.02 * angle * size : 0.0;
+        c->source[i][0] = along[i] * cos(turn) - aside * sin(turn);
+        c->source[i][1] = along[i] * sin(turn) + aside * cos(turn);
+        c->source[i][2] = high;
+    }
+}
+
 /** Means of the distance and of its square over the source. */
 static void sum_over_grid(const fan_case *c, double mean[2], double *range)
 {
@@ -313,10 +331,8 @@ static void integrals_beside_edges_hold(void **state)
     for (uint64_t number = 0; number < count; number++) {
         qm_random random = qm_random_make(qm_check_seed(), 920000 + number);
         fan_case c;
-        if (number % 2 == 0)
-            draw_case(&c, &random);
-        else
-            draw_level_case(&c, &random);
+        static void (*const draw[3])(fan_case *, qm_random *) = {draw_case, draw_level_case, draw_sharp_case};
+        draw[number % 3](&c, &random);
         check_case(&c, number, &bent);
     }
     QM_CHECK(bent > count / 20, "%zu bent", bent);
