@@ -13,6 +13,12 @@
 static const char usage[] =
     "usage: bench_engine hausdorff A B [--quads triangles|bilinear] [--tolerance X] [--threads N]\n"
     "                                  [--shift X] [--noise X] [--accelerator A]  distance from A to B\n"
+    "       bench_engine deviation SURFACE --count FACES [--noise X] [--quads triangles|bilinear] [--seconds "
+    "X]\n"
+    "                                  [--accuracy X] [--threads N] [--seed N]\n"
+    "                                                               of a surface with noise, near it and "
+    "apart:\n"
+    "                                                               box, sphere, torus, saddle, wave\n"
     "       bench_engine project MESH POINTS [--threads N] [--accelerator A]\n"
     "                                                               nearest points of a file of points\n"
     "       bench_engine refit MESH [--threads N]                   trees that follow moving vertices\n"
@@ -35,15 +41,32 @@ static const char usage[] =
     "  --noise X      moves its coordinates at random by up to this share of its diagonal\n"
     "  --turn X       turns it about its middle, in radians\n"
     "  --coarsen X    one vertex for each cell of a grid, X mean edges wide\n"
-    "  --refine       cuts every face in four\n";
+    "  --refine       cuts every face in four\n"
+    "  --accuracy X   of the deviation's mean (default 0.001)\n"
+    "  --seconds X    of each deviation at most (default 60)\n";
 
 typedef struct settings {
     bench_hausdorff_question hausdorff;
     size_t count;
     uint64_t seed;
+    double accuracy, seconds;
 } settings;
 
-enum { QUADS = 256, TOLERANCE, THREADS, SHIFT, NOISE, TURN, COARSEN, REFINE, COUNT, SEED, ACCELERATOR };
+enum {
+    QUADS = 256,
+    TOLERANCE,
+    THREADS,
+    SHIFT,
+    NOISE,
+    TURN,
+    COARSEN,
+    REFINE,
+    COUNT,
+    SEED,
+    ACCELERATOR,
+    ACCURACY,
+    SECONDS
+};
 
 static bool read_accelerator(const char *name, qm_accelerator *out)
 {
@@ -84,9 +107,26 @@ static bool read_option(settings *out, int option)
     case SEED:
         out->seed = strtoull(optarg, NULL, 10);
         return true;
+    case ACCURACY:
+        return (out->accuracy = atof(optarg)) > 0.0;
+    case SECONDS:
+        return (out->seconds = atof(optarg)) >= 1.0;
     default:
         return false;
     }
+}
+
+static bench_deviation_question deviation_question(const settings *given, const char *surface)
+{
+    const bench_hausdorff_question *shared = &given->hausdorff;
+    return (bench_deviation_question){.surface = surface,
+                                      .count = given->count,
+                                      .noise = shared->change_b.noise,
+                                      .quads = shared->quads,
+                                      .accuracy = given->accuracy,
+                                      .threads = shared->threads,
+                                      .seed = given->seed,
+                                      .seconds = given->seconds};
 }
 
 static bool run(const char *command, char **operands, int operand_count, settings *given)
@@ -116,6 +156,11 @@ static bool run(const char *command, char **operands, int operand_count, setting
     }
     if (strcmp(command, "self") == 0 && operand_count == 1) {
         bench_collide(first, NULL, NULL);
+        return true;
+    }
+    if (strcmp(command, "deviation") == 0 && operand_count == 1) {
+        bench_deviation_question of_surface = deviation_question(given, first);
+        bench_deviation(&of_surface);
         return true;
     }
     if (operand_count != 2) return false;
@@ -154,8 +199,14 @@ int main(int argc, char **argv)
                                             {"count", required_argument, NULL, COUNT},
                                             {"seed", required_argument, NULL, SEED},
                                             {"accelerator", required_argument, NULL, ACCELERATOR},
+                                            {"accuracy", required_argument, NULL, ACCURACY},
+                                            {"seconds", required_argument, NULL, SECONDS},
                                             {0}};
-    settings given = {.hausdorff = {.tolerance = 1e-8, .threads = 1}, .count = 1000000, .seed = 1};
+    settings given = {.hausdorff = {.tolerance = 1e-8, .threads = 1},
+                      .count = 1000000,
+                      .seed = 1,
+                      .accuracy = 1e-3,
+                      .seconds = 60.0};
     bool is_good = argc > 1;
     for (int option; is_good && (option = getopt_long(argc - 1, argv + 1, "", options, NULL)) != -1;)
         is_good = read_option(&given, option);

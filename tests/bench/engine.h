@@ -59,6 +59,20 @@ typedef struct bench_hausdorff_question {
 /** Times the distance from A to B and prints it. */
 void bench_hausdorff(const bench_hausdorff_question *question);
 
+typedef struct bench_deviation_question {
+    const char *surface; /* box, sphere, torus, saddle, wave */
+    size_t count;        /* of its faces, about */
+    double noise;        /* moves every coordinate of A by up to this share of the diagonal */
+    qm_quad_reading quads;
+    double accuracy;
+    int threads;
+    uint64_t seed;
+    double seconds; /* after which a measurement is canceled */
+} bench_deviation_question;
+
+/** Times the deviation of a noisy surface from itself without noise, near it and apart, and prints it. */
+void bench_deviation(const bench_deviation_question *question);
+
 /** Times pairs of faces that meet and prints how many; path_b is NULL for a mesh with itself. */
 void bench_collide(const char *path_a, const char *path_b, const bench_change *change_b);
 

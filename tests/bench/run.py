@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Times this engine and its peers side by side on this machine, and checks that they agree.
 
-    make bench                                   everything; three quarters of an hour
+    make bench                                   everything; an hour
     make bench BENCH="--quick"                   one run of a few pairs, to see that it works
     make bench BENCH="--only hausdorff --pairs dragon"
     make bench BENCH="--only hausdorff --wide --draw 30 --seed 7"
@@ -30,6 +30,7 @@ import time
 import bench_accelerators
 import bench_agreement
 import bench_collide
+import bench_deviation
 import bench_files
 import bench_hausdorff
 import bench_projection
@@ -47,7 +48,7 @@ import variants
 
 PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "files": bench_files,
          "project": bench_projection,
-         "collide": bench_collide,
+         "collide": bench_collide, "deviation": bench_deviation,
          "accelerators": bench_accelerators, "agreement": bench_agreement, "service": bench_service, "store": bench_store,
          "reconstruct": bench_reconstruct}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")

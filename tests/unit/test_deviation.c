@@ -566,6 +566,50 @@ static void noisy_copies_of_bent_patches_close(void **state)
     }
 }
 
+/** A cone of trapezoids, and one the other way round upon it: the upper and the lower row lie at an angle. */
+static qm_mesh make_trapezoids(uint32_t columns)
+{
+    static const double radius[3] = {0.2, 1.0, 0.15};
+    qm_mesh mesh = qm_shape_make(3 * (size_t)columns, 2 * (size_t)columns);
+    for (uint32_t i = 0; i < 3 * columns; i++) {
+        double angle = 2.0 * M_PI * (double)(i % columns) / columns;
+        double *at = mesh.positions + 3 * (size_t)i;
+        at[0] = radius[i / columns] * cos(angle);
+        at[1] = radius[i / columns] * sin(angle);
+        at[2] = 0.5 * (i / columns);
+    }
+    for (uint32_t i = 0; i < 2 * columns; i++) {
+        uint32_t next = i / columns * columns + (i + 1) % columns;
+        const uint32_t corners[4] = {i, next, next + columns, i + columns};
+        memcpy(mesh.faces + 4 * (size_t)i, corners, sizeof corners);
+    }
+    return mesh;
+}
+
+/** Plane trapezoids and their noisy copies: lines of parameters bend in the plane, so that pieces lie over both
+ * triangles of a quad, whose common edge is no border of the distance. Few pieces are enough, however small the
+ * noise. */
+static void noisy_copies_of_trapezoids_take_few_pieces(void **state)
+{
+    (void)state;
+    static const double amplitudes[] = {1e-8, 1e-6, 1e-5};
+    for (int k = 0; k < 3; k++) {
+        qm_random random = qm_random_make(qm_check_seed(), 97 + (uint64_t)k);
+        qm_mesh b = make_trapezoids(12), a = qm_shape_copy(&b);
+        qm_shape_shake(&a, &random, amplitudes[k]);
+        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-2);
+        options.accuracy = 1e-3;
+        options.piece_limit = 2000;
+        qm_deviation found = measure(&a, &b, &options);
+        QM_CHECK(found.is_accurate, "seed %llu, noise %g: mean [%g, %g], rms [%g, %g], %zu pieces",
+                 (unsigned long long)qm_check_seed(), amplitudes[k], found.mean.lower, found.mean.upper,
+                 found.rms.lower, found.rms.upper, found.pieces);
+        release(&found);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+}
+
 /** Mean height of a patch over the plane z = 0, times its area, by midpoints. */
 static double integrate_height(const double corner[4][3], int n, double *area)
 {
@@ -906,7 +950,7 @@ static void the_pieces_bound_the_maximum(void **state)
     (void)state;
     qm_mesh a = qm_shape_torus(36, 18, 1.0, 0.3), b = qm_shape_torus(30, 15, 1.0, 0.31);
     qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-9);
-    options.accuracy = 0.1;
+    options.accuracy = 0.01;
     qm_deviation truth = measure(&a, &b, &options), found;
     qm_context ctx = qm_context_make();
     atomic_bool cancel = false;
@@ -1133,6 +1177,7 @@ int main(void)
         cmocka_unit_test(finer_copies_agree_with_sampling),
         cmocka_unit_test(percentiles_of_noisy_copies_are_narrow),
         cmocka_unit_test(noisy_copies_of_bent_patches_close),
+        cmocka_unit_test(noisy_copies_of_trapezoids_take_few_pieces),
         cmocka_unit_test(bent_patches_over_flat_ones_close),
         cmocka_unit_test(turned_copies_of_twisted_patches_close),
         cmocka_unit_test(near_planes_of_other_facets_are_exact),

@@ -185,10 +185,10 @@ static void check_lower(match_case *c, const qm_uv_box *box, const double l[3], 
 static void check_upper(match_case *c, const double l[3], const exact_vec from, double height)
 {
     const qm_uv_box whole = {{0.0, 0.0}, {1.0, 1.0}};
-    qm_match_margin margin = qm_deviation_match_margin(&c->setup, &c->match, &whole);
-    if (!(margin.over < INFINITY)) return;
-    double edge[4][3], most = fabs(height) + margin.over, nearest = INFINITY;
-    qm_deviation_match_edges(&c->setup, &c->match, margin.foot, edge);
+    qm_match_rise rise = qm_deviation_match_rise(&c->setup, &c->match);
+    if (!(rise.over < INFINITY)) return;
+    double edge[4][3], most = fabs(height) + rise.over, nearest = INFINITY;
+    qm_deviation_match_edges(&c->setup, &c->match, rise.foot, edge);
     for (int k = 0; k < 4; k++)
         most += fmax(0.0, l[0] * edge[k][0] + l[1] * edge[k][1] + l[2] * edge[k][2]);
     for (int i = 0; i < FEET; i++) {
@@ -200,6 +200,78 @@ static void check_upper(match_case *c, const double l[3], const exact_vec from, 
     }
     QM_CHECK(nearest <= most + c->setup.eta, "seed %llu, case %llu: %.17g is more than %.17g",
              (unsigned long long)qm_check_seed(), (unsigned long long)c->number, nearest, most);
+}
+
+/** No point of the patch is nearer than the planes round all of it allow. */
+static void check_planes(match_case *c, const double l[3], const exact_vec from)
+{
+    const qm_uv_box whole = {{0.0, 0.0}, {1.0, 1.0}};
+    qm_vec bezier[6];
+    qm_deviation_piece_coefficients(&c->face, &c->piece, bezier);
+    double loss = qm_deviation_match_plane_loss(&c->setup, &c->match, bezier);
+    double height = quadratic_at(c->match.height, l);
+    double with_cubic = height + (c->match.cubic_most > 0.0 ? cubic_at(c->match.cubic, l) : 0.0);
+    double most = fmax(fabs(height), fabs(with_cubic));
+    for (int i = 0; i < FEET; i++) {
+        double foot[2];
+        exact_vec at, along[2];
+        draw_foot(c, &whole, from, i % 2 == 0, foot);
+        if (i >= FEET - 4)
+            for (int k = 0; k < 2; k++)
+                foot[k] = i >> k & 1;
+        exact_at(&c->patch, foot[0], foot[1], at, along);
+        double distance = (double)distance_between(from, at);
+        QM_CHECK(distance >= most - loss - c->setup.eta,
+                 "seed %llu, case %llu: %.17g is less than %.17g less %.17g",
+                 (unsigned long long)qm_check_seed(), (unsigned long long)c->number, distance, most, loss);
+    }
+}
+
+/** A small patch that is bent, and a piece high above it: all of the patch is about as near as the foot, and the part
+ * that is bent up nearer. */
+static void draw_high_piece(uint64_t number, match_case *c)
+{
+    static const double square[4][2] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
+    double bent = pow(10.0, qm_random_range(&c->random, -12.0, -4.5)), start[2];
+    double size = 1e-4 * qm_random_range(&c->random, 0.5, 1.0), high = qm_random_range(&c->random, 0.5, 1.0);
+    qm_vec near[4];
+    draw_piece(c);
+    for (int i = 0; i < 4; i++) {
+        double up = (i % 2 ? bent : -bent) * (number % 2 ? 1.0 : -1.0);
+        near[i] = (qm_vec){size * square[i][0], size * square[i][1], up};
+        c->face.corner[i] = (qm_vec){near[i].x, near[i].y, high};
+    }
+    for (int k = 0; k < 2; k++)
+        start[k] = qm_random_range(&c->random, 0.0, 1.0);
+    c->face.is_patch = true;
+    c->face.patch = qm_bilinear_make(c->face.corner);
+    c->patch = qm_bilinear_make(near);
+    qm_deviation_match_make(&c->setup, &c->face, &c->piece, &c->patch, start, true, &c->match);
+}
+
+static void planes_round_a_patch_hold(void **state)
+{
+    (void)state;
+    uint64_t count = qm_check_long() ? 200000 : 4000, held = 0;
+    print_message("seed %llu\n", (unsigned long long)qm_check_seed());
+    for (uint64_t number = 0; number < count; number++) {
+        match_case c;
+        draw_case(number, &c);
+        if (number % 2) draw_high_piece(number / 2, &c);
+        if (!c.match.holds) continue;
+        held++;
+        for (int i = 0; i < POINTS; i++) {
+            double u = qm_random_range(&c.random, 0.0, 1.0), v = qm_random_range(&c.random, 0.0, 1.0 - u);
+            double corner = i % 3 == 0 ? 1.0 : 0.0;
+            const double l[3] = {corner + (1.0 - corner) * (1.0 - u - v), (1.0 - corner) * u,
+                                 (1.0 - corner) * v};
+            exact_vec from;
+            exact_point(&c, l, from);
+            check_planes(&c, l, from);
+        }
+    }
+    QM_CHECK(held > count / 2, "seed %llu: only %llu matches", (unsigned long long)qm_check_seed(),
+             (unsigned long long)held);
 }
 
 static void heights_along_normals_hold(void **state)
@@ -237,6 +309,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(heights_along_normals_hold),
+        cmocka_unit_test(planes_round_a_patch_hold),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

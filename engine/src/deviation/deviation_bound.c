@@ -6,17 +6,21 @@
  *   centroid, corners    constants and roots, for pieces far from the target
  *   over the base        the integral of the height over the facet or patch under the piece, with bounds of
  *                        what other facets take off it, and of the excess beside it
+ *   from a feature       the same with the distance from the edge or vertex under the piece in place of a height
  */
+#include "deviation_feature.h"
 #include "deviation_integral.h"
 #include "deviation_match.h"
 #include "deviation_piece.h"
 
 #define SQUARE_ROUNDINGS 0x1p-49 /* relative: of a difference of squares, 16 u */
 #define MAX_OUTSIDE 0.5          /* share of a piece beside the base: with more the height is a poor bound */
-#define NEAR_BASE 4.0        /* radii: pieces farther from the target are bounded by their corners better */
+#define NEAR_BASE 4.0   /* radii: flat pieces farther from the target are bounded by their corners better */
+#define LEAST_APART 0.5 /* radii: nearer pieces have no distance from an edge that is about cubic */
+#define WHOLE 0.25      /* radii: plane patches that are nearer to a piece of a patch are not cut in two */
 #define ATTACHED_PART 0x1p-6 /* of a height: the greatest loss to other parts of the base's patch */
 #define NEGLIGIBLE 0x1p-6    /* of base_margin: a loss below it is not reduced any further */
-#define BEND_PART 0x1p-6     /* of bend_error: the error of an integral over a part of a cell */
+#define BEND_PART 0x1p-4     /* of bend_error: the error of an integral over a part of a cell */
 #define TILT 1.25            /* how much steeper than needed a height is tilted */
 
 /** The state of one piece while it is bounded. */
@@ -26,7 +30,7 @@ typedef struct bound_work {
     const qm_deviation_piece *piece;
     const qm_deviation_shape *shape;
     const qm_deviation_facets *near;
-    qm_vec bezier[6];            /* of a piece of a patch */
+    qm_vec bezier[6];
     double at_centroid, certain; /* distance of the centroid, from above and below */
     double ball;                 /* no facet farther than this from the centroid is nearest to any point */
     double low[3], low_sum, high[3], high_sum;
@@ -90,7 +94,9 @@ static const qm_deviation_match *match_of(bound_work *work, int rectangle, bool 
 {
     const qm_deviation_rectangle *of = &work->near->rectangle[rectangle];
     QM_ASSERT(rectangle >= 0 && rectangle < work->near->rectangle_count);
-    if (!of->is_mild) return NULL;
+    /* The planes of its facets say all of a plane patch that is not the base. */
+    int base = work->near->rectangle_of[work->base / QM_PACK_LANES][work->base % QM_PACK_LANES];
+    if (!of->is_mild || (of->is_plane && rectangle != base)) return NULL;
     const double centre[2] = {0.5 * (of->box.low[0] + of->box.high[0]),
                               0.5 * (of->box.low[1] + of->box.high[1])};
     if (!work->matches[rectangle].is_computed) {
@@ -388,12 +394,16 @@ typedef struct base {
     double low[3], high[3]; /* the height lies between them, and so does the distance to the base, signed */
     double cap[2][3];       /* an upper bound of the lower bound of that distance, on either side */
     qm_vec normal;
-    qm_excess outside;               /* of the parts of the piece that may be beside it */
-    const qm_deviation_match *match; /* NULL of a facet */
-    bool is_bent;                    /* the height is quadratic, over a patch or of a piece of one, */
-    double height[6];                /* with these coefficients; */
-    double slack;                    /* the source may be so far from the points that it is of */
+    qm_excess outside;                   /* of the parts of the piece that may be beside it */
+    const qm_deviation_match *match;     /* NULL of a facet */
+    const qm_deviation_feature *feature; /* an edge or a vertex, from which distances are heights; or NULL: */
+    double least, farthest;              /* they are between these */
+    bool is_bent;                        /* the height is quadratic, over a patch or of a piece of one, */
+    double height[6];                    /* with these coefficients, */
+    double cubic[4], cubic_most;         /* but for a cubic part; */
+    double slack;                        /* the source may be so far from the points that it is of */
     double loss, more;   /* of the match: by how much the distance may be below the height, and above, */
+    bool is_plane;       /* the loss is that to all of its patch */
     double below, above; /* widen the height to hold the signed distance */
     uint32_t face;
 } base;
@@ -409,6 +419,16 @@ typedef struct side_work {
     qm_positive_region region;
     qm_positive_part lost;
 } side_work;
+
+static double max3(const double x[3])
+{
+    return qm_max(x[0], qm_max(x[1], x[2]));
+}
+
+static double min3(const double x[3])
+{
+    return qm_min(x[0], qm_min(x[1], x[2]));
+}
 
 /** The positive part of a linear function that the loss is at most, as its mean over the piece; no more than
  * the height itself, as no distance is below 0. The share is that of the points where this part exceeds room. */
@@ -447,19 +467,50 @@ static void keep_min(qm_positive_part *least, qm_positive_part loss)
     if (loss.mean < least->mean) *least = loss;
 }
 
+/** The loss of the distance from a feature to what is within slack of the hull of some corners: slack everywhere, and
+ * more where a corner is nearer. */
+static qm_positive_part find_hull_loss(const bound_work *work, const side_work *side, const qm_vec *corner,
+                                       int count, double slack)
+{
+    const base *over = side->over;
+    qm_positive_part sum = find_part(side, (double[3]){slack, slack, slack});
+    for (int i = 0; i < count; i++) {
+        qm_vec way = qm_deviation_feature_offset(over->feature, corner[i]);
+        double value[6], above[3], error = work->setup->eta * qm_vec_norm(way);
+        for (int k = 0; k < 6; k++) {
+            qm_vec x = qm_deviation_feature_offset(over->feature, work->bezier[k]);
+            value[k] = (qm_vec_dot(x, way) + error) / over->least;
+        }
+        qm_quadratic_raise(value, above);
+        if (!(max3(above) > 0.0)) continue;
+        qm_positive_part part = find_part(side, above);
+        sum.mean += part.mean;
+        sum.share += part.share;
+    }
+    return sum;
+}
+
 /** The loss to a facet: by its own plane, one parallel to the base, or one as seen from a corner or the
  * centroid. Any is valid; the one with the smallest loss is taken. */
 static qm_positive_part find_facet_loss(const bound_work *work, const side_work *side,
                                         const qm_triangle *facet, double slack)
 {
-    bool by_bezier = work->face->is_patch && side->over->is_bent;
+    bool by_bezier = side->over->is_bent;
+    qm_positive_part least = {INFINITY, INFINITY, 1.0};
+    if (side->over->feature) {
+        const qm_vec third =
+            qm_vec_axpy(qm_vec_axpy(facet->origin, facet->cx, facet->x), facet->cy, facet->y);
+        const qm_vec corner[3] = {facet->origin, qm_vec_axpy(facet->origin, facet->length, facet->x), third};
+        least = find_hull_loss(work, side, corner, 3, slack);
+        if (!(least.mean > 0.0)) return least;
+    }
     point_list points = by_bezier ? (point_list){work->bezier, 6} : corners_of(work);
     qm_positive_part (*find)(const side_work *, const double *, double) =
         by_bezier ? find_bent_loss : find_loss;
-    if (!by_bezier) slack += work->shape->slack;
+    slack += by_bezier ? work->face->slack : work->shape->slack;
     double height[6];
     heights_over_facet(points, facet, flip_towards(facet->z, qm_vec_dot(side->normal, facet->z)), height);
-    qm_positive_part least = find(side, height, slack);
+    keep_min(&least, find(side, height, slack));
     if (least.mean > 0.0) {
         heights_along(points, facet, side->normal, height);
         keep_min(&least, find(side, height, slack));
@@ -505,11 +556,18 @@ static qm_positive_part find_match_loss(bound_work *work, const side_work *side,
 {
     const qm_deviation_rectangle *of = &work->near->rectangle[rectangle];
     if (side->over->match && side->over->face == of->face) {
+        if (side->over->is_plane) return (qm_positive_part){0.0, 0.0, 0.0};
         double loss = qm_deviation_match_loss(work->setup, side->over->match, &of->box);
         /* No more than that of the base, or at least little: nowhere is it the nearest by more. */
         if (loss <= side->over->loss) return (qm_positive_part){0.0, 0.0, 0.0};
     }
+    if (of->is_plane) return (qm_positive_part){INFINITY, INFINITY, 1.0};
     qm_positive_part least = find_aside_loss(work, side, rectangle);
+    if (side->over->feature && least.mean > 0.0) {
+        qm_vec corner[4];
+        qm_uv_box_corners(&of->patch, &of->box, corner);
+        keep_min(&least, find_hull_loss(work, side, corner, 4, 0.0));
+    }
     double negligible = NEGLIGIBLE * work->setup->base_margin;
     for (int within = 0; within < 2 && least.mean > negligible; within++) {
         const qm_deviation_match *match = match_of(work, rectangle, within == 1);
@@ -553,7 +611,7 @@ static void take_facets_off(bound_work *work, side_work *side,
             whole = work->rectangle_distance[rectangle] > reach ? (qm_positive_part){0.0, 0.0, 0.0}
                                                                 : find_match_loss(work, side, rectangle);
         before = rectangle;
-        bool is_base = !side->over->match && index == work->base;
+        bool is_base = !side->over->match && !side->over->feature && index == work->base;
         if (index == near->count || is_base || distance[pack][lane] > reach) continue;
         if (rectangle != QM_NO_RECTANGLE && !(whole.mean > sum.mean)) continue;
         qm_triangle facet = qm_deviation_facet_at(&near->pack[pack], lane);
@@ -562,11 +620,6 @@ static void take_facets_off(bound_work *work, side_work *side,
         to->mean += least.mean;
         to->share += least.share;
     }
-}
-
-static double max3(const double x[3])
-{
-    return qm_max(x[0], qm_max(x[1], x[2]));
 }
 
 /** Bounds by how much the distance exceeds the height where a piece is beyond some edges, from how far its
@@ -588,6 +641,25 @@ static qm_excess find_outside(const double edge[][3], int count, double sharpnes
     outside.most = sharpness * most;
     outside.part.mean *= sharpness;
     return outside;
+}
+
+/** Lowers the bounds of an excess o at a right angle to a height of at least least: the distance, the root of h^2 + o^2,
+ * is at most h + o^2 / (2 h). Beyond n edges o^2 is no more than n times the sum of squares. */
+static void square_outside(qm_excess *outside, const double edge[][3], int count, double sharpness,
+                           double least)
+{
+    double sum = 0.0, beyond = 0.0;
+    if (!(least > 0.0)) return;
+    for (int k = 0; k < count; k++) {
+        if (!(max3(edge[k]) > 0.0)) continue;
+        sum += qm_integral_positive_part(edge[k]).square;
+        beyond += 1.0;
+    }
+    if (!(sum > 0.0)) return;
+    double mean = sharpness * sharpness * beyond * sum / (2.0 * least) * (1.0 + SQUARE_ROUNDINGS);
+    double most = outside->most * outside->most / (2.0 * least) * (1.0 + SQUARE_ROUNDINGS);
+    outside->part.mean = qm_min(outside->part.mean, mean);
+    outside->most = qm_min(outside->most, most);
 }
 
 /** Lowers the bounds of find_outside by how far the corners are past both ends of each edge: a point beyond
@@ -637,7 +709,8 @@ static void bound_above(const base *over, const double value[6], double high[3])
         high[i] = value[i];
 }
 
-static void set_facet_outside(const bound_work *work, base *over)
+/** The excess beside the facet, where the height is at least least. */
+static void set_facet_outside(const bound_work *work, double least, base *over)
 {
     const qm_triangle *t = &work->base_facet;
     point_list points = over->is_bent ? (point_list){work->bezier, 6} : corners_of(work);
@@ -648,9 +721,10 @@ static void set_facet_outside(const bound_work *work, base *over)
         for (int end = 0; end < 2; end++)
             bound_above(over, past[k][end], high_past[k][end]);
     }
-    over->outside = find_outside((const double(*)[3])high_edge, 3,
-                                 1.0 / qm_deviation_facet_min_sine(t) * (1.0 + SQUARE_ROUNDINGS));
+    double sharpness = 1.0 / qm_deviation_facet_min_sine(t) * (1.0 + SQUARE_ROUNDINGS);
+    over->outside = find_outside((const double(*)[3])high_edge, 3, sharpness);
     narrow_outside(&over->outside, (const double(*)[3])high_edge, (const double(*)[2][3])high_past);
+    square_outside(&over->outside, (const double(*)[3])high_edge, 3, sharpness, least);
 }
 
 /** The height over a facet. Of a piece of a patch it is quadratic, and exact. */
@@ -660,6 +734,7 @@ static void set_facet_base(const bound_work *work, base *over)
     double slack = work->near->slack[work->base / QM_PACK_LANES][work->base % QM_PACK_LANES];
     double low[3], high[3];
     over->match = NULL;
+    over->feature = NULL;
     over->normal = t->z;
     over->is_bent = work->face->is_patch;
     over->slack = 0.0;
@@ -672,7 +747,9 @@ static void set_facet_base(const bound_work *work, base *over)
         heights_over_facet(corners_of(work), t, t->z, low);
         heights_over_facet(corners_of(work), t, t->z, high);
     }
-    set_facet_outside(work, over);
+    over->cubic_most = 0.0;
+    double lowest = qm_max(min3(low), -max3(high));
+    set_facet_outside(work, lowest - work->setup->eta, over);
     for (int i = 0; i < 3; i++) {
         over->low[i] = low[i] - over->below;
         over->high[i] = high[i] + over->above;
@@ -701,12 +778,12 @@ static double find_patch_loss(const bound_work *work, const base *over)
 }
 
 /** Bounds how far the distance to a patch exceeds the height. */
-static void set_patch_outside(const bound_work *work, base *over, const qm_uv_box *box)
+static void set_patch_outside(const bound_work *work, base *over)
 {
     double edge[4][3];
-    qm_match_margin margin = qm_deviation_match_margin(work->setup, over->match, box);
-    qm_deviation_match_edges(work->setup, over->match, margin.foot, edge);
-    over->more = margin.over;
+    qm_match_rise rise = qm_deviation_match_rise(work->setup, over->match);
+    qm_deviation_match_edges(work->setup, over->match, rise.foot, edge);
+    over->more = rise.over;
     over->outside = find_outside((const double(*)[3])edge, 4, 1.0);
 }
 
@@ -714,9 +791,13 @@ static bool set_patch_base(bound_work *work, base *over)
 {
     int rectangle = work->patch_base;
     over->match = rectangle == QM_NO_RECTANGLE ? NULL : match_of(work, rectangle, false);
+    over->feature = NULL;
     if (!over->match) return false;
     over->face = work->near->rectangle[rectangle].face;
     over->loss = find_patch_loss(work, over);
+    double to_plane = qm_deviation_match_plane_loss(work->setup, over->match, work->bezier);
+    over->is_plane = to_plane < over->loss;
+    if (over->is_plane) over->loss = to_plane;
     if (!(over->loss < INFINITY)) return false;
     const qm_deviation_match *match = over->match;
     over->normal = match->normal;
@@ -724,7 +805,10 @@ static bool set_patch_base(bound_work *work, base *over)
     over->slack = match->slack + match->off;
     for (int k = 0; k < 6; k++)
         over->height[k] = match->height[k];
-    set_patch_outside(work, over, &work->near->rectangle[rectangle].box);
+    over->cubic_most = match->cubic_most;
+    for (int k = 0; k < 4 && over->cubic_most > 0.0; k++)
+        over->cubic[k] = match->cubic[k];
+    set_patch_outside(work, over);
     if (!(over->more < INFINITY)) return false;
     bool has_sign = match->least > 0.0, is_above = match->low[0] > 0.0;
     double both = qm_max(over->loss, over->more);
@@ -739,6 +823,63 @@ static bool set_patch_base(bound_work *work, base *over)
     return true;
 }
 
+/** How far the piece is past the ends of an edge, of a facet that is within slack of the target. */
+static void set_feature_outside(const bound_work *work, base *over)
+{
+    double past[2][6], edge[2][3];
+    for (int k = 0; k < 6; k++) {
+        double here[2];
+        qm_deviation_feature_past(over->feature, work->bezier[k], here);
+        for (int end = 0; end < 2; end++)
+            past[end][k] = here[end] + work->setup->eta;
+    }
+    for (int end = 0; end < 2; end++)
+        qm_quadratic_raise(past[end], edge[end]);
+    bool is_edge = over->feature->length > 0.0;
+    over->outside = find_outside((const double(*)[3])edge, is_edge ? 2 : 0, 1.0);
+    square_outside(&over->outside, (const double(*)[3])edge, is_edge ? 2 : 0, 1.0, over->least);
+}
+
+/** The distance from an edge or vertex as a height over it. */
+static bool set_feature_base(const bound_work *work, const qm_deviation_feature *feature, base *over)
+{
+    double low[3], high[3], eta = work->setup->eta;
+    qm_feature_distance distance;
+    if (!qm_deviation_feature_distance(work->setup, feature, work->bezier, &distance)) return false;
+    over->match = NULL;
+    over->feature = feature;
+    over->least = distance.least;
+    over->farthest = 0.0;
+    /* No longer than 1, whether or not the feature is the nearest. */
+    qm_vec offset = qm_deviation_feature_offset(feature, work->shape->centroid);
+    over->normal = qm_vec_scale(1.0 / qm_max(qm_vec_norm(offset), QM_MIN_LENGTH), offset);
+    QM_ASSERT(qm_vec_norm2(over->normal) <= 1.0 + 0x1p-40);
+    over->is_bent = true;
+    for (int k = 0; k < 6; k++) {
+        over->height[k] = distance.value[k];
+        over->farthest = qm_max(over->farthest, distance.value[k]);
+    }
+    for (int k = 0; k < 4; k++)
+        over->cubic[k] = distance.cubic[k];
+    over->cubic_most = distance.cubic_most;
+    over->slack = work->face->slack + distance.off + distance.cubic_most;
+    double rectangle_slack = work->near->slack[work->base / QM_PACK_LANES][work->base % QM_PACK_LANES];
+    bool is_exact =
+        work->near->rectangle_of[work->base / QM_PACK_LANES][work->base % QM_PACK_LANES] != QM_NO_RECTANGLE;
+    over->above = is_exact ? 0.0 : rectangle_slack;
+    /* An error of a normal cone, eta |x|, counts as the distance does. */
+    over->below = eta * (over->farthest + distance.off + distance.cubic_most) / distance.least;
+    qm_quadratic_open(over->height, low, high);
+    for (int i = 0; i < 3; i++) {
+        over->low[i] = low[i] - over->slack - over->below;
+        over->high[i] = high[i] + over->slack + over->above;
+        over->cap[0][i] = high[i] + over->slack - over->below;
+        over->cap[1][i] = -low[i] + over->slack - over->above;
+    }
+    set_feature_outside(work, over);
+    return true;
+}
+
 /** Bounds by the height over the base; false when the piece is not over it for the most part. */
 static bool bound_over_base(bound_work *work, const base *over,
                             const double distance[QM_FACET_PACKS][QM_PACK_LANES], qm_deviation_bounds *out)
@@ -746,7 +887,7 @@ static bool bound_over_base(bound_work *work, const base *over,
     double eta = work->setup->eta;
     if (!(over->outside.part.share < MAX_OUTSIDE) || !(over->outside.most < INFINITY)) return false;
     qm_positive_part lost = {0.0, 0.0, 0.0};
-    double cubic = over->match ? over->match->cubic_most : 0.0;
+    double cubic = over->cubic_most;
     for (int k = 0; k < 2; k++) {
         side_work side = {.over = over,
                           .room = work->setup->base_margin,
@@ -776,7 +917,7 @@ static bool bound_over_base(bound_work *work, const base *over,
             out->bend.value[k] = over->height[k];
         out->bend.cubic_most = cubic;
         for (int k = 0; k < 4; k++)
-            out->bend.cubic[k] = cubic > 0.0 ? over->match->cubic[k] : 0.0;
+            out->bend.cubic[k] = cubic > 0.0 ? over->cubic[k] : 0.0;
         out->bend.below = over->slack + over->below + eta;
         out->bend.above = over->slack + over->above + eta;
         out->bend.cells = qm_quadratic_count_cells(over->height, work->setup->bend_error);
@@ -849,7 +990,8 @@ void qm_deviation_list_facets(const qm_deviation_setup *setup, const qm_deviatio
                               qm_deviation_workspace *workspace)
 {
     double certain, distance = qm_deviation_search(setup, workspace, shape->centroid, &certain);
-    qm_deviation_facets_find(setup->kernel, setup->target, setup->target_patches, cuts_all,
+    double whole = shape->slack > 0.0 ? WHOLE * shape->radius : 0.0;
+    qm_deviation_facets_find(setup->kernel, setup->target, setup->target_patches, cuts_all, whole,
                              setup->patch_error, shape->centroid, distance,
                              qm_deviation_search_radius(setup, shape, distance), &workspace->near);
 }
@@ -861,11 +1003,17 @@ static void combine_over_base(bound_work *work, const double distance[QM_FACET_P
     base over;
     qm_deviation_bounds bounds;
     bool is_found = set_patch_base(work, &over) && bound_over_base(work, &over, distance, &bounds);
-    if (!is_found && work->at_centroid < NEAR_BASE * work->shape->radius) {
+    bool is_bent = work->face->is_patch && work->shape->slack > 0.0;
+    if (!is_found && (is_bent || work->at_centroid < NEAR_BASE * work->shape->radius)) {
         set_facet_base(work, &over);
         is_found = bound_over_base(work, &over, distance, &bounds);
     }
     if (is_found) qm_deviation_bounds_combine(out, &bounds);
+    qm_deviation_feature feature;
+    if (work->at_centroid > LEAST_APART * work->shape->radius &&
+        qm_deviation_feature_under(work->near, work->base, work->shape->centroid, &feature) &&
+        set_feature_base(work, &feature, &over) && bound_over_base(work, &over, distance, &bounds))
+        qm_deviation_bounds_combine(out, &bounds);
 }
 
 void qm_deviation_piece_bound_near(const qm_deviation_setup *setup, const qm_deviation_face *face,
@@ -878,7 +1026,7 @@ void qm_deviation_piece_bound_near(const qm_deviation_setup *setup, const qm_dev
     work.piece = piece;
     work.shape = shape;
     work.near = &workspace->near;
-    if (face->is_patch) qm_deviation_piece_coefficients(face, piece, work.bezier);
+    qm_deviation_piece_coefficients(face, piece, work.bezier);
     work.low_sum = -INFINITY;
     work.high_sum = INFINITY;
     for (int i = 0; i < 3; i++)

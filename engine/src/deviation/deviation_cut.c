@@ -1,7 +1,8 @@
 /**
  * deviation_cut.c: where a piece is cut: along the borders of the facets under it. A patch takes the place of
  * its facets where they are farther from it than the piece is: their borders then say nothing. Where a cut
- * lies decides how good the bounds of the parts are, never whether they hold.
+ * lies decides how good the bounds of the parts are, never whether they hold. Where an edge or a vertex is the nearest, the
+ * borders are planes along the normals of the facets that meet there.
  *
  * A new corner is rounded and lies beside the edge that it is on, so that a sliver of the piece is in no
  * part, or in one and in its neighbour too. A coordinate is found by a difference, a product and a sum of
@@ -12,6 +13,7 @@
  * defined by their corners alone, the leaks of cuts of cuts add up.
  */
 #include "core/rounding.h"
+#include "deviation_feature.h"
 #include "deviation_match.h"
 
 #define OUTLINE_CORNERS 16
@@ -269,10 +271,13 @@ static double find_min_gain(const cut_work *work, const outline *o)
     return fmax(worth, work->slack);
 }
 
-/** Whether a cell misfits a corner: another one is nearer by more than the gain that a cut must bring. */
+/** Whether a cell misfits a corner: another one is nearer by more than the gain that a cut must bring, or the
+ * corner is beside it, and farther from it than from its plane or surface. */
 static bool misfits_at(const cut_work *work, const outline *o, const cell *of, int corner)
 {
-    return distance_from(of, o->at[corner]) - o->nearest[corner] > work->worth;
+    double distance = distance_from(of, o->at[corner]);
+    return distance - o->nearest[corner] > work->worth ||
+           distance - fabs(height_over(of, o->at[corner])) > work->worth;
 }
 
 static bool fits(const cut_work *work, const outline *o, const cell *of)
@@ -309,6 +314,101 @@ static bool cut_along_bisector(cut_work *work, outline *o, const cell *of)
         if (cut(work, o, value)) return true;
     }
     return false;
+}
+
+/* ---- round an edge or a vertex ---- */
+
+static bool find_feature(const cut_work *work, const cell *of, qm_vec p, qm_deviation_feature *feature)
+{
+    const double middle[2] = {0.5, 0.5};
+    return of->patch ? qm_deviation_feature_of_patch(of->patch, middle, p, feature)
+                     : qm_deviation_feature_under(work->near, of->index, p, feature);
+}
+
+/** The distance of each corner of an outline from a feature. */
+static void measure_feature(const qm_deviation_feature *feature, const outline *o,
+                            double distance[OUTLINE_CORNERS])
+{
+    for (int i = 0; i < o->count; i++)
+        distance[i] = qm_vec_norm(qm_deviation_feature_offset(feature, o->at[i]));
+}
+
+/** Cuts off what is beyond a border of a feature, where its distance misfits a corner there. */
+static void cut_border(cut_work *work, outline *o, const qm_deviation_feature *feature,
+                       double value[OUTLINE_CORNERS])
+{
+    double distance[OUTLINE_CORNERS];
+    bool misfits = false;
+    measure_feature(feature, o, distance);
+    for (int i = 0; i < o->count; i++)
+        misfits |= value[i] < 0.0 && fabs(distance[i] - o->nearest[i]) > work->worth;
+    if (misfits && cut(work, o, value)) work->worth = find_min_gain(work, o);
+}
+
+/** Cuts along the normals of one cell that meets a feature: through the vertex across each of its edges, or along
+ * the edge. */
+static void cut_along_normals(cut_work *work, outline *o, const qm_deviation_feature *feature,
+                              const qm_vec *corner, int count)
+{
+    double length[4], tolerance = work->setup->eta;
+    qm_vec way[4];
+    int met = 0;
+    for (int i = 0; i < count; i++) {
+        double past[2];
+        way[i] = qm_deviation_feature_offset(feature, corner[i]);
+        length[i] = qm_vec_norm(way[i]);
+        qm_deviation_feature_past(feature, corner[i], past);
+        met += length[i] <= tolerance && past[0] <= tolerance && past[1] <= tolerance;
+    }
+    if (met < (feature->length > 0.0 ? 2 : 1)) return;
+    for (int i = 0; i < count; i++) {
+        double value[OUTLINE_CORNERS];
+        if (!(length[i] > tolerance)) continue;
+        for (int k = 0; k < o->count; k++)
+            value[k] = -qm_vec_dot(qm_deviation_feature_offset(feature, o->at[k]), way[i]) / length[i];
+        cut_border(work, o, feature, value);
+    }
+}
+
+/** Cuts along the borders of the part of space that is nearest to a feature. */
+static void cut_round_feature(cut_work *work, outline *o, const qm_deviation_feature *feature)
+{
+    const qm_deviation_facets *near = work->near;
+    for (int end = 0; end < 2 && feature->length > 0.0; end++) {
+        double value[OUTLINE_CORNERS];
+        for (int k = 0; k < o->count; k++) {
+            double past[2];
+            qm_deviation_feature_past(feature, o->at[k], past);
+            value[k] = -past[end];
+        }
+        cut_border(work, o, feature, value);
+    }
+    for (int i = 0; i < near->count; i++) {
+        if (near->rectangle_of[i / QM_PACK_LANES][i % QM_PACK_LANES] != QM_NO_RECTANGLE) continue;
+        qm_triangle t = qm_deviation_facet_at(&near->pack[i / QM_PACK_LANES], i % QM_PACK_LANES);
+        const qm_vec corner[3] = {t.origin, qm_vec_axpy(t.origin, t.length, t.x),
+                                  qm_vec_axpy(qm_vec_axpy(t.origin, t.cx, t.x), t.cy, t.y)};
+        cut_along_normals(work, o, feature, corner, 3);
+    }
+    for (int i = 0; i < near->rectangle_count; i++) {
+        qm_vec corner[4];
+        qm_uv_box_corners(&near->rectangle[i].patch, &near->rectangle[i].box, corner);
+        cut_along_normals(work, o, feature, corner, 4);
+    }
+}
+
+/** Cuts where a feature is as far as another cell that is nearer to a corner. */
+static void cut_beside_feature(cut_work *work, outline *o, const qm_deviation_feature *feature)
+{
+    double distance[OUTLINE_CORNERS], value[OUTLINE_CORNERS];
+    measure_feature(feature, o, distance);
+    for (int i = 0; i < o->count; i++) {
+        if (!(distance[i] - o->nearest[i] > work->worth)) continue;
+        cell other = find_cell(work, o->at[i]);
+        for (int k = 0; k < o->count; k++)
+            value[k] = distance_from(&other, o->at[k]) - distance[k];
+        if (cut(work, o, value)) return;
+    }
 }
 
 /* ---- the piece ---- */
@@ -371,6 +471,9 @@ int qm_deviation_piece_cut(const qm_deviation_setup *setup, const qm_deviation_f
     }
     first->area = area_of(first);
     work.count = 1;
+    bool has_planes = false;
+    for (int i = 0; i < near->rectangle_count; i++)
+        has_planes |= near->rectangle[i].is_plane;
     double slack[2] = {0.0, 0.0}; /* the greatest of a facet, and of one that is no part of a patch */
     for (int i = 0; i < near->count; i++) {
         double here = near->slack[i / QM_PACK_LANES][i % QM_PACK_LANES];
@@ -378,7 +481,7 @@ int qm_deviation_piece_cut(const qm_deviation_setup *setup, const qm_deviation_f
         if (near->rectangle_of[i / QM_PACK_LANES][i % QM_PACK_LANES] == QM_NO_RECTANGLE)
             slack[1] = fmax(slack[1], here);
     }
-    work.has_patches = !(slack[0] < nearest) && slack[0] > slack[1];
+    work.has_patches = has_planes || (!(slack[0] < nearest) && slack[0] > slack[1]);
     for (int i = 0; i < 3 && work.has_patches; i++) {
         first->nearest[i] = find_patch(&work, first->at[i]).distance;
         nearest = fmin(nearest, first->nearest[i]);
@@ -393,8 +496,14 @@ int qm_deviation_piece_cut(const qm_deviation_setup *setup, const qm_deviation_f
         qm_vec centroid = centroid_of(&at);
         cell of = find_cell(&work, centroid);
         work.worth = find_min_gain(&work, &at);
-        cut_along_edges(&work, &at, &of, centroid);
-        if (!fits(&work, &at, &of)) cut_along_bisector(&work, &at, &of);
+        qm_deviation_feature feature;
+        if (find_feature(&work, &of, centroid, &feature)) {
+            cut_round_feature(&work, &at, &feature);
+            cut_beside_feature(&work, &at, &feature);
+        } else {
+            cut_along_edges(&work, &at, &of, centroid);
+            if (!fits(&work, &at, &of)) cut_along_bisector(&work, &at, &of);
+        }
         count = add_parts(piece, &at, part, count);
     }
     for (int i = 0; i < count; i++)

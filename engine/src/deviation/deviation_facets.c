@@ -24,7 +24,7 @@ typedef struct near_work {
     const qm_bvh *target;
     qm_deviation_facets *near;
     qm_vec centre;
-    double distance, reach, error;
+    double distance, reach, error, whole;
     bool cuts_all;
     rectangle rectangle[QM_MAX_RECTANGLES]; /* near->rectangle_count of them */
 } near_work;
@@ -164,7 +164,7 @@ static rectangle make_rectangle(const near_work *work, const qm_vec corner[4], q
     for (int i = 0; i < 4; i++)
         made.corner[i] = corner[i];
     made.halves = qm_bilinear_halve(corner, (qm_vec){0, 0, 0});
-    of->is_mild = !work->cuts_all && is_mild(work, corner);
+    of->is_mild = !work->cuts_all && (of->is_plane || is_mild(work, corner));
     made.excess = of->is_mild ? 0.0 : made.halves.slack;
     return made;
 }
@@ -242,6 +242,18 @@ static void add_rectangles(near_work *work)
 
 /* ---- packs ---- */
 
+/** Adds a patch as a rectangle. */
+static void add_patch(near_work *work, uint32_t face, double twist)
+{
+    qm_vec corner[4];
+    qm_bvh_load_face(work->target, face, corner);
+    const qm_deviation_rectangle whole = {.face = face,
+                                          .is_plane = !(twist > work->error),
+                                          .patch = qm_bilinear_make(corner),
+                                          .box = {{0.0, 0.0}, {1.0, 1.0}}};
+    add_rectangle(work, corner, whole);
+}
+
 static void add_pack(near_work *work, const qm_kernel *kernel, uint32_t pack, bool patches)
 {
     const qm_bvh *target = work->target;
@@ -252,13 +264,11 @@ static void add_pack(near_work *work, const qm_kernel *kernel, uint32_t pack, bo
     kernel->pack_distances(rows, work->centre, d2);
     for (int lane = 0; lane < lanes->lane_count; lane++) {
         double twist = patches ? (double)qm_bvh_twists(target, pack)[lane] : 0.0;
-        if (twist > work->error) {
-            qm_vec corner[4];
-            qm_bvh_load_face(target, lanes->face[lane], corner);
-            const qm_deviation_rectangle whole = {
-                lanes->face[lane], false, qm_bilinear_make(corner), {{0.0, 0.0}, {1.0, 1.0}}};
-            add_rectangle(work, corner, whole);
-            lane += qm_lane_has_second(lanes, (uint32_t)lane);
+        bool has_second = qm_lane_has_second(lanes, (uint32_t)lane);
+        bool stays_whole = patches && has_second && work->distance < work->whole;
+        if (twist > work->error || stays_whole) {
+            add_patch(work, lanes->face[lane], twist);
+            lane += has_second;
         } else if (sqrt(d2[lane]) - twist <= work->reach) {
             add_lane(work, rows, lane, twist);
         }
@@ -281,7 +291,7 @@ static void pad(qm_deviation_facets *near)
 }
 
 void qm_deviation_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool patches, bool cuts_all,
-                              double error, qm_vec centre, double distance, double reach,
+                              double whole, double error, qm_vec centre, double distance, double reach,
                               qm_deviation_facets *near)
 {
     const qm_box point = {{centre.x, centre.y, centre.z}, {centre.x, centre.y, centre.z}};
@@ -292,6 +302,7 @@ void qm_deviation_facets_find(const qm_kernel *kernel, const qm_bvh *target, boo
     work.distance = distance;
     work.reach = reach;
     work.error = error;
+    work.whole = whole;
     work.cuts_all = cuts_all;
     qm_near_packs packs;
     kernel->gather(target, &point, reach, &packs);

@@ -28,6 +28,7 @@
 typedef struct qm_deviation_rectangle {
     uint32_t face;
     bool is_mild;      /* bends so little that matches hold */
+    bool is_plane;     /* all of the patch is within the permitted error of a plane */
     qm_bilinear patch; /* the whole of it */
     qm_uv_box box;
 } qm_deviation_rectangle;
@@ -47,11 +48,12 @@ typedef struct qm_deviation_facets {
  *
  * patches   whether the target's quads are bilinear patches
  * cuts_all  whether mild rectangles are cut like the others
+ * whole     plane patches that are nearer than this are rectangles as well, and stay whole
  * error     the flatness bound below which they are not cut
  * distance  about how far the target is from the point
  */
 void qm_deviation_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool patches, bool cuts_all,
-                              double error, qm_vec centre, double distance, double reach,
+                              double whole, double error, qm_vec centre, double distance, double reach,
                               qm_deviation_facets *near);
 
 /** The facet at a lane of a pack. */

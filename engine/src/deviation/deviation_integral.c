@@ -161,6 +161,7 @@ void qm_deviation_integrate(const qm_deviation_shape *w, qm_deviation_bounds *ou
     out->area_high = sum3(w->high) / 3.0;
     out->density_low = min3(w->low);
     out->density_high = max3(w->high);
+    out->most = max3(out->high);
     out->mean_low = mean_below(out->low, w);
     out->mean_high = mean_above(out->high, w);
     out->square_low = square_below(out->low, w);
@@ -192,6 +193,7 @@ static void add_invalid(qm_positive_part lost, qm_excess outside, double max_low
     out->invalid_low = qm_min(1.0, lost.share);
     out->invalid_high = qm_min(1.0, outside.part.share);
     out->excess = outside.most;
+    out->most = qm_max(max3(out->high), -min3(out->low)) + outside.most;
     out->blur = out->density_high * (max_high + outside.most) * (out->invalid_low + out->invalid_high);
 }
 
@@ -223,40 +225,62 @@ void qm_deviation_integrate_signed(const qm_deviation_shape *w, qm_positive_part
     out->blur += out->density_high * (sum3(out->high) - sum3(out->low)) / 3.0;
 }
 
-/**
- * Adds the integrals over a triangle of a height of one sign, from below and above, by a rule of 12 points that is
- * exact up to degree seven; all terms are positive. The height is side times the quadratic function and its
- * cubic part, less below or with above; the triangle is the part of the piece with corners of these weights.
- *
- * Source: K. Gatermann, The construction of symmetric cubature formulas for the square and the triangle, 1988.
- */
-static void add_cubic(const qm_quadratic *bend, const double corner[3][3], double side, double below,
-                      double above, const qm_deviation_shape *w, qm_deviation_bounds *sum)
+/** The height of one sign over a part of a piece, for integrals from below and above: side times the quadratic function and
+ * its cubic part, less below or with above; the part has corners of these weights. */
+typedef struct sided_height {
+    const qm_quadratic *bend;
+    const double (*corner)[3];
+    double side, below, above;
+} sided_height;
+
+/** Adds a point of a rule for integrals over the part; all terms are positive. */
+static void add_point(const sided_height *height, const double l[3], double weight,
+                      const qm_deviation_shape *w, qm_deviation_bounds *sum)
 {
-    static const double rule[4][4] = {
+    const qm_quadratic *bend = height->bend;
+    const double *f = bend->value;
+    double at[3], value = l[0] * l[0] * f[0] + l[1] * l[1] * f[1] + l[2] * l[2] * f[2] +
+                          2.0 * (l[0] * l[1] * f[3] + l[1] * l[2] * f[4] + l[2] * l[0] * f[5]);
+    if (bend->cubic_most > 0.0) {
+        for (int k = 0; k < 3; k++)
+            at[k] = l[0] * height->corner[0][k] + l[1] * height->corner[1][k] + l[2] * height->corner[2][k];
+        value += qm_quadratic_cubic_at(bend->cubic, at);
+    }
+    double low = qm_max(0.0, height->side * value - height->below);
+    double high = qm_max(0.0, height->side * value + height->above);
+    double low_part = weight * low * (l[0] * w->low[0] + l[1] * w->low[1] + l[2] * w->low[2]);
+    double high_part = weight * high * (l[0] * w->high[0] + l[1] * w->high[1] + l[2] * w->high[2]);
+    sum->mean_low += low_part;
+    sum->square_low += low_part * low;
+    sum->mean_high += high_part;
+    sum->square_high += high_part * high;
+}
+
+/**
+ * Adds the integrals of a height of one sign. The integral of the square of a quadratic height over a linear density is of degree
+ * five, that of a cubic one of degree seven; the rules, of 7 and of 12 points, are exact up to these.
+ *
+ * Sources: J. Radon, Zur mechanischen Kubatur, 1948; K. Gatermann, The construction of symmetric cubature formulas for the
+ * square and the triangle, 1988.
+ */
+static void add_rule(const sided_height *height, const qm_deviation_shape *w, qm_deviation_bounds *sum)
+{
+    static const double third = 1.0 / 3.0;
+    static const double quadratic[2][4] = {
+        {0.47014206410511509, 0.47014206410511509, 0.059715871789769820, 0.13239415278850618},
+        {0.10128650732345634, 0.10128650732345634, 0.79742698535308732, 0.12593918054482715}};
+    static const double cubic[4][4] = {
         {0.062382265094402117, 0.067517867073916091, 0.87009986783168181, 0.053034056314872506},
         {0.055225456656926609, 0.32150249385198182, 0.62327204949109161, 0.087762817428892109},
         {0.034324302945097147, 0.66094919618673564, 0.30472650086816722, 0.057550085569963175},
         {0.51584233435359172, 0.27771616697639179, 0.20644149867001643, 0.13498637401960556}};
-    const double *f = bend->value;
-    for (int ring = 0; ring < 4; ring++)
+    bool is_cubic = height->bend->cubic_most > 0.0;
+    const double(*ring)[4] = is_cubic ? cubic : quadratic;
+    if (!is_cubic) add_point(height, (const double[3]){third, third, third}, 0.225, w, sum);
+    for (int k = 0; k < (is_cubic ? 4 : 2); k++)
         for (int i = 0; i < 3; i++) {
-            const double l[3] = {rule[ring][i], rule[ring][(i + 1) % 3], rule[ring][(i + 2) % 3]};
-            double at[3], value = l[0] * l[0] * f[0] + l[1] * l[1] * f[1] + l[2] * l[2] * f[2] +
-                                  2.0 * (l[0] * l[1] * f[3] + l[1] * l[2] * f[4] + l[2] * l[0] * f[5]);
-            if (bend->cubic_most > 0.0) {
-                for (int k = 0; k < 3; k++)
-                    at[k] = l[0] * corner[0][k] + l[1] * corner[1][k] + l[2] * corner[2][k];
-                value += qm_quadratic_cubic_at(bend->cubic, at);
-            }
-            double low = qm_max(0.0, side * value - below), high = qm_max(0.0, side * value + above);
-            double low_part = rule[ring][3] * low * (l[0] * w->low[0] + l[1] * w->low[1] + l[2] * w->low[2]);
-            double high_part =
-                rule[ring][3] * high * (l[0] * w->high[0] + l[1] * w->high[1] + l[2] * w->high[2]);
-            sum->mean_low += low_part;
-            sum->square_low += low_part * low;
-            sum->mean_high += high_part;
-            sum->square_high += high_part * high;
+            const double l[3] = {ring[k][i], ring[k][(i + 1) % 3], ring[k][(i + 2) % 3]};
+            add_point(height, l, ring[k][3], w, sum);
         }
 }
 
@@ -277,7 +301,8 @@ static bool add_sided(const qm_quadratic *bend, const double corner[3][3], doubl
     double low = side > 0.0 ? min6(bend->value) : -max6(bend->value);
     double below = side > 0.0 ? bend->below : bend->above, above = side > 0.0 ? bend->above : bend->below;
     if (low - below < 0.0) return false;
-    add_cubic(bend, corner, side, below - bend->cubic_most, above - bend->cubic_most, w, sum);
+    const sided_height height = {bend, corner, side, below - bend->cubic_most, above - bend->cubic_most};
+    add_rule(&height, w, sum);
     return true;
 }
 
@@ -352,6 +377,7 @@ void qm_deviation_integrate_quadratic(const qm_deviation_shape *w, qm_positive_p
 void qm_deviation_bounds_combine(qm_deviation_bounds *bounds, const qm_deviation_bounds *over)
 {
     qm_deviation_bounds best = over->blur < bounds->blur ? *over : *bounds;
+    best.most = qm_min(bounds->most, over->most);
     best.mean_low = qm_max(bounds->mean_low, over->mean_low);
     best.mean_high = qm_min(bounds->mean_high, over->mean_high);
     best.square_low = qm_max(bounds->square_low, over->square_low);

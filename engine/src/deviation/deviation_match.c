@@ -12,7 +12,7 @@
 #define CLEAR 0.125        /* least m that is worth a bound */
 #define LEAST_SINE 0x1p-10 /* of a frame: between a and the length of its columns */
 #define RELATIVE (1.0 + 0x1p-40) /* for the roundings of a few dozen operations on positive terms */
-#define LEAST_NORMAL 0.5         /* of the longest normal: heights are along normals that are no shorter */
+#define LEAST_NORMAL 0x1p-5      /* of the longest normal: heights are along normals that are no shorter */
 #define FOOT_ROUNDING 0x1p-50    /* of the parameters b + z */
 #define MOST_PAIRS 0.66667       /* of the sum of 2 l_i l_j over i < j */
 #define FARTHEST 4.0             /* of the greatest coordinate: differences beyond are not bounded */
@@ -386,12 +386,13 @@ typedef struct frame {
     double turn;     /* r */
 } frame;
 
+/** The frame of a box round all parameters of a match, and round another box unless that is NULL. */
 static bool make_frame(const qm_deviation_setup *setup, const qm_deviation_match *match, const qm_uv_box *box,
                        frame *out)
 {
     double centre[2], half[2];
     for (int k = 0; k < 2; k++) {
-        double low = box->low[k], high = box->high[k];
+        double low = box ? box->low[k] : INFINITY, high = box ? box->high[k] : -INFINITY;
         for (int i = 0; i < 6; i++) {
             low = qm_min(low, match->foot[i][k]);
             high = qm_max(high, match->foot[i][k]);
@@ -467,23 +468,75 @@ static double find_longest_step(const qm_deviation_match *match, const frame *at
     return MOST_PAIRS * sqrt(most2) * RELATIVE;
 }
 
+/** The terms of heights along the normals. */
+typedef struct normal_terms {
+    double step;     /* y */
+    double straight; /* 1 - r */
+    double w, bent;  /* |w| k / 2, and omega k */
+    double lift;     /* omega k y^2 / 2 */
+    double e;
+} normal_terms;
+
+static normal_terms find_normal_terms(const qm_deviation_match *match, const frame *at)
+{
+    double step = find_longest_step(match, at), k = at->product;
+    double w = 0.5 * k * qm_vec_norm(match->patch->w), bent = match->normal_w * k;
+    return (normal_terms){.step = step,
+                          .straight = 1.0 - at->turn,
+                          .w = w,
+                          .bent = bent,
+                          .lift = 0.5 * bent * step * step,
+                          .e = match->beside + w * step * step};
+}
+
+qm_match_rise qm_deviation_match_rise(const qm_deviation_setup *setup, const qm_deviation_match *match)
+{
+    frame at;
+    qm_match_rise rise = {INFINITY, {FOOT_ROUNDING, FOOT_ROUNDING}};
+    if (!match->holds) return rise;
+    if (!match->along_normals) {
+        rise.over = match->over;
+        return rise;
+    }
+    if (!make_frame(setup, match, NULL, &at)) return rise;
+    normal_terms t = find_normal_terms(match, &at);
+    double upright = t.straight - t.bent * t.step, last = t.e / upright;
+    if (!(upright > CLEAR)) return rise;
+    rise.over = (t.lift + t.bent * t.step * last + t.w * last * last) * RELATIVE;
+    for (int i = 0; i < 2; i++)
+        rise.foot[i] += last * at.reach[i] * RELATIVE;
+    return rise;
+}
+
+double qm_deviation_match_plane_loss(const qm_deviation_setup *setup, const qm_deviation_match *match,
+                                     const qm_vec bezier[6])
+{
+    const qm_uv_box whole = {{0.0, 0.0}, {1.0, 1.0}};
+    qm_vec corner[4], normal = qm_vec_scale(1.0 / RELATIVE, match->normal);
+    double low = INFINITY, high = -INFINITY, most[2] = {0.0, 0.0};
+    qm_uv_box_corners(match->patch, &whole, corner);
+    for (int i = 0; i < 4; i++) {
+        double here = qm_vec_dot(normal, qm_vec_sub(corner[i], corner[0]));
+        low = qm_min(low, here);
+        high = qm_max(high, here);
+    }
+    for (int k = 0; k < 6; k++) {
+        double plane = qm_vec_dot(normal, qm_vec_sub(bezier[k], corner[0])) - 0.5 * (low + high);
+        most[0] = qm_max(most[0], fabs(match->height[k] - plane));
+        most[1] = qm_max(most[1], fabs(match->height[k] + plane));
+    }
+    return (qm_min(most[0], most[1]) + 0.5 * (high - low) + match->cubic_most + setup->eta) * RELATIVE;
+}
+
 /** The margin of heights along the normals. */
 static void set_normal_margin(const qm_deviation_setup *setup, const qm_deviation_match *match,
                               const frame *at, qm_match_margin *margin)
 {
-    double step = find_longest_step(match, at), straight = 1.0 - at->turn, k = at->product;
-    double w = 0.5 * k * qm_vec_norm(match->patch->w), bent = match->normal_w * k, height = 0.0;
-    double lift = 0.5 * bent * step * step, e = match->beside + w * step * step;
+    normal_terms t = find_normal_terms(match, at);
+    double step = t.step, straight = t.straight, bent = t.bent, lift = t.lift, e = t.e, height = 0.0;
     for (int i = 0; i < 6; i++)
         height = qm_max(height, fabs(match->height[i]));
     height += match->off + lift + setup->eta;
-    double upright = straight - bent * step;
-    if (upright > CLEAR) {
-        double last = e / upright;
-        margin->over = (lift + bent * step * last + w * last * last) * RELATIVE;
-        for (int i = 0; i < 2; i++)
-            margin->foot[i] = last * at->reach[i] * RELATIVE;
-    }
     double left = straight * straight - height * bent * RELATIVE;
     if (!(left > CLEAR)) return;
     double root = sqrt(left), a = bent * step / straight;
@@ -499,7 +552,6 @@ static void set_fixed_margin(const qm_deviation_setup *setup, const qm_deviation
                              const frame *at, qm_match_margin *margin)
 {
     double bent = 0.0;
-    margin->over = match->over;
     for (int k = 0; k < 6; k++)
         bent = qm_max(bent, fabs(qm_vec_dot(match->difference[k], match->patch->w)));
     bent += setup->eta * (qm_vec_norm(match->patch->w) + match->greatest);
@@ -518,16 +570,14 @@ qm_match_margin qm_deviation_match_margin(const qm_deviation_setup *setup, const
                                           const qm_uv_box *box)
 {
     frame at;
-    qm_match_margin margin = {INFINITY, {0.0, 0.0}, 0.0, INFINITY, {0.0, 0.0}};
+    qm_match_margin margin = {INFINITY, {0.0, 0.0}, 0.0};
     if (!match->holds || !make_frame(setup, match, box, &at)) return margin;
     if (match->along_normals)
         set_normal_margin(setup, match, &at, &margin);
     else
         set_fixed_margin(setup, match, &at, &margin);
-    for (int k = 0; k < 2; k++) {
-        margin.foot[k] += FOOT_ROUNDING;
+    for (int k = 0; k < 2; k++)
         margin.offset += FOOT_ROUNDING * margin.stretch[k];
-    }
     return margin;
 }
 

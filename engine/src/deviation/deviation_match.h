@@ -60,6 +60,14 @@
  *     d(P, Q) <= |h| + omega k (y^2 / 2 + y V) + |w| k V^2 / 2;
  * elsewhere o is added, b + z being as far inside of the edges as v may lead.
  *
+ * Here U need be round b and b + z alone: J is taken at no other parameters.
+ *
+ * Planes. For a vector m no longer than 1, and a and b the least and the greatest m.q of the patch's corners q, the
+ * patch lies between the planes m.x = a and m.x = b, and d(P, R) >= |m.P - (a + b) / 2| - (b - a) / 2. m.P is
+ * quadratic in l, as H is: |H| is above this by no more than the greatest difference of their coefficients, or of those of
+ * H and -m.P, and half of b - a. The distance is no more than so much below H with its cubic part if the greatest value
+ * of that is added.
+ *
  * z is quadratic in l: 0 at the corners, and so that between two of them it leads to the foot, to first order.
  * The component of D - J z at a right angle to n is no longer than D - J z - q N for any number q. Where q is
  * quadratic in l, near h / |N|, the greatest of the coefficients of this cubic vector function bounds it.
@@ -154,12 +162,23 @@ typedef struct qm_match_margin {
     double loss;       /* c, or INFINITY */
     double stretch[2]; /* Y by how far parameters are beyond an edge, */
     double offset;     /* less this */
-    double over;       /* by how much the distance may be above the height, where the parameters */
-    double foot[2];    /* are so far inside of all edges of the square */
 } qm_match_margin;
 
 qm_match_margin qm_deviation_match_margin(const qm_deviation_setup *setup, const qm_deviation_match *match,
                                           const qm_uv_box *box);
+
+/** By how much the distance may be above the height, where the parameters are so far inside of all edges of the square. */
+typedef struct qm_match_rise {
+    double over; /* or INFINITY */
+    double foot[2];
+} qm_match_rise;
+
+qm_match_rise qm_deviation_match_rise(const qm_deviation_setup *setup, const qm_deviation_match *match);
+
+/** By how much the distance to any part of the patch may be below the height, as all of the patch is near one plane: see
+ * Planes above. */
+double qm_deviation_match_plane_loss(const qm_deviation_setup *setup, const qm_deviation_match *match,
+                                     const qm_vec bezier[6]);
 
 /** By how much less than |D| the distance to a rectangle of the patch may be: c, or INFINITY. */
 static inline double qm_deviation_match_loss(const qm_deviation_setup *setup, const qm_deviation_match *match,

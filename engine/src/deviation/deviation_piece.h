@@ -9,6 +9,7 @@
  *   deviation_bound.c      its two functions
  *   deviation_cut.c        where it is cut
  *   deviation_facets.c     the facets of the target near it
+ *   deviation_feature.c    distances from edges and vertices
  *   deviation_match.c      a piece matched to a bilinear patch
  *   deviation_quadratic.c  heights over a patch, which are quadratic
  *   deviation_integral.c   integrals of both functions
@@ -91,6 +92,9 @@
  *
  * Lower, by the centroid. d >= d(c, B) - r, a constant.
  *
+ * A plane patch of a target is two facets, and the edge between them counts as one beyond which the distance exceeds the
+ * height. A piece of a patch bends across it; where the piece is near, the plane patch is one rectangle (is_plane) instead.
+ *
  * Facets of a bilinear target stand for rectangles of its patches, within a slack by which their bounds are
  * widened. A mild rectangle is bounded as a patch instead: the height is then that over the patch itself
  * (deviation_match.h), and neither it nor the piece is replaced by triangles.
@@ -150,6 +154,7 @@ typedef struct qm_deviation_bounds {
     qm_quadratic bend;                /* and between these, where bend.cells > 0 */
     double invalid_low, invalid_high; /* shares of the piece where low is too high, and high too low */
     double excess;                    /* by how much high is too low at most */
+    double most;                      /* no distance is greater */
     double area_low, area_high;       /* of the piece itself */
     double density_low, density_high; /* area of the whole piece at the lowest and highest density */
     double mean_low, mean_high;       /* integral of the distance */

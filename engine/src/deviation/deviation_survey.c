@@ -205,11 +205,9 @@ qm_status qm_deviation_survey_vertices(qm_context *ctx, const qm_deviation_setup
 /** The interval of the greatest distance over a piece. */
 static qm_interval piece_max(const qm_deviation_bounds *piece)
 {
-    qm_interval max = {-INFINITY, -INFINITY};
+    qm_interval max = {-INFINITY, piece->most};
     for (int k = 0; k < 3; k++) {
         double below = piece->is_signed ? -piece->high[k] : -INFINITY;
-        double above = piece->is_signed ? fmax(piece->high[k], -piece->low[k]) : piece->high[k];
-        max.upper = fmax(max.upper, above + piece->excess);
         if (!(piece->invalid_low > 0.0)) max.lower = fmax(max.lower, fmax(piece->low[k], below));
     }
     return max;
