@@ -197,8 +197,12 @@ class _Connection:
         waiting = asyncio.Queue(maxsize=256)
 
         async def read():
-            while data := await reader.read(65536):
-                await waiting.put((time.monotonic() + self.proxy.delays[way], self._look(way, data)))
+            try:
+                while data := await reader.read(65536):
+                    await waiting.put((time.monotonic() + self.proxy.delays[way], self._look(way, data)))
+            except OSError:  # a process that is killed with bytes unread resets its connections, and both sides are to hear of it
+                self.reset()
+                return
             await waiting.put((time.monotonic() + self.proxy.delays[way], None))
 
         reading = asyncio.create_task(read())

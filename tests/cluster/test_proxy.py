@@ -69,6 +69,21 @@ def test_a_cut_connection_is_told(before, database):
     assert psql(before.port, "SELECT 1")[0] == 0
 
 
+def test_the_server_hears_of_a_client_that_is_killed():
+    """One that has bytes to read resets its connection."""
+    with socket.create_server(("127.0.0.1", 0)) as server, proxy.Proxy(server.getsockname()[1], protocol=None) as before:
+        client = socket.create_connection(("127.0.0.1", before.port))
+        client.sendall(b"x")
+        serving, _ = server.accept()
+        serving.settimeout(10)
+        assert serving.recv(10) == b"x"
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, proxy.RESET)
+        client.close()
+        with contextlib.suppress(ConnectionResetError):
+            assert serving.recv(10) == b""
+        serving.close()
+
+
 @pytest.mark.parametrize("ways", [(), (proxy.UP,), (proxy.DOWN,)], ids=["both", "up", "down"])
 def test_what_is_held_comes_late(before, database, ways):
     database.query("CREATE TABLE IF NOT EXISTS held (n int); TRUNCATE held")
