@@ -134,7 +134,8 @@ def threemf(mesh):
              '</mesh></object></resources><build><item objectid="1"/></build></model>')
     package = io.BytesIO()
     with zipfile.ZipFile(package, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("3D/3dmodel.model", model)
+        # Without the time of day, which would give tests another name in each process.
+        archive.writestr(zipfile.ZipInfo("3D/3dmodel.model"), model, zipfile.ZIP_DEFLATED)
     return package.getvalue()
 
 
