@@ -110,7 +110,10 @@ static const migration migrations[SCHEMA - OLDEST_SCHEMA] = {
      NULL},                                                                                  /* 10 to 11 */
     {"ALTER TABLE meshes ADD COLUMN expires TEXT NOT NULL DEFAULT '';" CREATE_EXPIRY, NULL}, /* 11 to 12 */
     {CREATE_PARTS, NULL},                                                                    /* 12 to 13 */
-    {"ALTER TABLE jobs ADD COLUMN cancel INTEGER NOT NULL DEFAULT 0", NULL},                 /* 13 to 14 */
+    /* 13 to 14. What a search has stored in parts is in another form: it begins anew. */
+    {"ALTER TABLE jobs ADD COLUMN cancel INTEGER NOT NULL DEFAULT 0;"
+     "DROP TABLE job_parts; DROP TABLE job_bounds;" CREATE_PARTS,
+     NULL},
 };
 
 /** Writes the value of a pragma; false, and "", after a fault. */

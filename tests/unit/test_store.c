@@ -16,6 +16,8 @@
 #include "store/checksum.h"
 #include "store/result_file.h"
 #include "store/store.h"
+#include "store/store_parts.h"
+#include "store/store_sqlite.h"
 
 typedef struct fixture {
     char *folder;
@@ -1209,6 +1211,38 @@ static void test_folders_are_made(void **state)
     qm_store_close(inner.store);
 }
 
+/** Schema 13 had searches in parts in another form. A job that was in such a search is there, and its search begins anew. */
+static void test_searches_of_schema_13_begin_anew(void **state)
+{
+    static const char schema_13[] =
+        "DROP TABLE job_parts; DROP TABLE job_bounds; ALTER TABLE jobs DROP COLUMN cancel;"
+        "CREATE TABLE job_bounds (job INTEGER PRIMARY KEY REFERENCES jobs (sequence) ON DELETE CASCADE,"
+        "  engine TEXT NOT NULL, lower REAL NOT NULL, witness TEXT NOT NULL, settled REAL NOT NULL,"
+        "  iterations INTEGER NOT NULL, projections INTEGER NOT NULL);"
+        "CREATE TABLE job_parts (part INTEGER PRIMARY KEY AUTOINCREMENT,"
+        "  job INTEGER NOT NULL REFERENCES job_bounds (job) ON DELETE CASCADE, upper REAL NOT NULL,"
+        "  entries BLOB NOT NULL, tries INTEGER NOT NULL, epoch INTEGER NOT NULL DEFAULT 0);"
+        "CREATE INDEX job_parts_by_upper ON job_parts (job, upper DESC);"
+        "INSERT INTO job_bounds SELECT sequence, 'e', 1, '', 0, 0, 0 FROM jobs;"
+        "INSERT INTO job_parts (job, upper, entries, tries) SELECT sequence, 2, x'00', 0 FROM jobs;"
+        "PRAGMA user_version = 13";
+    fixture *f = *state;
+    const qm_store_job job = {.id = "j_1", .key = "k", .body = "{}", .created = "c", .state = QM_JOB_QUEUED};
+    qm_store_bounds bounds;
+    qm_store_part part = {.upper = 2.0, .entries = "part", .size = 4};
+    size_t count;
+    assert_int_equal(qm_store_submit_job(f->store, &(qm_store_submission){.job = &job}), QM_STORED);
+    assert_int_equal(sqlite3_exec(f->store->sqlite->database, schema_13, NULL, NULL, NULL), SQLITE_OK);
+    reopen(f);
+    assert_int_equal(qm_store_read_bounds(f->store, "j_1", NULL, 0, &bounds), QM_STORED_NONE);
+    bounds = (qm_store_bounds){.lower = 1.0, .discarded = 0.5};
+    assert_int_equal(qm_store_open_parts(f->store, "j_1", 0, &bounds, &part, 1), QM_STORED);
+    assert_int_equal(qm_store_claim_parts(f->store, "j_1", 4, &part, &count), QM_STORED);
+    assert_int_equal(count, 1);
+    qm_store_parts_reset(&part, count);
+    assert_int_equal(qm_store_note_cancel(f->store, "j_1"), QM_STORED);
+}
+
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
 
 int main(void)
@@ -1246,6 +1280,7 @@ int main(void)
         TEST(test_what_was_stored_survives_a_kill),
         TEST(test_a_broken_database_is_refused),
         TEST(test_a_database_of_another_version_is_refused),
+        TEST(test_searches_of_schema_13_begin_anew),
         cmocka_unit_test(test_a_folder_that_cannot_be_made),
         TEST(test_a_file_is_no_folder),
         TEST(test_a_name_that_is_too_long),
