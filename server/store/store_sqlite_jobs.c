@@ -243,21 +243,23 @@ qm_stored qm_sqlite_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_st
     return stored;
 }
 
-qm_stored qm_sqlite_begin_job(qm_store *store, const char *id)
+/** Runs a statement whose one parameter is the id of a job. */
+static qm_stored update_job(qm_store *store, const char *sql, const char *id)
 {
-    sqlite3_stmt *statement = qm_sqlite_begin(store, "UPDATE jobs SET begun = begun + 1 WHERE id = ?");
+    sqlite3_stmt *statement = qm_sqlite_begin(store, sql);
     if (!statement) return QM_STORED_FAULT;
     qm_sqlite_bind_text(statement, 1, id);
     return qm_sqlite_execute(store, statement);
 }
 
+qm_stored qm_sqlite_begin_job(qm_store *store, const char *id)
+{
+    return update_job(store, "UPDATE jobs SET begun = begun + 1 WHERE id = ?", id);
+}
+
 qm_stored qm_sqlite_note_cancel(qm_store *store, const char *id)
 {
-    sqlite3_stmt *statement =
-        qm_sqlite_begin(store, "UPDATE jobs SET cancel = 1 WHERE id = ? AND document IS NULL");
-    if (!statement) return QM_STORED_FAULT;
-    qm_sqlite_bind_text(statement, 1, id);
-    return qm_sqlite_execute(store, statement);
+    return update_job(store, "UPDATE jobs SET cancel = 1 WHERE id = ? AND document IS NULL", id);
 }
 
 qm_stored qm_sqlite_leave_jobs(qm_store *store)
@@ -268,11 +270,7 @@ qm_stored qm_sqlite_leave_jobs(qm_store *store)
 
 qm_stored qm_sqlite_forget_answer(qm_store *store, const char *id)
 {
-    sqlite3_stmt *statement =
-        qm_sqlite_begin(store, "UPDATE jobs SET revisions = '' WHERE id = ? AND document IS NOT NULL");
-    if (!statement) return QM_STORED_FAULT;
-    qm_sqlite_bind_text(statement, 1, id);
-    return qm_sqlite_execute(store, statement);
+    return update_job(store, "UPDATE jobs SET revisions = '' WHERE id = ? AND document IS NOT NULL", id);
 }
 
 /* ---- arrays ---- */
