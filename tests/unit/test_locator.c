@@ -112,6 +112,26 @@ static void check_patch(const bench *b, int other, int i, qm_vec p, uint32_t sta
              i, others[other].name, hit.distance - hit.lower, tree.distance - tree.lower);
 }
 
+/** A search that ends at the first patch that is near enough finds one if there is one, and else does not tell of a nearer
+ * one than the nearest; the same on all kernels. */
+static void check_near_patch(const bench *b, int i, qm_vec p, uint32_t start)
+{
+    double size = fmax(1.0, qm_vec_norm(p)), rounding = 0x1p-46 * size;
+    qm_bilinear_hit nearest, hit;
+    qm_kernel_get()->closest_patch(b->tree, p, start, 1e-13 * size, &nearest);
+    for (int share = 0; share < 4; share++) {
+        double enough = 0.5 * (share + 1) * nearest.distance; /* half of it to twice */
+        for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
+            (*kernel)->near_patch(b->tree, p, start, enough, &hit);
+            QM_CHECK(hit.lower == 0.0 && hit.distance >= nearest.lower - rounding &&
+                         (enough < nearest.distance + rounding || hit.distance <= enough),
+                     "%s, seed %llu, point %d, %s: %.17g, enough %.17g, nearest [%.17g, %.17g]", b->name,
+                     (unsigned long long)b->seed, i, (*kernel)->name, hit.distance, enough, nearest.lower,
+                     nearest.distance);
+        }
+    }
+}
+
 static void check_brute_force(const bench *b, int i, const double p[3], double distance,
                               qm_quad_reading reading)
 {
@@ -143,6 +163,7 @@ static void check_points(const bench *b, int count, bool brute)
         draw_point(b, &random, i, point);
         qm_vec p = qm_frame_local(&b->tree->frame, point);
         uint32_t start = (uint32_t)qm_random_below(&random, b->tree->pack_count);
+        check_near_patch(b, i, p, start);
         for (int other = 0; other < OTHER_COUNT; other++) {
             const qm_locator *locator = &b->locator[other];
             if (!locator->bvh) continue;
