@@ -95,8 +95,8 @@ static const qm_deviation_match *match_of(bound_work *work, int rectangle, bool 
     const qm_deviation_rectangle *of = &work->near->rectangle[rectangle];
     QM_ASSERT(rectangle >= 0 && rectangle < work->near->rectangle_count);
     /* The planes of its facets say all of a plane patch that is not the base. */
-    int base = work->near->rectangle_of[work->base / QM_PACK_LANES][work->base % QM_PACK_LANES];
-    if (!of->is_mild || (of->is_plane && rectangle != base)) return NULL;
+    bool is_base = rectangle == qm_deviation_facets_rectangle(work->near, work->base);
+    if (!of->is_mild || (of->is_plane && !is_base)) return NULL;
     const double centre[2] = {0.5 * (of->box.low[0] + of->box.high[0]),
                               0.5 * (of->box.low[1] + of->box.high[1])};
     if (!work->matches[rectangle].is_computed) {
@@ -263,11 +263,9 @@ static void heights_from(point_list points, const qm_triangle *facet, qm_vec fro
         heights_over_facet(points, facet, flip_towards(facet->z, side), height);
         return;
     }
-    const qm_vec end = qm_vec_axpy(facet->origin, facet->length, facet->x);
-    const qm_vec third = qm_vec_axpy(qm_vec_axpy(facet->origin, facet->cx, facet->x), facet->cy, facet->y);
-    qm_vec foot = qm_vec_scale(weight[0], facet->origin);
-    foot = qm_vec_axpy(qm_vec_axpy(foot, weight[1], end), weight[2], third);
-    qm_vec direction = qm_vec_sub(from, foot);
+    qm_vec corner[3];
+    qm_triangle_corners(facet, corner);
+    qm_vec direction = qm_vec_sub(from, qm_triangle_at(corner, weight));
     double distance = qm_vec_norm(direction);
     /* The foot may be off, the direction too; nothing of the facet lies beyond its farthest corner. */
     heights_along(points, facet,
@@ -498,9 +496,8 @@ static qm_positive_part find_facet_loss(const bound_work *work, const side_work 
     bool by_bezier = side->over->is_bent;
     qm_positive_part least = {INFINITY, INFINITY, 1.0};
     if (side->over->feature) {
-        const qm_vec third =
-            qm_vec_axpy(qm_vec_axpy(facet->origin, facet->cx, facet->x), facet->cy, facet->y);
-        const qm_vec corner[3] = {facet->origin, qm_vec_axpy(facet->origin, facet->length, facet->x), third};
+        qm_vec corner[3];
+        qm_triangle_corners(facet, corner);
         least = find_hull_loss(work, side, corner, 3, slack);
         if (!(least.mean > 0.0)) return least;
     }
@@ -863,10 +860,9 @@ static bool set_feature_base(const bound_work *work, const qm_deviation_feature 
         over->cubic[k] = distance.cubic[k];
     over->cubic_most = distance.cubic_most;
     over->slack = work->face->slack + distance.off + distance.cubic_most;
-    double rectangle_slack = work->near->slack[work->base / QM_PACK_LANES][work->base % QM_PACK_LANES];
-    bool is_exact =
-        work->near->rectangle_of[work->base / QM_PACK_LANES][work->base % QM_PACK_LANES] != QM_NO_RECTANGLE;
-    over->above = is_exact ? 0.0 : rectangle_slack;
+    /* A feature of a rectangle is the patch's own. */
+    bool is_exact = qm_deviation_facets_rectangle(work->near, work->base) != QM_NO_RECTANGLE;
+    over->above = is_exact ? 0.0 : work->near->slack[work->base / QM_PACK_LANES][work->base % QM_PACK_LANES];
     /* An error of a normal cone, eta |x|, counts as the distance does. */
     over->below = eta * (over->farthest + distance.off + distance.cubic_most) / distance.least;
     qm_quadratic_open(over->height, low, high);

@@ -384,10 +384,10 @@ static void cut_round_feature(cut_work *work, outline *o, const qm_deviation_fea
         cut_border(work, o, feature, value);
     }
     for (int i = 0; i < near->count; i++) {
-        if (near->rectangle_of[i / QM_PACK_LANES][i % QM_PACK_LANES] != QM_NO_RECTANGLE) continue;
+        if (qm_deviation_facets_rectangle(near, i) != QM_NO_RECTANGLE) continue;
         qm_triangle t = qm_deviation_facet_at(&near->pack[i / QM_PACK_LANES], i % QM_PACK_LANES);
-        const qm_vec corner[3] = {t.origin, qm_vec_axpy(t.origin, t.length, t.x),
-                                  qm_vec_axpy(qm_vec_axpy(t.origin, t.cx, t.x), t.cy, t.y)};
+        qm_vec corner[3];
+        qm_triangle_corners(&t, corner);
         cut_along_normals(work, o, feature, corner, 3);
     }
     for (int i = 0; i < near->rectangle_count; i++) {
@@ -478,8 +478,7 @@ int qm_deviation_piece_cut(const qm_deviation_setup *setup, const qm_deviation_f
     for (int i = 0; i < near->count; i++) {
         double here = near->slack[i / QM_PACK_LANES][i % QM_PACK_LANES];
         slack[0] = fmax(slack[0], here);
-        if (near->rectangle_of[i / QM_PACK_LANES][i % QM_PACK_LANES] == QM_NO_RECTANGLE)
-            slack[1] = fmax(slack[1], here);
+        if (qm_deviation_facets_rectangle(near, i) == QM_NO_RECTANGLE) slack[1] = fmax(slack[1], here);
     }
     work.has_patches = has_planes || (!(slack[0] < nearest) && slack[0] > slack[1]);
     for (int i = 0; i < 3 && work.has_patches; i++) {

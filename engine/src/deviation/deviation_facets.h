@@ -56,6 +56,12 @@ void qm_deviation_facets_find(const qm_kernel *kernel, const qm_bvh *target, boo
                               double whole, double error, qm_vec centre, double distance, double reach,
                               qm_deviation_facets *near);
 
+/** The rectangle that a listed facet is of, by its index, or QM_NO_RECTANGLE. */
+static inline int qm_deviation_facets_rectangle(const qm_deviation_facets *near, int facet)
+{
+    return near->rectangle_of[facet / QM_PACK_LANES][facet % QM_PACK_LANES];
+}
+
 /** The facet at a lane of a pack. */
 qm_triangle qm_deviation_facet_at(const qm_pack *pack, int lane);
 

@@ -34,9 +34,9 @@ static bool make_edge(qm_vec from, qm_vec to, qm_deviation_feature *out)
 bool qm_deviation_feature_of_triangle(const qm_triangle *t, qm_vec p, qm_deviation_feature *out)
 {
     double weight[3];
-    const qm_vec corner[3] = {t->origin, qm_vec_axpy(t->origin, t->length, t->x),
-                              qm_vec_axpy(qm_vec_axpy(t->origin, t->cx, t->x), t->cy, t->y)};
+    qm_vec corner[3];
     int used[3], count = 0;
+    qm_triangle_corners(t, corner);
     qm_triangle_footpoint(t, p, weight);
     for (int i = 0; i < 3; i++)
         if (weight[i] > 0.0) used[count++] = i;
@@ -62,10 +62,10 @@ bool qm_deviation_feature_of_patch(const qm_bilinear *patch, const double start[
 bool qm_deviation_feature_under(const qm_deviation_facets *near, int facet, qm_vec p,
                                 qm_deviation_feature *out)
 {
-    int pack = facet / QM_PACK_LANES, lane = facet % QM_PACK_LANES;
-    int rectangle = near->rectangle_of[pack][lane];
+    int rectangle = qm_deviation_facets_rectangle(near, facet);
     if (rectangle == QM_NO_RECTANGLE) {
-        qm_triangle triangle = qm_deviation_facet_at(&near->pack[pack], lane);
+        qm_triangle triangle =
+            qm_deviation_facet_at(&near->pack[facet / QM_PACK_LANES], facet % QM_PACK_LANES);
         return qm_deviation_feature_of_triangle(&triangle, p, out);
     }
     const qm_deviation_rectangle *of = &near->rectangle[rectangle];

@@ -50,6 +50,14 @@ typedef struct qm_triangle_gap {
  */
 qm_triangle_gap qm_triangle_find_gap(const qm_vec a[3], const qm_vec b[3]);
 
+/** The corners a, b, c from the frame of a triangle: b and c within a few roundings. */
+static inline void qm_triangle_corners(const qm_triangle *t, qm_vec corner[3])
+{
+    corner[0] = t->origin;
+    corner[1] = qm_vec_axpy(t->origin, t->length, t->x);
+    corner[2] = qm_vec_axpy(qm_vec_axpy(t->origin, t->cx, t->x), t->cy, t->y);
+}
+
 /** The point of a triangle with these weights. */
 static inline qm_vec qm_triangle_at(const qm_vec corner[3], const double weight[3])
 {
