@@ -566,6 +566,20 @@ static void noisy_copies_of_bent_patches_close(void **state)
     }
 }
 
+/** Mean and root mean square of bilinear quads are accurate to 0.001 within so many pieces. */
+static void check_closes(const qm_mesh *a, const qm_mesh *b, size_t piece_limit, const char *what,
+                         double value)
+{
+    qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-2);
+    options.accuracy = 1e-3;
+    options.piece_limit = piece_limit;
+    qm_deviation found = measure(a, b, &options);
+    QM_CHECK(found.is_accurate, "seed %llu, %s %g: mean [%g, %g], rms [%g, %g], %zu pieces",
+             (unsigned long long)qm_check_seed(), what, value, found.mean.lower, found.mean.upper,
+             found.rms.lower, found.rms.upper, found.pieces);
+    release(&found);
+}
+
 /** A cone of trapezoids, and one the other way round upon it: the upper and the lower row lie at an angle. */
 static qm_mesh make_trapezoids(uint32_t columns)
 {
@@ -597,14 +611,7 @@ static void noisy_copies_of_trapezoids_take_few_pieces(void **state)
         qm_random random = qm_random_make(qm_check_seed(), 97 + (uint64_t)k);
         qm_mesh b = make_trapezoids(12), a = qm_shape_copy(&b);
         qm_shape_shake(&a, &random, amplitudes[k]);
-        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-2);
-        options.accuracy = 1e-3;
-        options.piece_limit = 2000;
-        qm_deviation found = measure(&a, &b, &options);
-        QM_CHECK(found.is_accurate, "seed %llu, noise %g: mean [%g, %g], rms [%g, %g], %zu pieces",
-                 (unsigned long long)qm_check_seed(), amplitudes[k], found.mean.lower, found.mean.upper,
-                 found.rms.lower, found.rms.upper, found.pieces);
-        release(&found);
+        check_closes(&a, &b, 2000, "noise", amplitudes[k]);
         qm_shape_free(&a);
         qm_shape_free(&b);
     }
@@ -683,14 +690,7 @@ static void turned_copies_of_twisted_patches_close(void **state)
             at[0] = x * cos(turns[k]) - at[1] * sin(turns[k]);
             at[1] = x * sin(turns[k]) + at[1] * cos(turns[k]);
         }
-        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-2);
-        options.accuracy = 1e-3;
-        options.piece_limit = 20000;
-        qm_deviation found = measure(&a, &b, &options);
-        QM_CHECK(found.is_accurate, "seed %llu, turn %g: mean [%g, %g], rms [%g, %g], %zu pieces",
-                 (unsigned long long)qm_check_seed(), turns[k], found.mean.lower, found.mean.upper,
-                 found.rms.lower, found.rms.upper, found.pieces);
-        release(&found);
+        check_closes(&a, &b, 20000, "turn", turns[k]);
         qm_shape_free(&a);
         qm_shape_free(&b);
     }
