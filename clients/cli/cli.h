@@ -38,6 +38,9 @@ uint8_t *cli_read_file(const char *path, size_t *size, bool as_json);
  * output would be lost. */
 bool cli_check_writable(const char *path, bool as_json);
 
+/** Writes a whole file, "-" for standard output; false with errno. */
+bool cli_write_file(const char *path, const char *bytes, size_t size);
+
 /** Reports that a file cannot be written, with errno as the reason. */
 void cli_report_unwritable(const char *path, bool as_json);
 
