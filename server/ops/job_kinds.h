@@ -132,8 +132,8 @@ typedef struct qm_job_request {
     /* comparison; lengths in the unit of the meshes */
     double limits[QM_JOB_MAX_LIMITS];
     size_t limit_count;
-    size_t worst_count; /* places in the result; 0: none */
-    double worst_radius;
+    size_t worst_count;  /* places in the result; 0: none */
+    double worst_radius; /* NAN: a share of the diagonal */
 
     /* collision and self_collision */
     qm_collide_mode mode;

@@ -69,7 +69,7 @@ typedef struct qm_job_field {
         {"pieces", QM_FIELD_COUNT, QM_FIELD_AT(pieces), .max = QM_JOB_MAX_PIECES},                           \
     {                                                                                                        \
         "percentiles", QM_FIELD_OTHER,                                                                       \
-            .read = qm_job_read_percentiles,                                                                 \
+            .read = qm_averages_read_percentiles,                                                            \
             .expected = "must be an array of at most 64 numbers above 0 and at most 100"                     \
     }
 #define QM_JOB_FIELD_ACCELERATOR                                                                             \
@@ -134,10 +134,11 @@ double qm_job_tolerance(const qm_job_call *call);
 void qm_job_add_tolerance(qm_text *out, const qm_job_request *request);
 void qm_job_add_accelerator(qm_text *out, const qm_job_request *request);
 
-/* Of kinds with averages over a surface (kind_deviation.c). */
-bool qm_job_read_percentiles(const struct cJSON *value, qm_job_request *out, struct qm_json_location *at);
-void qm_job_add_percentiles(qm_text *out, const double *percent, const qm_interval *percentile, size_t count,
-                            double diagonal);
-void qm_job_add_measure(qm_text *out, const qm_deviation *deviation);
+/* Of kinds with averages over a surface (kind_averages.c). */
+bool qm_averages_read_percentiles(const struct cJSON *value, qm_job_request *out,
+                                  struct qm_json_location *at);
+void qm_averages_add_percentiles(qm_text *out, const double *percent, const qm_interval *percentile,
+                                 size_t count, double diagonal);
+void qm_averages_add_measure(qm_text *out, const qm_deviation *deviation);
 
 #endif

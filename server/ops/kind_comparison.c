@@ -9,6 +9,8 @@
 
 #include "json_request.h"
 
+#define WORST_RADIUS 0.05 /* of the diagonal of A's box, unless it is given */
+
 /** Faces of the input in place of those of the mesh as stored. */
 static void number_faces(qm_deviation *deviation, const qm_loaded_mesh *source, const qm_loaded_mesh *target)
 {
@@ -33,7 +35,8 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     options.limit_count = request->limit_count;
     /* The first place is the witness of the maximum. */
     options.worst_count = request->worst_count > 0 ? request->worst_count : 1;
-    options.worst_radius = request->worst_radius;
+    options.worst_radius =
+        isnan(request->worst_radius) ? WORST_RADIUS * call->a->diagonal : request->worst_radius;
     options.thread_count = call->threads;
     out->tolerance = options.tolerance;
     qm_comparison *comparison = &out->comparison;
@@ -93,7 +96,7 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     if (request->worst_count == 0) return;
     qm_json_open(out, "worst", "{");
     qm_json_add_count(out, "count", request->worst_count);
-    qm_json_add_number(out, "radius", request->worst_radius);
+    if (!isnan(request->worst_radius)) qm_json_add_number(out, "radius", request->worst_radius);
     qm_text_add_string(out, "}");
 }
 
@@ -149,13 +152,13 @@ static void add_direction(qm_text *out, const qm_job_request *request, const qm_
     const qm_deviation *deviation = &result->comparison.side[side];
     double diagonal = result->diagonal;
     qm_json_open(out, side == 0 ? "a_to_b" : "b_to_a", "{");
-    qm_job_add_measure(out, deviation);
+    qm_averages_add_measure(out, deviation);
     qm_json_add_interval(out, "hausdorff", deviation->max, diagonal);
     qm_json_add_interval(out, "mean", deviation->mean, diagonal);
     qm_json_add_interval(out, "rms", deviation->rms, diagonal);
     qm_json_add_interval(out, "std", result->comparison.spread[side], diagonal);
-    qm_job_add_percentiles(out, request->percentiles, deviation->percentile, request->percentile_count,
-                           diagonal);
+    qm_averages_add_percentiles(out, request->percentiles, deviation->percentile, request->percentile_count,
+                                diagonal);
     add_shares(out, request, deviation);
     if (deviation->worst_count > 0) {
         qm_json_open(out, "witness", "{");

@@ -3,10 +3,6 @@
  */
 #include "job_kinds_internal.h"
 
-#include <cjson/cJSON.h>
-
-#include "json_request.h"
-
 static qm_status run(const qm_job_call *call, qm_job_result *out)
 {
     const qm_job_request *request = call->request;
@@ -38,21 +34,6 @@ static void reset(qm_context *ctx, qm_job_result *result)
     qm_deviation_reset(ctx, &result->deviation);
 }
 
-bool qm_job_read_percentiles(const cJSON *value, qm_job_request *out, qm_json_location *at)
-{
-    if (!cJSON_IsArray(value) || cJSON_GetArraySize(value) > QM_JOB_MAX_PERCENTILES) return false;
-    out->percentile_count = 0;
-    at->depth = 1;
-    for (const cJSON *number = value->child; number; number = number->next, at->index[0]++) {
-        double *percentile = &out->percentiles[out->percentile_count];
-        if (!qm_json_read_number(number, percentile) || !(*percentile > 0.0 && *percentile <= 100.0))
-            return false;
-        out->percentile_count++;
-    }
-    return true;
-}
-_Static_assert(QM_JOB_MAX_PERCENTILES == 64, "the text of percentiles names the limit");
-
 static void write_request(qm_text *out, const qm_job_request *request, bool is_brief)
 {
     (void)is_brief;
@@ -61,30 +42,6 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     qm_json_add_count(out, "pieces", request->pieces);
     qm_json_add_count(out, "bins", request->bins);
     qm_json_add_numbers(out, "percentiles", request->percentiles, (int)request->percentile_count);
-}
-
-void qm_job_add_percentiles(qm_text *out, const double *percent, const qm_interval *percentile, size_t count,
-                            double diagonal)
-{
-    qm_json_open(out, "percentiles", "[");
-    for (size_t i = 0; i < count; i++) {
-        qm_json_add_comma(out);
-        qm_text_add_string(out, "{");
-        qm_json_add_number(out, "percent", percent[i]);
-        qm_json_add_lower_upper(out, percentile[i].lower, percentile[i].upper, diagonal);
-        qm_text_add_string(out, "}");
-    }
-    qm_text_add_string(out, "]");
-}
-
-void qm_job_add_measure(qm_text *out, const qm_deviation *deviation)
-{
-    static const char *const measures[] = {"area", "vertices", "points"};
-    qm_json_add_string(out, "over", measures[deviation->measure]);
-    qm_json_open(out, "size", "{");
-    qm_json_add_number(out, "lower", deviation->size.lower);
-    qm_json_add_number(out, "upper", deviation->size.upper);
-    qm_text_add_string(out, "}");
 }
 
 /** Bins as pairs [lower, upper], because they are many. */
@@ -103,12 +60,12 @@ static void add_histogram(qm_text *out, const qm_deviation *deviation)
 static void write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
     const qm_deviation *deviation = &result->deviation;
-    qm_job_add_measure(out, deviation);
+    qm_averages_add_measure(out, deviation);
     qm_json_add_interval(out, "mean", deviation->mean, result->diagonal);
     qm_json_add_interval(out, "rms", deviation->rms, result->diagonal);
     qm_json_add_interval(out, "max", deviation->max, result->diagonal);
-    qm_job_add_percentiles(out, request->percentiles, deviation->percentile, deviation->percentile_count,
-                           result->diagonal);
+    qm_averages_add_percentiles(out, request->percentiles, deviation->percentile, deviation->percentile_count,
+                                result->diagonal);
     add_histogram(out, deviation);
     qm_json_add_count(out, "vertex_count", deviation->vertex_count);
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);

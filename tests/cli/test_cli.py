@@ -66,7 +66,7 @@ def test_one_file_is_standard_input(quadmesh, square, raised, threads):
         assert done.returncode == 0
         assert bracket_holds(json.loads(done.stdout), 1.0)
     done = quadmesh("hausdorff", "-", "-", "--threads", threads, input=square.read_text())
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "-: the file is empty" in done.stderr or "-:1: the file is empty" in done.stderr
 
 
@@ -206,10 +206,10 @@ def test_a_gltf_file_has_its_buffers_beside_it(quadmesh, tmp_path):
     for uri, words in (("none.bin", "the file none.bin cannot be read"), ("../triangle.bin", "not in a file beside"),
                        ("/etc/hostname", "not in a file beside"), ("https://a.b/c.bin", "not in a file beside")):
         told = quadmesh("info", write_gltf(folder / "other.gltf", uri))
-        assert told.returncode == 1 and words in told.stderr, told.stderr
+        assert told.returncode == 2 and words in told.stderr, told.stderr
     (folder / "short.bin").write_bytes(bytes(35))
     told = quadmesh("info", write_gltf(folder / "other.gltf", "short.bin"))
-    assert told.returncode == 1 and "buffer view 0 reaches past its buffer" in told.stderr
+    assert told.returncode == 2 and "buffer view 0 reaches past its buffer" in told.stderr
 
 
 def test_info_inflates_gzip_data(quadmesh, square, tmp_path):
@@ -292,5 +292,5 @@ def test_version(quadmesh):
 def test_a_full_disk_is_no_success(quadmesh, square):
     with open("/dev/full", "w") as full:
         done = quadmesh("info", square, "--json", capture_output=False, stdout=full, stderr=subprocess.PIPE)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "could not be written" in done.stderr

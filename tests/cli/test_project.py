@@ -133,7 +133,7 @@ def test_a_bad_mesh_leaves_no_output(quadmesh, points, tmp_path, where):
 
 def test_an_output_that_cannot_be_written(quadmesh, square, points, where):
     done = quadmesh("project", square, points, "-o", "no/such/folder", *where)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "cannot be written" in done.stderr
 
 

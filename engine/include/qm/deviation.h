@@ -34,11 +34,11 @@ typedef struct qm_deviation_options {
     size_t piece_limit;       /* pieces besides the initial ones, A's faces; 0: nothing is cut */
     const double *percentile; /* percentile_count numbers above 0, at most 100 */
     size_t percentile_count;
-    size_t bin_count;                   /* of the histogram */
-    const double *limit;                /* limit_count numbers of 0 or more, unit of the meshes */
+    size_t bin_count;    /* of the histogram */
+    const double *limit; /* limit_count numbers of 0 or more, unit of the meshes */
     size_t limit_count;
-    size_t worst_count;  /* worst places that are searched; 0: none */
-    double worst_radius; /* >= 0, unit of the meshes: they are farther apart than this */
+    size_t worst_count;                 /* worst places that are searched; 0: none */
+    double worst_radius;                /* >= 0, unit of the meshes: they are farther apart than this */
     int thread_count;                   /* 1 or more */
     qm_hausdorff_progress_fn *progress; /* of the search for the maximum; NULL: none */
     void *progress_user;

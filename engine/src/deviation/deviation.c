@@ -254,8 +254,10 @@ static qm_status set_distribution(deviation_work *work, bool from_pieces)
                                                      work->b->frame.scale, options->limit, out);
         if (status == QM_OK || shares == QM_E_NO_MEMORY) status = shares;
     }
-    for (size_t i = 0; i < out->percentile_count; i++)
+    for (size_t i = 0; i < out->percentile_count; i++) {
         scale_interval(&out->percentile[i], inverse_scale);
+        out->percentile[i].upper = fmin(out->percentile[i].upper, out->max.upper);
+    }
     if (out->bin_count > 0) out->bin_width = out->max.upper / (double)out->bin_count;
     return status;
 }
