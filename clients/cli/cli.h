@@ -97,10 +97,11 @@ typedef struct cli_job {
 
 cli_job cli_job_make(qm_job_kind kind);
 
-/** The outcome of a job. In this process mesh and result are set; with a daemon session. */
+/** The outcome of a job. In this process the meshes (the second one is NULL for a kind of one) and the result are set; with
+ * a daemon the session. */
 typedef struct cli_job_output {
     const char *json; /* the result object */
-    const qm_mesh *mesh;
+    const qm_loaded_mesh *mesh[2];
     const qm_job_result *result;
     cli_session *session;
 } cli_job_output;
