@@ -130,6 +130,17 @@ static bool crosses(const qm_heat *heat, const qm_scale *scale, size_t i)
     return false;
 }
 
+/** The brightness of a pixel: by a pattern of 4 x 4 pixels one of the two next to it, as steps of brightness would look like
+ * bands of distance. */
+static int choose_shade(const qm_heat *heat, size_t i)
+{
+    static const double pattern[4][4] = {{0, 8, 2, 10}, {12, 4, 14, 6}, {3, 11, 1, 9}, {15, 7, 13, 5}};
+    size_t width = (size_t)heat->raster.view.width;
+    double shade = (heat->shine[i] - 0.25) / 0.75 * (SHADES - 1);
+    int chosen = (int)(shade + (pattern[i / width % 4][i % width % 4] + 0.5) / 16.0);
+    return chosen < SHADES ? chosen : SHADES - 1;
+}
+
 qm_png_status qm_heat_write(const qm_heat *heat, const qm_scale *scale, qm_text *out)
 {
     uint8_t palette[COLOURS][3], *pixels = calloc(count_pixels(heat), 1);
@@ -137,7 +148,7 @@ qm_png_status qm_heat_write(const qm_heat *heat, const qm_scale *scale, qm_text 
     make_palette(scale, palette);
     for (size_t i = 0; i < count_pixels(heat); i++) {
         if (isnan(heat->distance[i])) continue;
-        int shade = (int)lround((heat->shine[i] - 0.25) / 0.75 * (SHADES - 1));
+        int shade = choose_shade(heat, i);
         pixels[i] = scale->within > 0 && crosses(heat, scale, i)
                         ? LINE
                         : (uint8_t)(FIRST_BAND + qm_scale_band(scale, heat->distance[i]) * SHADES + shade);

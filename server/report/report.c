@@ -187,9 +187,9 @@ static void add_figure_row(qm_report_writer *w, const figure_row *row)
 static void add_limit_rows(qm_report_writer *w)
 {
     for (int i = 0; qm_report_has(w, "a_to_b.shares.%d", i); i++) {
-        char label[96], number[QM_NUMBER_SIZE], share[32], score[32];
-        snprintf(label, sizeof label, "Share within %s; both: F-score",
-                 qm_text_number(qm_report_number(w, "a_to_b.shares.%d.limit", i), number));
+        char label[64], share[32], score[32];
+        snprintf(label, sizeof label, "Share within %.12g; both: F-score",
+                 qm_report_number(w, "a_to_b.shares.%d.limit", i));
         snprintf(share, sizeof share, "shares.%d", i);
         snprintf(score, sizeof score, "f_score.%d.f", i);
         add_figure_row(w, &(figure_row){label, share, score, true});

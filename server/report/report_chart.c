@@ -7,7 +7,7 @@
 
 #include "report_internal.h"
 
-enum { WIDTH = 640, LEFT = 52, RIGHT = 630, TOP = 12, BOTTOM = 172, HEIGHT = 216 };
+enum { WIDTH = 640, LEFT = 52, RIGHT = 630, TOP = 20, BOTTOM = 172, HEIGHT = 216 };
 enum { MAX_LIMITS = 64, MAX_STEPS = 2 * MAX_LIMITS + 2 };
 
 /** Opens a chart with its text alternative, which the caller writes and ends by qm_text_add_string("</title>"). */
@@ -163,15 +163,21 @@ static void add_bands(qm_report_writer *w, int side)
             add_fill(w->out, &w->scale, qm_scale_band(&w->scale, middle));
             qm_text_add_string(w->out, "/>");
         }
+        if (count < 20) {
+            qm_text_printf(w->out, "<text class=\"small\" x=\"%.1f\" y=\"%.1f\" text-anchor=\"middle\">",
+                           LEFT + (i + 0.5) * wide, BOTTOM - share.upper / axis * (BOTTOM - TOP) - 3.0);
+            qm_report_add_percent(w->out, share);
+            qm_text_add_string(w->out, "</text>");
+        }
         if (i < count && (i + 1) % ((count + 1) / 9 + 1) == 0)
             add_label(w, LEFT + (i + 1) * wide, BOTTOM + 16, "middle", shares[i].limit);
     }
-    qm_text_printf(
-        w->out,
-        "<text x=\"%d\" y=\"%d\" text-anchor=\"end\">distance</text></svg>"
-        "<figcaption>Share of %s in each band of distance. A full bar is certain; the dashed part above it "
-        "may belong to it.</figcaption></figure>\n",
-        RIGHT, HEIGHT - 8, mesh);
+    qm_text_printf(w->out,
+                   "<text x=\"%d\" y=\"%d\" text-anchor=\"end\">distance</text></svg>"
+                   "<figcaption>Share of %s in each band of distance, in percent; the last bar is all that "
+                   "is beyond. A full "
+                   "bar is certain, the dashed part above it may belong to it.</figcaption></figure>\n",
+                   RIGHT, HEIGHT - 8, mesh);
 }
 
 /* ---- the share within each distance ---- */
@@ -238,6 +244,13 @@ static void add_curves(qm_report_writer *w, int side, double end)
     qm_text_add_string(w->out, "Z\"/>");
 }
 
+/** 1, 2 or 5 times a power of ten: between four and nine of them make the length. */
+static double find_step(double length)
+{
+    double unit = pow(10.0, floor(log10(length)) - 1.0);
+    return length >= 50.0 * unit ? 10.0 * unit : length >= 20.0 * unit ? 5.0 * unit : 2.0 * unit;
+}
+
 static void add_distribution(qm_report_writer *w, int side)
 {
     const char *mesh = qm_report_mesh_names[side];
@@ -254,9 +267,9 @@ static void add_distribution(qm_report_writer *w, int side)
                    "The share of %s within each distance, as a band that holds the true curve</title>", mesh);
     add_axes(w, 1.0);
     add_curves(w, side, end);
-    for (int i = 0; i <= 4; i++)
-        add_label(w, LEFT + 0.25 * i * (RIGHT - LEFT), BOTTOM + 16, i == 4 ? "end" : "middle",
-                  0.25 * i * end);
+    double step = find_step(end);
+    for (int i = 0; i * step <= end; i++)
+        add_label(w, LEFT + i * step / end * (RIGHT - LEFT), BOTTOM + 16, "middle", i * step);
     if (limit > 0.0 && limit <= end)
         qm_text_printf(
             w->out,

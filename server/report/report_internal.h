@@ -54,6 +54,12 @@ void qm_report_add_number(qm_text *out, double number);
  */
 void qm_report_add_interval(qm_text *out, qm_report_interval interval, bool is_share, int spare);
 
+/** A coordinate, to a millionth of a length. */
+void qm_report_add_coordinate(qm_text *out, double number, double length);
+
+/** A share in percent, in as many of its first digits as are certain, for small print. */
+void qm_report_add_percent(qm_text *out, qm_report_interval share);
+
 /** The bound alone that the interval has below (side 0) or above (1). */
 void qm_report_add_bound(qm_text *out, qm_report_interval interval, int side, int spare);
 

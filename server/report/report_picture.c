@@ -35,10 +35,13 @@ static void add_marks(qm_text *out, const qm_heat *heat, const report_mark *mark
         if (!qm_heat_shows(heat, marks[i].point)) continue;
         double at[3];
         qm_raster_project(&heat->raster.view, marks[i].point, at);
+        /* The number stands beside its place, towards the middle of the picture. */
+        bool is_right = at[0] > 0.75 * heat->raster.view.width;
         qm_text_printf(out,
-                       "<circle class=\"mark\" cx=\"%.1f\" cy=\"%.1f\" r=\"9\"/>"
-                       "<text class=\"number\" x=\"%.1f\" y=\"%.1f\">%d</text>",
-                       at[0], at[1], at[0], at[1] + 4.0, marks[i].number);
+                       "<circle class=\"mark\" cx=\"%.1f\" cy=\"%.1f\" r=\"3.5\"/>"
+                       "<text class=\"number\" x=\"%.1f\" y=\"%.1f\" text-anchor=\"%s\">%d</text>",
+                       at[0], at[1], at[0] + (is_right ? -6.0 : 6.0), at[1] - 4.0, is_right ? "end" : "start",
+                       marks[i].number);
     }
 }
 
@@ -215,8 +218,8 @@ static void add_place_point(qm_report_writer *w, const char *place, const char *
     find_point(w, place, end, point);
     qm_text_printf(w->out, "<td>face %.0f, at ", qm_report_number(w, "%s.%s.face", place, end));
     for (int k = 0; k < 3; k++) {
-        char digits[QM_NUMBER_SIZE];
-        qm_text_printf(w->out, "%s%s", k > 0 ? ", " : "(", qm_text_number(point[k], digits));
+        qm_text_add_string(w->out, k > 0 ? ", " : "(");
+        qm_report_add_coordinate(w->out, point[k], w->report->mesh[0].loaded->diagonal);
     }
     qm_text_add_string(w->out, ")</td>");
 }

@@ -44,13 +44,14 @@ void qm_report_add_number(qm_text *out, double number)
 static void print_to_place(double number, int place, char out[DIGITS_SIZE])
 {
     double size = fabs(number);
-    if (number == 0.0 || (size >= 1e-5 && size < 1e7)) {
-        int places = place < 0 ? (place > -17 ? -place : 17) : 0;
-        snprintf(out, DIGITS_SIZE, "%.*f", places, number);
-        return;
+    if (number == 0.0) {
+        snprintf(out, DIGITS_SIZE, "0");
+    } else if (size >= 1e-5 && size < 1e7) {
+        snprintf(out, DIGITS_SIZE, "%.*f", place >= 0 ? 0 : place > -17 ? -place : 17, number);
+    } else {
+        int digits = (int)floor(log10(size)) - place;
+        snprintf(out, DIGITS_SIZE, "%.*e", digits < 0 ? 0 : digits > 16 ? 16 : digits, number);
     }
-    int digits = (int)floor(log10(size)) - place;
-    snprintf(out, DIGITS_SIZE, "%.*e", digits < 0 ? 0 : digits > 16 ? 16 : digits, number);
 }
 
 /** Prints a bound, rounded outward to a place: the printed number is at least as far out as the bound. */
@@ -110,4 +111,29 @@ void qm_report_add_interval(qm_text *out, qm_report_interval interval, bool is_s
         add_digits(out, lower, upper, 1, spare);
     }
     qm_text_add_string(out, unit);
+}
+
+void qm_report_add_coordinate(qm_text *out, double number, double length)
+{
+    char digits[DIGITS_SIZE];
+    if (length > 1e-300)
+        print_to_place(number, (int)floor(log10(length)) - 6, digits);
+    else
+        qm_text_number(number, digits);
+    qm_text_add_string(out, digits);
+}
+
+void qm_report_add_percent(qm_text *out, qm_report_interval share)
+{
+    double lower = 100.0 * share.lower, upper = 100.0 * share.upper;
+    char low[32], high[32];
+    for (int places = 1; places >= 0; places--) {
+        snprintf(low, sizeof low, "%.*f", places, lower);
+        snprintf(high, sizeof high, "%.*f", places, upper);
+        if (strcmp(low, high) != 0) continue;
+        bool is_below = upper > 0.0 && strtod(high, NULL) == 0.0;
+        qm_text_printf(out, "%s", upper == 0.0 ? "0" : is_below ? places == 1 ? "&lt;0.1" : "&lt;1" : high);
+        return;
+    }
+    qm_text_printf(out, "%.0f&ndash;%.0f", floor(lower), ceil(upper));
 }
