@@ -145,6 +145,16 @@ export class Jobs {
   }
 
   /**
+   * The result of a comparison as a page of HTML that needs nothing beside itself.
+   * @param {string} id
+   * @param {Options & { limit?: number, range?: number }} [options] the permitted distance, and the end of the colour scale
+   * @returns {Promise<string>}
+   */
+  report(id, { limit, range, signal } = {}) {
+    return this.transport.text(`${pathOf(id)}/report`, { query: { limit, range }, headers: { Accept: "text/html" }, signal });
+  }
+
+  /**
    * Asks many questions; their answers come in the order in which they end.
    * @param {Iterable<JobRequest & { key?: string | number }>} requests
    * @param {Options} [options]
