@@ -7,8 +7,9 @@
 #include <math.h>
 #include <string.h>
 
-#define MARGIN 0.92  /* fraction of the picture that a box fills */
-#define MAX_CELLS 64 /* along each side of a patch */
+#define MARGIN 0.92       /* fraction of the picture that a box fills */
+#define MAX_CELLS 64      /* along each side of a patch */
+#define LEAST_HEIGHT 1e-9 /* of a triangle that is filled, beside its longest side */
 
 /** A corner in the picture, with its parameters. */
 typedef struct raster_corner {
@@ -215,8 +216,9 @@ static void draw_triangle(qm_raster *r, const raster_corner c[3], uint32_t face)
                   (c[2].at[0] - c[0].at[0]) * (c[1].at[1] - c[0].at[1]);
     double length;
     int longest = find_longest(c, &length);
-    if (!(fabs(area) >= length)) draw_line(r, &c[longest], &c[(longest + 1) % 3], face);
-    if (area != 0.0) fill(r, c, area, face);
+    if (fabs(area) <= length) draw_line(r, &c[longest], &c[(longest + 1) % 3], face);
+    /* What is thinner has no inside but that of its rounding. */
+    if (fabs(area) > LEAST_HEIGHT * length * length) fill(r, c, area, face);
 }
 
 /* ---- faces ---- */

@@ -40,31 +40,35 @@ void qm_report_add_number(qm_text *out, double number)
 
 #define DIGITS_SIZE 400 /* of the largest double, with all of its places */
 
-/** Prints a number to the place 10^place: with places after the point, or with an exponent where those would be many. */
-static void print_to_place(double number, int place, char out[DIGITS_SIZE])
+/** Prints a number to the place 10^place: with places after the point, or with an exponent where those would be many. Returns
+ * the place of the last digit that was printed. */
+static int print_to_place(double number, int place, char out[DIGITS_SIZE])
 {
     double size = fabs(number);
     if (number == 0.0) {
         snprintf(out, DIGITS_SIZE, "0");
     } else if (size >= 1e-5 && size < 1e7) {
-        snprintf(out, DIGITS_SIZE, "%.*f", place >= 0 ? 0 : place > -17 ? -place : 17, number);
+        place = place > 0 ? 0 : place < -22 ? -22 : place;
+        snprintf(out, DIGITS_SIZE, "%.*f", -place, number);
     } else {
-        int digits = (int)floor(log10(size)) - place;
-        snprintf(out, DIGITS_SIZE, "%.*e", digits < 0 ? 0 : digits > 16 ? 16 : digits, number);
+        int first = (int)floor(log10(size)), digits = first - place;
+        digits = digits < 0 ? 0 : digits > 16 ? 16 : digits;
+        snprintf(out, DIGITS_SIZE, "%.*e", digits, number);
+        place = first - digits;
     }
+    return place;
 }
 
 /** Prints a bound, rounded outward to a place: the printed number is at least as far out as the bound. */
 static void print_bound(double bound, bool is_upper, int place, char out[DIGITS_SIZE])
 {
-    double unit = pow(10.0, place);
-    print_to_place(bound, place, out);
-    double printed = strtod(out, NULL);
+    place = print_to_place(bound, place, out);
+    double printed = strtod(out, NULL), unit = pow(10.0, place);
     if (is_upper ? printed >= bound : printed <= bound) return;
     /* The nearest number of the place lies on the inner side, so the next one lies on the other. */
     print_to_place(is_upper ? bound + unit : bound - unit, place, out);
     printed = strtod(out, NULL);
-    /* Units below the bound's own precision, or places that were cut off: all of its digits. */
+    /* Units below the bound's own precision: all of its digits. */
     if (is_upper ? printed < bound : printed > bound) qm_text_number(bound, out);
 }
 
@@ -81,9 +85,7 @@ static void add_digits(qm_text *out, double lower, double upper, int side, int s
     double bound = side == 0 ? lower : upper;
     if (!isfinite(bound))
         snprintf(digits, sizeof digits, "unknown");
-    else if (lower == upper)
-        snprintf(digits, sizeof digits, "%.12g", bound);
-    else if (!isfinite(upper - lower) || upper - lower < 1e-300)
+    else if (!(upper - lower >= 1e-300) || !isfinite(upper - lower))
         qm_text_number(bound, digits);
     else
         print_bound(bound, side == 1, find_place((qm_report_interval){lower, upper}, spare), digits);
@@ -95,15 +97,21 @@ void qm_report_add_bound(qm_text *out, qm_report_interval interval, int side, in
     add_digits(out, interval.lower, interval.upper, side, spare);
 }
 
+/** A hundred times a share, rounded towards a number. */
+static double to_percent(double share, double towards)
+{
+    double percent = 100.0 * share, rest = fma(100.0, share, -percent); /* what the product lost */
+    bool is_inside = towards > percent ? rest > 0.0 : rest < 0.0;
+    return is_inside ? nextafter(percent, towards) : percent;
+}
+
 void qm_report_add_interval(qm_text *out, qm_report_interval interval, bool is_share, int spare)
 {
     const char *unit = is_share ? "&nbsp;%" : "";
-    double times = is_share ? 100.0 : 1.0;
-    double lower = times * interval.lower, upper = times * interval.upper;
-    if (is_share && lower != upper) {
-        /* The products are rounded. */
-        lower = lower > 0.0 && lower < 100.0 ? nextafter(lower, 0.0) : lower;
-        upper = upper > 0.0 && upper < 100.0 ? nextafter(upper, 100.0) : upper;
+    double lower = interval.lower, upper = interval.upper;
+    if (is_share) {
+        lower = to_percent(lower, 0.0);
+        upper = to_percent(upper, INFINITY);
     }
     add_digits(out, lower, upper, 0, spare);
     if (lower != upper) {
