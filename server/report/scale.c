@@ -4,13 +4,14 @@
 #include "scale.h"
 
 #include <math.h>
+#include <stddef.h>
 
-/** The least of 1, 2, 5, 10, ... that is not below x. */
+/** The least number of two digits that is not below x and is easy to divide. */
 static double round_up(double x)
 {
+    static const double steps[] = {1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0};
     double unit = pow(10.0, floor(log10(x)));
-    static const double steps[] = {1.0, 2.0, 5.0, 10.0, 20.0};
-    for (int i = 0; i < 5; i++)
+    for (size_t i = 0; i < sizeof steps / sizeof *steps; i++)
         if (steps[i] * unit >= x) return steps[i] * unit;
     return x;
 }
