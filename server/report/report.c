@@ -303,7 +303,7 @@ static void add_meshes(qm_report_writer *w)
         print_counts(&loaded->mesh, counts[side]);
         print_box(&loaded->box, boxes[side]);
         snprintf(moves[side], sizeof moves[side],
-                 loaded->revision > 0 ? "moved %llu times since" : "as in the file",
+                 loaded->revision > 0 ? "moved since: revision %llu" : "as in the file",
                  (unsigned long long)loaded->revision);
     }
     qm_text_add_string(
