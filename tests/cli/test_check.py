@@ -37,10 +37,28 @@ def test_the_same_mesh_is_within_0(quadmesh, square, tmp_path):
             assert quadmesh("check", mesh, mesh, "--limit", "0", "--percent", "50", "--quads", quads).returncode == 0
 
 
-def test_a_distance_at_the_limit_is_not_beyond(quadmesh, square, raised):
-    """Exactly 1 away: within is right, beyond would be wrong."""
-    for options in ([], ["--percent", "90"]):
-        assert quadmesh("check", square, raised, "--limit", "1", *options).returncode in (0, 3)
+def test_a_distance_at_the_limit_is_within(quadmesh, square, raised):
+    """Exactly 1 away, which no rounded bound tells."""
+    for options in ([], ["--percent", "90"], ["--quads", "bilinear"]):
+        assert quadmesh("check", square, raised, "--limit", "1", *options).returncode == 0
+        assert quadmesh("check", square, raised, "--limit", "0.99999999", *options).returncode == 1
+    assert quadmesh("hausdorff", square, raised, "--limit", "1").returncode == 0
+
+
+def test_faces_in_another_order_are_the_same_mesh(quadmesh, tmp_path):
+    torus = write_torus(tmp_path / "torus.obj", 20, 10, 0.3)
+    lines = torus.read_text().splitlines()
+    vertices = [line for line in lines if line.startswith("v ")]
+    faces = [[int(x) for x in line.split()[1:]] for line in lines if line.startswith("f ")]
+    count = len(vertices)
+    (tmp_path / "other.obj").write_text("\n".join(
+        vertices[::-1] + ["f " + " ".join(str(count + 1 - x) for x in face) for face in faces[::-1]]) + "\n")
+    for quads in ("triangles", "bilinear"):
+        assert quadmesh("check", torus, "other.obj", "--limit", "0", "--quads", quads).returncode == 0
+        done = quadmesh("compare", torus, "other.obj", "--json", "--limit", "0", "--quads", quads)
+        symmetric = json.loads(done.stdout)["symmetric"]
+        assert symmetric["chamfer"]["l2"] == {"lower": 0, "upper": 0} == symmetric["chamfer"]["l1"]
+        assert symmetric["f_score"][0]["f"] == {"lower": 1, "upper": 1}
 
 
 def test_a_percentage(quadmesh, tmp_path):

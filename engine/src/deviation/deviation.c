@@ -18,6 +18,7 @@
 #include "deviation_limits.h"
 #include "deviation_refine.h"
 #include "deviation_worst.h"
+#include "hausdorff/hausdorff_exact.h"
 
 #define SEARCH_WORK 4096 /* steps of the search for the maximum */
 #define SEARCH_SHARE 0.5 /* further steps for each vertex and each piece */
@@ -185,6 +186,27 @@ static qm_status find_worst(deviation_work *work, const qm_hausdorff_result *fou
     return status;
 }
 
+/** Takes a number for the upper bound of the maximum if no point is farther, by a proof without rounding. */
+static qm_status prove_maximum(deviation_work *work, double x)
+{
+    qm_interval *max = &work->out->max;
+    bool is_proven = false;
+    if (!(max->lower <= x && x < max->upper)) return QM_OK;
+    qm_status status =
+        qm_hausdorff_prove_within(work->ctx, work->a, work->b, work->options->quads, x, &is_proven);
+    if (is_proven) max->upper = x;
+    return status;
+}
+
+/** A maximum that is 0, or a limit itself, stays open by rounding alone. */
+static qm_status prove_maxima(deviation_work *work)
+{
+    qm_status status = prove_maximum(work, 0.0);
+    for (size_t i = 0; status == QM_OK && i < work->options->limit_count; i++)
+        status = prove_maximum(work, work->options->limit[i]);
+    return status;
+}
+
 /** Narrows the maximum by a search. */
 static qm_status search_maximum(deviation_work *work)
 {
@@ -206,7 +228,8 @@ static qm_status search_maximum(deviation_work *work)
     out->max.lower = fmax(out->max.lower, found.lower);
     out->max.upper = fmin(out->max.upper, found.upper);
     out->projections += found.projections;
-    status = out->is_canceled ? QM_OK : find_worst(work, &found);
+    status = out->is_canceled ? QM_OK : prove_maxima(work);
+    if (status == QM_OK && !out->is_canceled) status = find_worst(work, &found);
     out->is_canceled |= status == QM_E_CANCELED;
     return status == QM_E_CANCELED ? QM_OK : status;
 }
