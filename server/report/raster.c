@@ -172,34 +172,42 @@ static void draw_line(qm_raster *r, const raster_corner *a, const raster_corner 
 
 /* ---- triangles ---- */
 
-/** The corner at which the longest side begins; writes its length. */
-static int find_longest(const raster_corner c[3], double *length)
+/** The corner at which the longest side begins; writes the square of its length. */
+static int find_longest(const raster_corner c[3], double *square)
 {
     int longest = 0;
-    *length = -1.0;
+    *square = -1.0;
     for (int k = 0; k < 3; k++) {
         const double *a = c[k].at, *b = c[(k + 1) % 3].at;
-        double side = hypot(b[0] - a[0], b[1] - a[1]);
-        if (side <= *length) continue;
-        *length = side;
+        double side = (b[0] - a[0]) * (b[0] - a[0]) + (b[1] - a[1]) * (b[1] - a[1]);
+        if (side <= *square) continue;
+        *square = side;
         longest = k;
     }
     return longest;
 }
 
-static void fill(qm_raster *r, const raster_corner c[3], double area, uint32_t face)
-{
+/** The pixels that a triangle may cover. */
+typedef struct pixel_box {
     int left, right, top, bottom;
-    if (!find_span(c[0].at[0], c[1].at[0], c[2].at[0], r->view.width, &left, &right) ||
-        !find_span(c[0].at[1], c[1].at[1], c[2].at[1], r->view.height, &top, &bottom))
-        return;
+} pixel_box;
+
+/** False when the triangle lies beside the picture. */
+static bool find_box(const qm_raster *r, const raster_corner c[3], pixel_box *out)
+{
+    return find_span(c[0].at[0], c[1].at[0], c[2].at[0], r->view.width, &out->left, &out->right) &&
+           find_span(c[0].at[1], c[1].at[1], c[2].at[1], r->view.height, &out->top, &out->bottom);
+}
+
+static void fill(qm_raster *r, const raster_corner c[3], const pixel_box *box, double area, uint32_t face)
+{
     double e[3], f[3];
     for (int k = 0; k < 3; k++) {
         e[k] = c[1].at[k] - c[0].at[k];
         f[k] = c[2].at[k] - c[0].at[k];
     }
-    for (int y = top; y <= bottom; y++) {
-        for (int x = left; x <= right; x++) {
+    for (int y = box->top; y <= box->bottom; y++) {
+        for (int x = box->left; x <= box->right; x++) {
             double dx = x + 0.5 - c[0].at[0], dy = y + 0.5 - c[0].at[1];
             double v = (dx * f[1] - f[0] * dy) / area, w = (e[0] * dy - dx * e[1]) / area;
             if (!(v >= 0.0 && w >= 0.0 && v + w <= 1.0)) continue;
@@ -212,13 +220,21 @@ static void fill(qm_raster *r, const raster_corner c[3], double area, uint32_t f
 
 static void draw_triangle(qm_raster *r, const raster_corner c[3], uint32_t face)
 {
+    pixel_box box;
+    if (!find_box(r, c, &box)) return;
     double area = (c[1].at[0] - c[0].at[0]) * (c[2].at[1] - c[0].at[1]) -
                   (c[2].at[0] - c[0].at[0]) * (c[1].at[1] - c[0].at[1]);
-    double length;
-    int longest = find_longest(c, &length);
-    if (fabs(area) <= length) draw_line(r, &c[longest], &c[(longest + 1) % 3], face);
+    double square;
+    int longest = find_longest(c, &square);
+    if (area * area <= square) {
+        const raster_corner *a = &c[longest];
+        if (box.left == box.right && box.top == box.bottom)
+            put(r, box.left, box.top, a->at[2], face, a->uv[0], a->uv[1]);
+        else
+            draw_line(r, a, &c[(longest + 1) % 3], face);
+    }
     /* What is thinner has no inside but that of its rounding. */
-    if (fabs(area) > LEAST_HEIGHT * length * length) fill(r, c, area, face);
+    if (fabs(area) > LEAST_HEIGHT * square) fill(r, c, &box, area, face);
 }
 
 /* ---- faces ---- */
