@@ -106,7 +106,7 @@ typedef struct qm_matrix_near {
     qm_matrix_place place;
 } qm_matrix_near;
 
-/** Lists the items that are nearest to one, by the middles of their intervals, then by their indices; the room is for
+/** Lists the items that are nearest to one, by the upper bounds of their distances, then the lower bounds, then the indices; the room is for
  * count - 1 items. Returns how many there are in out: at most limit. */
 size_t qm_matrix_list_nearest(const qm_matrix *matrix, size_t item, size_t limit, double tolerance,
                               qm_matrix_near *out);

@@ -324,15 +324,12 @@ static qm_status measure_rest(run *r)
 
 /* ---- lists ---- */
 
-static double middle_of(const qm_matrix_near *near)
-{
-    return 0.5 * near->lower + 0.5 * near->upper;
-}
-
+/** By upper bounds: then no item of a list is farther than the reach that measure_list kept others out by. */
 static int compare_near(const void *first, const void *second)
 {
     const qm_matrix_near *a = first, *b = second;
-    if (middle_of(a) != middle_of(b)) return middle_of(a) < middle_of(b) ? -1 : 1;
+    if (a->upper != b->upper) return a->upper < b->upper ? -1 : 1;
+    if (a->lower != b->lower) return a->lower < b->lower ? -1 : 1;
     return a->item < b->item ? -1 : 1;
 }
 
