@@ -102,6 +102,7 @@ static void check_bounds(const lattice *set, const qm_matrix *matrix, unsigned r
         }
     assert_true(matrix->searched <= matrix->pair_count && matrix->searched <= matrix->searches);
     assert_int_equal(matrix->searches, set->calls);
+    if (matrix->open == 0) assert_int_equal(matrix->searched + matrix->bounded, matrix->pair_count);
 }
 
 /** The slow twin of a list: all distances of an item, sorted. */

@@ -67,6 +67,7 @@ struct qm_matrix {
     uint8_t *state;  /* of each pair, for the call alone */
     size_t searched; /* pairs that were measured */
     size_t searches; /* measurements: a pair may need a second one that goes further */
+    size_t bounded;  /* pairs that were not measured, as their bounds answer all that is asked of them */
     size_t pivots;
     size_t
         open; /* QM_MATRIX_ALL: pairs that are wider than the tolerance; QM_MATRIX_WITHIN: pairs without a verdict;
@@ -106,8 +107,8 @@ typedef struct qm_matrix_near {
     qm_matrix_place place;
 } qm_matrix_near;
 
-/** Lists the items that are nearest to one, by the upper bounds of their distances, then the lower bounds, then the indices; the room is for
- * count - 1 items. Returns how many there are in out: at most limit. */
+/** Lists the items that are nearest to one, by the upper bounds of their distances, then the lower bounds, then the
+ * indices. There is room for count - 1 of them in out. Returns how many are listed: at most limit. */
 size_t qm_matrix_list_nearest(const qm_matrix *matrix, size_t item, size_t limit, double tolerance,
                               qm_matrix_near *out);
 

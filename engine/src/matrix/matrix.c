@@ -30,7 +30,7 @@ typedef struct run {
     const qm_matrix_options *options;
     qm_matrix *out;
     double start_ms;
-    double *uppers; /* room for count */
+    double *uppers, *reach; /* room for count each */
 } run;
 
 /* ---- bounds ---- */
@@ -147,18 +147,29 @@ static bool is_open(const run *r, size_t pair, double reach)
     return is_wide && (r->options->want == QM_MATRIX_ALL || lower < reach);
 }
 
-/** The pairs that are open; one that is open for the lists of both of its items counts twice. */
-static size_t count_open(run *r)
+/** Writes for each item the reach of its list, if it is to have one. */
+static void find_reaches(run *r)
+{
+    for (size_t item = 0; item < r->out->count; item++)
+        r->reach[item] = r->options->want == QM_MATRIX_NEAREST ? find_reach(r, item) : INFINITY;
+}
+
+/** Counts the pairs that are open, for one of their items or both, and those of the others that were not measured. */
+static size_t count_open(run *r, size_t *bounded)
 {
     const qm_matrix *m = r->out;
-    size_t count = 0;
-    bool is_listed = r->options->want == QM_MATRIX_NEAREST;
-    for (size_t a = 0; a < m->count; a++) {
-        double reach = is_listed ? find_reach(r, a) : INFINITY;
-        for (size_t b = is_listed ? 0 : a + 1; b < m->count; b++)
-            if (a != b && is_open(r, qm_matrix_pair(m->count, a, b), reach)) count++;
-    }
-    return count;
+    size_t open = 0;
+    *bounded = 0;
+    find_reaches(r);
+    for (size_t a = 0; a < m->count; a++)
+        for (size_t b = a + 1; b < m->count; b++) {
+            size_t pair = qm_matrix_pair(m->count, a, b);
+            if (is_open(r, pair, fmax(r->reach[a], r->reach[b])))
+                open++;
+            else if (m->state[pair] == UNTOUCHED)
+                (*bounded)++;
+        }
+    return open;
 }
 
 /* ---- measuring ---- */
@@ -242,7 +253,7 @@ static qm_status measure_pivot(run *r, size_t pivot, double *nearest)
 static qm_status measure_pivots(run *r, double *nearest)
 {
     qm_matrix *m = r->out;
-    size_t open = count_open(r);
+    size_t open = count_open(r, &m->bounded);
     for (size_t i = 0; i < m->count; i++)
         nearest[i] = INFINITY;
     while (m->pivots < MAX_PIVOTS && open > PAIRS_FOR_A_PIVOT * m->count && !is_stopped(r)) {
@@ -251,7 +262,7 @@ static qm_status measure_pivots(run *r, double *nearest)
         qm_status status = measure_pivot(r, pivot, nearest);
         if (status != QM_OK) return status;
         size_t cost = m->searches - before, was_open = open;
-        open = count_open(r);
+        open = count_open(r, &m->bounded);
         if (m->pivots >= MIN_PIVOTS && was_open - open <= cost) break;
     }
     return QM_OK;
@@ -411,19 +422,21 @@ qm_status qm_matrix_measure(qm_context *ctx, const qm_matrix_options *options, q
                        .state = qm_context_alloc(ctx, pair_count, sizeof *out->state)};
     qm_matrix_near *room = qm_context_alloc(ctx, count, sizeof *room);
     double *uppers = qm_context_alloc(ctx, count, sizeof *uppers),
+           *reach = qm_context_alloc(ctx, count, sizeof *reach),
            *nearest = qm_context_alloc(ctx, count, sizeof *nearest);
-    run r = {ctx, options, out, qm_clock_ms(), uppers};
+    run r = {ctx, options, out, qm_clock_ms(), uppers, reach};
     qm_status status = QM_E_NO_MEMORY;
-    if (out->lower && out->upper && out->state && room && uppers && nearest) {
+    if (out->lower && out->upper && out->state && room && uppers && reach && nearest) {
         set_first_bounds(options, out);
         status = measure_pivots(&r, nearest);
         if (status == QM_OK) status = measure_rest(&r);
-        if (status == QM_OK)
-            out->open = options->want == QM_MATRIX_NEAREST ? count_open_lists(&r, room) : count_open(&r);
+        out->open = count_open(&r, &out->bounded);
+        if (options->want == QM_MATRIX_NEAREST) out->open = count_open_lists(&r, room);
     }
     out->elapsed_ms = qm_clock_ms() - r.start_ms;
     qm_context_free(ctx, room, count, sizeof *room);
     qm_context_free(ctx, uppers, count, sizeof *uppers);
+    qm_context_free(ctx, reach, count, sizeof *reach);
     qm_context_free(ctx, nearest, count, sizeof *nearest);
     if (status != QM_OK) qm_matrix_reset(ctx, out);
     return status;
