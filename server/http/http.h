@@ -72,6 +72,9 @@ void qm_request_client(const qm_request *request, char out[QM_CLIENT_SIZE]);
 #define QM_MEDIA_SSE "text/event-stream"
 const char *qm_request_media(const qm_request *request);
 
+/** Sets it to one that the route offers, which the query asks for. */
+void qm_request_set_media(qm_request *request, const char *media);
+
 /** The rows of that type; JSON for every other. */
 qm_array_format qm_request_rows(const qm_request *request);
 

@@ -64,7 +64,7 @@ static const qm_route routes[] = {
     {"GET", "/v1/jobs/{id}/events", QM_SCOPE_READ, qm_handle_job_events, events, QM_BODY_NONE, QM_LANE_SHORT,
      events_query},
     {"GET", "/v1/jobs/{id}/result", QM_SCOPE_READ, qm_handle_job_result, object_or_rows, QM_BODY_NONE,
-     QM_LANE_SHORT, no_query},
+     QM_LANE_SHORT, format_query},
     {"POST", "/v1/layouts", QM_SCOPE_WRITE, qm_handle_layout_create, json, QM_BODY_MEMORY, QM_LANE_EDIT,
      no_query},
     {"GET", "/v1/layouts", QM_SCOPE_READ, qm_handle_layout_list, json, QM_BODY_NONE, QM_LANE_SHORT,
