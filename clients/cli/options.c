@@ -133,7 +133,8 @@ bool cli_read_options(const cli_command *command, const cli_option *options, siz
             return false;
         }
     }
-    bool is_complete = argc - optind == command->path_count;
+    int given = argc - optind, most = command->most_paths > 0 ? command->most_paths : command->path_count;
+    bool is_complete = given >= command->path_count && given <= most;
     for (size_t i = 0; i < count; i++)
         if (options[i].is_required && !*(const char **)options[i].target) is_complete = false;
     if (!is_complete) {
@@ -141,7 +142,7 @@ bool cli_read_options(const cli_command *command, const cli_option *options, siz
         print_usage(stderr, command, options, count);
         return false;
     }
-    for (int i = 0; i < command->path_count; i++)
+    for (int i = 0; i < given; i++)
         paths[i] = argv[optind + i];
     return true;
 }
