@@ -105,6 +105,7 @@ static const qm_route routes[] = {
      QM_BODY_NONE, QM_LANE_EDIT, no_query},
     {"POST", "/v1/batches", QM_SCOPE_WRITE, qm_handle_batch_create, lines, QM_BODY_SPOOL, QM_LANE_AT_ONCE,
      no_query},
+    {"POST", "/v1/compare", QM_SCOPE_WRITE, qm_handle_compare, json, QM_BODY_SPOOL, QM_LANE_DECODE, no_query},
     {"GET", "/v1/info", QM_SCOPE_READ, qm_handle_info, json, QM_BODY_NONE, QM_LANE_AT_ONCE, no_query},
     {"GET", "/healthz", QM_SCOPE_NONE, qm_handle_health, NULL, QM_BODY_NONE, QM_LANE_AT_ONCE, NULL},
     {"GET", "/readyz", QM_SCOPE_NONE, qm_handle_ready, NULL, QM_BODY_NONE, QM_LANE_AT_ONCE, NULL},

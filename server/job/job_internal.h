@@ -2,7 +2,8 @@
  * job_internal.h: what the files of the job table share: jobs.c (table, submission, start and stop), job_events.c (event
  * log, subscribers, notifier), job_mirrors.c and job_pulse.c (jobs of other nodes, and the node among them), jobs_list.c
  * (resources and lists), job_run.c (what a worker does with a job on meshes, and how jobs end), job_steps.c (the same
- * for reconstruction steps), job_matrix.c (the same for a set of meshes), job_help.c (parts of searches of other nodes), job_batch.c (jobs that are lines of a file).
+ * for reconstruction steps), job_matrix.c (the same for a set of meshes), job_help.c (parts of searches of other nodes), job_batch.c (jobs that are lines of a file), job_once.c (jobs about meshes that
+ * are not stored).
  *
  * "The lock" is qm_jobs.lock. A job is either stored, with a row, events and a document, or it lives in
  * memory alone and its end goes to on_end.
@@ -66,12 +67,14 @@ struct qm_job {
     uint64_t seq_base;     /* events up to this number belong to them */
     qm_job_event **events; /* by seq */
     size_t event_count, event_capacity;
-    size_t saved_count;    /* the first ones, which the store has taken */
-    size_t durable_count;  /* the first of these, which no failure of a server takes away any more */
-    bool is_from_row;      /* made of a row of the store, without events until qm_job_fetch_events */
-    char *last_bounds;     /* the newest bounds event's own members, for the document */
-    char *document;        /* members of the resource but for the result, once the job has ended */
-    char *result;          /* the result object, or NULL */
+    size_t saved_count;   /* the first ones, which the store has taken */
+    size_t durable_count; /* the first of these, which no failure of a server takes away any more */
+    bool is_from_row;     /* made of a row of the store, without events until qm_job_fetch_events */
+    char *last_bounds;    /* the newest bounds event's own members, for the document */
+    char *document;       /* members of the resource but for the result, once the job has ended */
+    char *result;         /* the result object, or NULL */
+    qm_mesh_ref
+        *given[2]; /* meshes that no store has, in place of those that the request names; NULL: none */
     qm_job_end_fn *on_end; /* of a job that is not stored; NULL for stored ones */
     void *end_user;
     char revisions[QM_REVISIONS_SIZE]; /* of the meshes that it runs on; "" before */

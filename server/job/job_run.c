@@ -560,6 +560,11 @@ typedef struct mesh_pair {
 
 static bool acquire(qm_job *job, mesh_pair *pair, qm_problem *problem)
 {
+    if (job->given[0]) {
+        *pair = (mesh_pair){job->given[0], job->given[1]};
+        job->given[0] = job->given[1] = NULL;
+        return true;
+    }
     qm_meshes *meshes = job->jobs->meshes;
     const qm_job_request *request = &job->request;
     bool has_b = qm_job_type_of(request->kind)->mesh_field[1] && strcmp(request->a, request->b) != 0;
@@ -574,6 +579,7 @@ static bool acquire(qm_job *job, mesh_pair *pair, qm_problem *problem)
 static bool has_loaded(const qm_job *job)
 {
     const qm_job_request *request = &job->request;
+    if (job->given[0]) return true;
     return qm_meshes_has_loaded(job->jobs->meshes, request->a) &&
            (!qm_job_type_of(request->kind)->mesh_field[1] ||
             qm_meshes_has_loaded(job->jobs->meshes, request->b));

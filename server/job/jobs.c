@@ -32,6 +32,8 @@ static void free_job(qm_job *job)
     free(job->result);
     free(job->key);
     qm_job_request_reset(&job->request);
+    for (int i = 0; i < 2; i++) /* of a job that has not run */
+        qm_meshes_release(job->jobs->meshes, job->given[i]);
     free(job);
 }
 

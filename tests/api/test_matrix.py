@@ -154,7 +154,7 @@ def test_a_mesh_that_is_missing_is_named(client, boxes):
 
 
 def test_sizes_beyond_precision_have_their_boxes(client):
-    tiny, huge, other = (client.upload(shapes.cube(side=side))["id"] for side in (1e-30, 1e9, 2e9))
+    tiny, huge, other = (client.upload(shapes.cube(side=side))["id"] for side in (1e-200, 1e200, 2e200))
     job = ask(client, [tiny, huge, other])
     for a, b, lower, upper in rows_of(client, job):
         assert 0 < lower < upper
