@@ -5,7 +5,7 @@
  * such a metric: they are compact and not empty. So for any item p
  *     |d(a, p) - d(p, b)| <= d(a, b) <= d(a, p) + d(p, b),
  * and each measured pair bounds others. The first measured pairs are those of pivots, items that are far from each other,
- * chosen farthest first, as long as they decide more pairs than they cost.
+ * chosen farthest first, as long as they decide several times as many pairs as they cost.
  *
  * Source: E. Vidal, An algorithm for finding nearest neighbours in (approximately) constant average time, 1986 (bounds from all
  * measured pairs); T. Gonzalez, Clustering to minimize the maximum intercluster distance, 1985 (farthest first).

@@ -13,13 +13,16 @@
 
 #include "core/clock.h"
 
+/* Pivots pay as long as they decide several times as many pairs as they measure: most of the others would be decided by a short
+ * search with a threshold. One pivot alone tells only how far apart rings around it are, so two are tried. They need not be
+ * measured to the tolerance, but to a share of the limit, or of the width of the set. */
 #define MAX_PIVOTS 16
-#define MIN_PIVOTS                                                                                           \
-    2 /* before their gain is judged: one pivot alone tells only how far apart rings around it are */
-#define PAIRS_FOR_A_PIVOT 2 /* open pairs for each item, without which no pivot pays */
-#define PIVOT_FRACTION 64.0 /* a verdict against a limit needs pivots to this fraction of it */
-#define BOX_ROUNDING                                                                                         \
-    0x1p-50 /* relative: qm_mesh_box_diagonal has five roundings on the way to its largest term */
+#define MIN_PIVOTS 2
+#define PIVOT_GAIN 4
+#define PAIRS_FOR_A_PIVOT 2 /* open pairs for each item, without which no pivot is tried */
+#define SHARE_OF_LIMIT 0.125
+#define SHARE_OF_WIDTH 0x1p-6
+#define BOX_ROUNDING 0x1p-50 /* relative: qm_mesh_box_diagonal has four roundings on the way to its result */
 
 /** What was done about a pair. */
 enum { UNTOUCHED, MEASURED, FINAL };
@@ -53,8 +56,8 @@ static double add_up(double a, double b)
 }
 
 /**
- * Below: each side of the box of a has a point of a on it, and no point of b is beyond the same side of its own box: so the
- * distance of the sides is a bound, from a or from b, whichever is outside. Above: no two points of the boxes are farther apart
+ * Lower: each side of the box of a has a point of a on it, and no point of b is beyond the same side of its own box: so the
+ * distance of the sides is a bound, from a or from b, whichever is outside. Upper: no two points of the boxes are farther apart
  * than the far sides on every axis.
  */
 void qm_matrix_bound_by_boxes(const qm_box *a, const qm_box *b, double *lower, double *upper)
@@ -226,14 +229,24 @@ static size_t find_farthest(const double *nearest, size_t count)
     return farthest;
 }
 
+/** How far the pairs of pivots are narrowed. */
+static double pivot_tolerance(const run *r)
+{
+    const qm_matrix *m = r->out;
+    double widest = 0.0;
+    if (r->options->want == QM_MATRIX_ALL) return r->options->tolerance;
+    if (r->options->want == QM_MATRIX_WITHIN)
+        return fmax(r->options->tolerance, SHARE_OF_LIMIT * r->options->limit);
+    for (size_t pair = 0; pair < m->pair_count; pair++)
+        widest = fmax(widest, m->lower[pair]);
+    return fmax(r->options->tolerance, SHARE_OF_WIDTH * widest);
+}
+
 /** Measures the pairs of a pivot that need it. */
 static qm_status measure_pivot(run *r, size_t pivot, double *nearest)
 {
-    const qm_matrix_options *options = r->options;
     qm_matrix *m = r->out;
-    double tolerance = options->want == QM_MATRIX_WITHIN
-                           ? fmax(options->tolerance, options->limit / PIVOT_FRACTION)
-                           : options->tolerance;
+    double tolerance = pivot_tolerance(r);
     nearest[pivot] = 0.0;
     m->pivots++;
     for (size_t i = 0; i < m->count; i++) {
@@ -249,7 +262,7 @@ static qm_status measure_pivot(run *r, size_t pivot, double *nearest)
     return QM_OK;
 }
 
-/** Measures pivots while they decide more pairs than they cost. `nearest` is room for count. */
+/** Measures pivots while they pay. `nearest` is room for count. */
 static qm_status measure_pivots(run *r, double *nearest)
 {
     qm_matrix *m = r->out;
@@ -263,7 +276,7 @@ static qm_status measure_pivots(run *r, double *nearest)
         if (status != QM_OK) return status;
         size_t cost = m->searches - before, was_open = open;
         open = count_open(r, &m->bounded);
-        if (m->pivots >= MIN_PIVOTS && was_open - open <= cost) break;
+        if (m->pivots >= MIN_PIVOTS && was_open - open <= PIVOT_GAIN * cost) break;
     }
     return QM_OK;
 }
