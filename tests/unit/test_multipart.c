@@ -157,7 +157,7 @@ static void random_bodies(void **state)
                  (unsigned long long)qm_check_seed(), run, f.problem.detail);
         assert_int_equal(f.count, count);
         for (size_t i = 0; i < count; i++) {
-            char name[8];
+            char name[24];
             snprintf(name, sizeof name, "p%zu", i);
             assert_string_equal(f.part[i].name, name);
             assert_true(f.part[i].offset == at[i] && f.part[i].size == size[i]);
