@@ -405,33 +405,33 @@ static int run(int argc, char **argv)
     cli_job job = cli_job_make(QM_JOB_MATRIX);
     qm_job_request *request = &job.request;
     file_set files = {0};
-    const cli_option options[] = {
-        {.name = "output",
-         .letter = 'o',
-         .value = "FILE",
-         .type = CLI_TEXT,
-         .target = &files.output,
-         .help = "all pairs as CSV: a,b,lower,upper (- is standard output)"},
-        {.name = "nearest",
-         .value = "K",
-         .type = CLI_SIZE,
-         .min = 1,
-         .max = QM_JOB_MAX_NEAREST,
-         .target = &request->nearest,
-         .help = "only the K nearest others of each file, in proven order"},
-        {.name = "within",
-         .value = "T",
-         .type = CLI_NUMBER,
-         .target = &request->within,
-         .help = "only whether each distance is at most T"},
-        CLI_OPTION_QUADS(&request->quads),
-        CLI_OPTION_TOLERANCE(&request->tolerance, "width of the interval of a distance, as a fraction of the "
-                                                  "largest diagonal of the boxes (default 1e-6)"),
-        CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
-        CLI_OPTION_THREADS(&request->threads),
-        CLI_OPTION_JSON(&job.as_json),
-        CLI_OPTION_PROGRESS(&job.shows_progress),
-        CLI_OPTION_SERVER(&job.server)};
+    const cli_option options[] = {{.name = "output",
+                                   .letter = 'o',
+                                   .value = "FILE",
+                                   .type = CLI_TEXT,
+                                   .target = &files.output,
+                                   .help = "all pairs as CSV: a,b,lower,upper (- is standard output)"},
+                                  {.name = "nearest",
+                                   .value = "K",
+                                   .type = CLI_SIZE,
+                                   .min = 1,
+                                   .max = QM_JOB_MAX_NEAREST,
+                                   .target = &request->nearest,
+                                   .help = "only the K nearest others of each file, in proven order"},
+                                  {.name = "within",
+                                   .value = "T",
+                                   .type = CLI_NUMBER,
+                                   .target = &request->within,
+                                   .help = "only whether each distance is at most T"},
+                                  CLI_OPTION_QUADS(&request->quads),
+                                  CLI_OPTION_GAP(&request->tolerance,
+                                                 "width of the interval of a distance, as a fraction of the "
+                                                 "largest diagonal of the boxes (default 1e-6)"),
+                                  CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
+                                  CLI_OPTION_THREADS(&request->threads),
+                                  CLI_OPTION_JSON(&job.as_json),
+                                  CLI_OPTION_PROGRESS(&job.shows_progress),
+                                  CLI_OPTION_SERVER(&job.server)};
     const char **paths = calloc(2 * (size_t)argc, sizeof *paths);
     int status = EXIT_BAD_INPUT;
     if (paths && cli_read_options(&cmd_matrix, options, sizeof options / sizeof *options, argc, argv, paths,
@@ -464,5 +464,7 @@ const cli_command cmd_matrix = {
     .description =
         "The Hausdorff distances of all pairs of files, as proven intervals. Pairs are searched only as far\n"
         "as bounds by boxes and by other pairs leave open what is asked.\n\n",
-    .exit_status = "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 stopped before all of it was known.",
+    .exit_status =
+        "Exit status: 0 done, 2 bad input or wrong usage, 3 stopped before all of it was known, or\n"
+        "undecided.",
     .run = run};

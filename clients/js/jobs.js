@@ -148,8 +148,8 @@ export class Jobs {
    * Asks about two files, of which nothing is kept.
    * @param {Blob} a with its name if it is a File
    * @param {Blob} b
-   * @param {Record<string, unknown>} [request] a request of a job of two meshes, without them; a Hausdorff distance
-   *   without a type
+   * @param {Record<string, unknown>} [request] a request of a job of two meshes, without them; a comparison without a
+   *   type
    * @param {Options} [options]
    * @returns {Promise<JobResult>}
    */

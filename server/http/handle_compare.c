@@ -93,7 +93,7 @@ static char *write_request(const char *options, qm_problem *problem)
         const char *rest = strchr(options, '{') + 1;
         bool is_empty = rest[strspn(rest, " \t\r\n")] == '}';
         qm_text_printf(&out, "{\"a\":\"a\",\"b\":\"b\"%s%s",
-                       qm_json_has(given, "type") ? "" : ",\"type\":\"hausdorff\"", is_empty ? "" : ",");
+                       qm_json_has(given, "type") ? "" : ",\"type\":\"comparison\"", is_empty ? "" : ",");
         qm_text_add_string(&out, rest);
     } else if (is_right) {
         qm_text_add_string(&out, options);

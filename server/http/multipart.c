@@ -172,6 +172,7 @@ bool qm_multipart_split(const uint8_t *body, size_t size, const char *boundary, 
     r.mark_size = (size_t)snprintf(r.mark, sizeof r.mark, "\r\n--%s", boundary);
     QM_ASSERT(r.mark_size < sizeof r.mark);
     /* The first boundary may begin the body; what is before it is not for us. */
+    if (size == 0) return fail(&r, "the body is empty");
     const uint8_t *first = size >= r.mark_size - 2 && memcmp(body, r.mark + 2, r.mark_size - 2) == 0
                                ? body
                                : memmem(body, size, r.mark, r.mark_size);

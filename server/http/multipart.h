@@ -21,7 +21,7 @@ typedef struct qm_multipart_part {
 /** Reads the boundary from a Content-Type; false when that is another type or has none. */
 bool qm_multipart_read_boundary(const char *content_type, char out[QM_MULTIPART_BOUNDARY_SIZE]);
 
-/** Splits a body. False with a problem, at a byte of the body, when it does not follow the form or has more than `room`
+/** Splits a body, which may be NULL when size is 0. False with a problem, at a byte of the body, when it does not follow the form or has more than `room`
  * parts. */
 bool qm_multipart_split(const uint8_t *body, size_t size, const char *boundary, qm_multipart_part *out,
                         size_t room, size_t *count, qm_problem *problem);

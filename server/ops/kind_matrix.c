@@ -282,7 +282,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     if (request->want == QM_MATRIX_WITHIN) add_verdicts(out, request, matrix);
     qm_json_add_count(out, "open", matrix->open);
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
-    qm_json_add_number(out, "tolerance", result->tolerance);
+    qm_json_add_number(out, "gap", result->tolerance);
     qm_json_add_bool(out, "converged", matrix->open == 0);
     qm_json_add_string(out, "stopped_by", name_stop(matrix));
     qm_json_add_ms(out, "elapsed_ms", matrix->elapsed_ms);

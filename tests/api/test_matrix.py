@@ -47,7 +47,7 @@ def check_rows(rows, shifts):
 
 @pytest.mark.parametrize("quads", ["triangles", "bilinear"])
 def test_all_pairs(client, boxes, quads):
-    job = ask(client, boxes, quads=quads, tolerance=1e-4, tolerance_unit="absolute")
+    job = ask(client, boxes, quads=quads, gap=1e-4, gap_unit="absolute")
     assert job["type"] == "matrix" and job["state"] == "succeeded"
     assert job["request"] == {"type": "matrix", "quads": quads, "mesh_count": 6, "want": "all", "tolerance": 1e-4,
                               "tolerance_unit": "absolute"}
@@ -139,7 +139,7 @@ def test_a_deformed_mesh_asks_anew(client):
     ({"meshes": ["m_a", "m_b"], "want": {"nearest": 1, "within": 1}}, "/want"),
     ({"meshes": ["m_a", "m_b"], "want": {"farthest": 1}}, "/want"),
     ({"meshes": ["m_a", "m_b"], "measure": "mean"}, "/measure"),
-    ({"meshes": ["m_a", "m_b"], "tolerance": 0}, "/tolerance"),
+    ({"meshes": ["m_a", "m_b"], "gap": 0}, "/gap"),
     ({"meshes": ["m_a", "m_b"], "a": "m_a"}, "/a"),
 ])
 def test_wrong_requests(client, fields, pointer):
@@ -169,7 +169,7 @@ def test_points_and_surfaces(client):
 
 
 def test_events_and_cancelation(client, many):
-    request = {"type": "matrix", "meshes": many, "tolerance": 1e-12, "threads": 1, "quads": "bilinear"}
+    request = {"type": "matrix", "meshes": many, "gap": 1e-12, "threads": 1, "quads": "bilinear"}
     with client.stream("POST", "/v1/jobs", json=request, headers={"Accept": "application/x-ndjson"}) as reply:
         for line in reply.iter_lines():
             event = json.loads(line)
@@ -189,7 +189,7 @@ def test_events_and_cancelation(client, many):
 
 
 def test_a_deadline_keeps_the_intervals(client, many):
-    fields = {"tolerance": 1e-12, "deadline_ms": 200, "threads": 1, "quads": "bilinear"}
+    fields = {"gap": 1e-12, "deadline_ms": 200, "threads": 1, "quads": "bilinear"}
     job = ask(client, many, **fields)
     assert job["state"] == "succeeded" and job["result"]["stopped_by"] == "deadline", job
     assert job["result"]["open"] > 0 and job["result"]["converged"] is False
@@ -207,7 +207,7 @@ def test_a_set_that_does_not_fit_in_memory(make_daemon):
         all_bytes = sum(client.get(f"/v1/meshes/{id}").json()["memory_bytes"] for id in ids)
         assert all_bytes > 64 * 2**20 / 1.5, all_bytes
         assert gauge(client, "meshes_loaded") < 12
-        job = ask(client, ids, want={"nearest": 1}, tolerance=1e-3)
+        job = ask(client, ids, want={"nearest": 1}, gap=1e-3)
         assert job["state"] == "succeeded", job
         for a, b, lower, upper in rows_of(client, job):
             assert lower <= abs(a - b) + 1e-9 and abs(a - b) <= upper + 1e-9
@@ -228,7 +228,7 @@ def test_an_unfinished_matrix_runs_again_after_a_kill(make_daemon):
     running = make_daemon()
     with running.client() as client:
         ids = [client.upload(shapes.rough(24, seed))["id"] for seed in range(10)]
-        reply = client.post("/v1/jobs", json={"type": "matrix", "meshes": ids, "tolerance": 1e-9})
+        reply = client.post("/v1/jobs", json={"type": "matrix", "meshes": ids, "gap": 1e-9})
         assert reply.status_code == 202
     running.process.kill()
     running.process.wait()

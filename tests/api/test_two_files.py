@@ -39,9 +39,10 @@ def test_the_distance_of_two_files(make_daemon, pair):
     with running.client() as client:
         reply = compare(client, *pair)
         assert reply.status_code == 200 and reply.headers["content-type"] == "application/json"
-        result = reply.json()
-        assert result["lower"] <= 1 <= result["upper"] and result["converged"] is True
-        assert "id" not in result["witness"]["from"] and result["witness"]["from"]["mesh"] in ("a", "b")
+        distance = reply.json()["symmetric"]["hausdorff"]
+        assert distance["lower"] <= 1 <= distance["upper"]
+        witness = compare(client, *pair, options={"type": "hausdorff"}).json()["witness"]
+        assert "id" not in witness["from"] and witness["from"]["mesh"] in ("a", "b")
         assert is_empty(client)
         folder = pathlib.Path(running.folder) / "data"
         assert not any(path.is_file() for name in ("blobs", "incoming", "results") for path in (folder / name).rglob("*"))
@@ -52,9 +53,9 @@ def test_the_distance_of_two_files(make_daemon, pair):
     ({"type": "deviation", "quads": "bilinear"}, lambda r: r["mean"]["lower"] <= 0.5 <= r["mean"]["upper"]),
     ({"type": "distance"}, lambda r: r["lower"] == r["upper"] == 0 and r["collides"]),
     ({"type": "collision"}, lambda r: r["collides"] is True),
-    ({"type": "hausdorff", "threshold": 3}, lambda r: r["verdict"] == "below"),
-    (" {\n} ", lambda r: r["tolerance"] == pytest.approx(1e-6 * math.sqrt(3))),
-    ({"tolerance": 0.01, "tolerance_unit": "absolute"}, lambda r: r["tolerance"] == 0.01),
+    ({"type": "hausdorff", "limit": 3}, lambda r: r["verdict"] == "below"),
+    (" {\n} ", lambda r: r["gap"] == pytest.approx(1e-6 * math.sqrt(3))),
+    ({"gap": 0.01, "gap_unit": "absolute", "limits": [0.5]}, lambda r: r["gap"] == 0.01 and len(r["symmetric"]["f_score"]) == 1),
 ], ids=str)
 def test_kinds_and_options(client, pair, options, check):
     reply = compare(client, *pair, options=options)
@@ -69,7 +70,7 @@ def test_formats_by_name_type_and_content(client, pair):
          *("f " + " ".join(str(i + 1) for i in face) + "\n" for face in cube[1])]).encode()
     for b in (("b.obj", obj), ("b", obj, "model/obj"), ("b.obj.gz", gzip.compress(obj)), ("noname", pair[0])):
         reply = client.post("/v1/compare", files={"a": ("a.ply", pair[0]), "b": b})
-        assert reply.status_code == 200 and reply.json()["upper"] == 0, reply.text
+        assert reply.status_code == 200 and reply.json()["symmetric"]["hausdorff"]["upper"] == 0, reply.text
 
 
 @pytest.mark.parametrize("files, pointer", [
@@ -84,7 +85,7 @@ def test_formats_by_name_type_and_content(client, pair):
     ([("a", b"x"), ("b", b"x"), ("options", b'{"type": "matrix"}')], "/type"),
     ([("a", b"x"), ("b", b"x"), ("options", b'{"type": "self_collision"}')], "/type"),
     ([("a", b"x"), ("b", b"x"), ("options", b'{"type": "none"}')], "/type"),
-    ([("a", b"x"), ("b", b"x"), ("options", b'{"tolerance": 0}')], "/tolerance"),
+    ([("a", b"x"), ("b", b"x"), ("options", b'{"gap": 0}')], "/gap"),
 ])
 def test_wrong_parts(client, files, pointer):
     problem = check_problem(client.post("/v1/compare", files=files), 400, "invalid_field")
@@ -133,12 +134,12 @@ def test_a_body_that_is_too_large(make_daemon, pair):
 
 
 def test_many_at_the_same_time(client, pair):
-    replies = together(8, lambda i: compare(client, *pair, options={"tolerance": 10.0 ** -(i + 2)}))
+    replies = together(8, lambda i: compare(client, *pair, options={"gap": 10.0 ** -(i + 2)}))
     assert [reply.status_code for reply in replies] == [200] * 8
 
 
 def test_a_deadline(client, slow):
-    reply = compare(client, *slow, options={"deadline_ms": 1, "tolerance": 1e-12, "quads": "bilinear", "threads": 1})
+    reply = compare(client, *slow, options={"type": "hausdorff", "deadline_ms": 1, "gap": 1e-12, "quads": "bilinear", "threads": 1})
     assert reply.status_code == 200 and reply.json()["stopped_by"] in ("deadline", "converged", "precision")
     reply = compare(client, *slow, options={"type": "distance", "deadline_ms": 1e-6})
     check_problem(reply, 504, "deadline_exceeded")
@@ -167,6 +168,6 @@ def test_a_client_that_leaves_ends_the_job(make_daemon):
 def test_as_curl_sends_it(client, pair, tmp_path):
     for name, bytes_ in zip("ab", pair):
         (tmp_path / f"{name}.ply").write_bytes(bytes_)
-    done = subprocess.run(["curl", "-sS", "-F", "a=@a.ply", "-F", "b=@b.ply", "-F", 'options={"quads":"bilinear"}',
+    done = subprocess.run(["curl", "-sS", "-F", "a=@a.ply", "-F", "b=@b.ply", "-F", 'options={"type":"hausdorff","quads":"bilinear"}',
                            f"{str(client.base_url).rstrip(chr(47))}/v1/compare"], cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE)
     assert json.loads(done.stdout)["upper"] >= 1, done.stderr

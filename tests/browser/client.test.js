@@ -177,7 +177,8 @@ test("all pairs of a set, and two files of which nothing is kept", async () => {
   const before = (await collect(client.meshes.list())).length;
   const files = [0, 1].map((x) => new Blob([off(moved(box(2), [x, 0.5, 0]))]));
   const answer = await client.jobs.compare(files[0], files[1], { quads: "bilinear" });
-  assert(answer.lower <= 1 && answer.upper >= 1 && answer.quads === "bilinear");
+  const { lower, upper } = answer.symmetric.hausdorff;
+  assert(lower <= 1 && upper >= 1 && answer.quads === "bilinear");
   assert.equal((await collect(client.meshes.list())).length, before);
   await assert.rejects(client.jobs.compare(files[0], new Blob(["no mesh"])), (error) => error instanceof ProblemError);
 });

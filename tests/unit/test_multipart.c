@@ -89,7 +89,7 @@ static void faults_are_named(void **state)
     const struct {
         const char *body, *message;
     } cases[] = {
-        {"", "does not have the boundary"},
+        {"", "is empty"},
         {"--y\r\n", "does not have the boundary"},
         {"--x", "must end its line"},
         {"--xy\r\n", "must end its line"},
