@@ -87,10 +87,10 @@
 /** @typedef {{ collides: boolean, count: number, pairs: CollisionPair[], all_pairs?: [number, number][],
  *   mode: "all" | "first" | "any", quads: QuadReading, tests: number, elapsed_ms: number,
  *   incremental?: boolean }} CollisionResult */
-/** A pair of meshes by their places, with the bounds of its distance. @typedef {[number, number, number, number]} PairRow */
+/** A pair of meshes by their places, with the bounds of its distance. @typedef {[number, number, number, number | null]} PairRow */
 /** @typedef {{ measure: "hausdorff", mesh_count: number, meshes: string[], pair_count: number, searched_pairs: number,
  *   bounded_pairs: number, searches: number, pivots: number, want: MatrixWant,
- *   nearest?: (Interval & { mesh: number, place: "proven" | "tied" | "open" })[][],
+ *   nearest?: ({ mesh: number, lower: number, upper: number | null, place: "proven" | "tied" | "open" })[][],
  *   verdicts?: { within: number, beyond: number, undecided: number }, open: number, pairs?: PairRow[],
  *   quads: QuadReading, gap: number, converged: boolean,
  *   stopped_by: "converged" | "precision" | "deadline" | "canceled", elapsed_ms: number }} MatrixResult */

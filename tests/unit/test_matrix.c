@@ -1,5 +1,6 @@
 /* Distances of all pairs: against brute force over a metric of whole numbers, whose distances are exact, and against meshes whose
  * Hausdorff distances are known by formula. */
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -457,6 +458,18 @@ static void boxes_bound_the_sets_in_them(void **state)
     }
 }
 
+/** Two boxes whose distance is above all doubles. */
+static void boxes_that_are_too_far_apart(void **state)
+{
+    (void)state;
+    const qm_box a = {{-0x1p1023, 0, 0}, {-0x1p1023, 1, 1}}, b = {{0x1p1023, 0, 0}, {0x1p1023, 1, 1}};
+    double lower, upper;
+    qm_matrix_bound_by_boxes(&a, &b, &lower, &upper);
+    assert_true(lower == DBL_MAX && upper == INFINITY);
+    qm_matrix_bound_by_boxes(&b, &a, &lower, &upper);
+    assert_true(lower == DBL_MAX && upper == INFINITY);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -468,6 +481,7 @@ int main(void)
         cmocka_unit_test(nested_boxes),
         cmocka_unit_test(every_pair_agrees_with_its_own_search),
         cmocka_unit_test(boxes_bound_the_sets_in_them),
+        cmocka_unit_test(boxes_that_are_too_far_apart),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -7,6 +7,7 @@
  */
 #include "qm/matrix.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -38,12 +39,14 @@ typedef struct run {
 
 /* ---- bounds ---- */
 
-/** The difference, or the double below it. The error of a rounded difference is a double itself (Knuth's two-sum), so its sign
- * says whether the rounding was upward; with an infinite operand it is NaN, and the difference is right as it is. */
+/** The difference of a finite number and another one, or the double below it. The error of a rounded difference is a double itself
+ * (Knuth's two-sum), so its sign says whether the rounding was upward. Without a finite difference it is NaN: one that overflows
+ * is above the largest double, and one with an infinite b is right as it is. */
 static double subtract_down(double a, double b)
 {
     double difference = a - b, part = difference - a;
     double error = (a - (difference - part)) - (b + part);
+    if (difference == INFINITY) return DBL_MAX;
     return error < 0.0 ? nextafter(difference, -INFINITY) : difference;
 }
 
