@@ -3,6 +3,7 @@
  */
 #include "job_kinds_internal.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -100,7 +101,8 @@ const qm_job_field *qm_job_find_field(const qm_job_field *fields, const char *na
 double qm_job_tolerance_of(const qm_job_request *request, double diagonal)
 {
     bool is_absolute = request->tolerance_is_absolute || diagonal == 0.0;
-    return is_absolute ? request->tolerance : request->tolerance * diagonal;
+    double tolerance = is_absolute ? request->tolerance : request->tolerance * diagonal;
+    return fmin(fmax(tolerance, DBL_TRUE_MIN), DBL_MAX); /* the product may be no number above 0 */
 }
 
 double qm_job_tolerance(const qm_job_call *call)

@@ -162,6 +162,21 @@ def test_sizes_beyond_precision_have_their_boxes(client):
     assert rows_of(client, check) == [[0, 1, 0, 0]]
 
 
+@pytest.mark.parametrize("gap", [1e308, 5e-324])
+@pytest.mark.parametrize("kind", ["matrix", "distance", "hausdorff"])
+def test_a_gap_of_any_size(client, kind, gap):
+    """A share of a diagonal may be no number above 0: the nearest double that is one stands for it."""
+    ids = [client.upload(shapes.cube(side=side, origin=(x, 0, 0)))["id"] for x, side in ((0, 0.25), (3, 0.25))]
+    ids += [client.upload(shapes.cube(side=1e9, origin=(x, 0, 0)))["id"] for x in (0, 3e9)]
+    for pair in (ids[:2], ids[2:]):
+        named = {"meshes": pair} if kind == "matrix" else dict(zip("ab", pair))
+        reply = client.post("/v1/jobs", json={"type": kind, **named, "gap": gap}, headers={"Prefer": WAIT})
+        result = reply.json()["result"]
+        assert (result["gap"] if kind == "matrix" else result["tolerance"]) > 0
+        if kind != "matrix":
+            assert result["lower"] <= result["upper"] < math.inf
+
+
 def test_points_and_surfaces(client):
     points = [client.upload(b"%d 0 0\n%d 1 0\n%d 0 3\n" % (x, x, x), format="xyz")["id"] for x in range(3)]
     rows = rows_of(client, ask(client, points))
