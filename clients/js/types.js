@@ -11,11 +11,14 @@
 /** @typedef {{ type: string, title: string, status: number, code: string, detail: string, instance?: string,
  *   errors?: ProblemPlace[] }} Problem */
 
+/** @typedef {{ lower: number, upper: number | null, bilinear?: { lower: number, upper: number | null } }} Extent */
 /** @typedef {{ id: string, name: string, kind: "triangles" | "quads" | "mixed" | "points", format: Format,
  *   vertices: number, faces: { triangles: number, quads: number, polygons: number }, irregular_vertices: number,
  *   has_normals?: boolean, disc_radius?: number,
  *   patches: number, largest_patch: { rows: number, columns: number } | null, boundary_edges: number,
- *   components: number, manifold: boolean, bounding_box: { min: Point, max: Point, diagonal: number },
+ *   components: number, manifold: boolean, watertight?: boolean, winding_consistent?: boolean, edges?: number,
+ *   boundary_loops?: number, euler_number?: number | null, genus?: number | null, degenerate_faces?: number,
+ *   duplicate_faces?: number, area?: Extent | null, volume?: Extent | null, bounding_box: { min: Point, max: Point, diagonal: number },
  *   size_bytes: number, memory_bytes: number, prepare_ms: Record<string, number>, revision: number,
  *   content_hash: string, created: string, expires_at?: string, warnings: string[] }} Mesh */
 

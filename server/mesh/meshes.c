@@ -233,11 +233,13 @@ static qm_status make_room_for(qm_meshes *meshes, qm_context *spare, mesh_source
     return status == QM_E_NO_MEMORY ? QM_OK : status;
 }
 
-/** Decodes the bytes of a file and prepares the mesh; positions are a revision's, or empty. False with a problem. */
+/** Decodes the bytes of a file and prepares the mesh; positions are a revision's, or empty. The extent is that of a mesh
+ * which is not stored yet: later its document has it. False with a problem. */
 static bool load_bytes(qm_meshes *meshes, mapped_bytes file, mapped_bytes positions, qm_format format,
-                       qm_loaded_mesh *out, qm_problem *problem)
+                       bool has_extent, qm_loaded_mesh *out, qm_problem *problem)
 {
     mesh_source source = {format, file, meshes->limits, preparation_of(meshes)};
+    source.preparation.has_extent = has_extent;
     source.preparation.positions = (const double *)(const void *)positions.bytes;
     source.preparation.position_count = positions.size / (3 * sizeof(double));
     qm_context ctx = qm_meshes_context(meshes);
@@ -310,7 +312,7 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
                           &ref->problem) &&
                  map_blob(meshes, row.id, row.positions, "the moved vertices are lost", &positions,
                           &ref->problem) &&
-                 load_bytes(meshes, file, positions, (qm_format)row.format, &ref->mesh, &ref->problem);
+                 load_bytes(meshes, file, positions, (qm_format)row.format, false, &ref->mesh, &ref->problem);
         qm_blob_unmap(file.bytes, file.size);
         qm_blob_unmap(positions.bytes, positions.size);
         if (loaded) ref->mesh.revision = row.revision;
@@ -676,7 +678,7 @@ static bool seal(qm_blob_writer *upload, qm_store_mesh *row, qm_problem *problem
 static bool prepare(qm_meshes *meshes, mapped_bytes file, qm_format format, qm_store_mesh *row,
                     qm_loaded_mesh *mesh, qm_problem *problem)
 {
-    if (!load_bytes(meshes, file, (mapped_bytes){0}, format, mesh, problem)) return false;
+    if (!load_bytes(meshes, file, (mapped_bytes){0}, format, true, mesh, problem)) return false;
     row->format = (int)mesh->format;
     row->document = make_document(row, mesh);
     if (row->document) return true;
@@ -868,12 +870,17 @@ static bool write_positions(deform_task *work)
 }
 
 /** QM_STORED_LATE without a problem; others that are not QM_STORED with one. */
-static qm_stored store_revision(deform_task *work)
+static qm_stored store_revision(deform_task *work, qm_context *ctx)
 {
     qm_loaded_mesh next = work->ref->mesh;
     next.mesh.positions = work->positions;
     next.box = qm_mesh_bounding_box(&next.mesh);
     next.diagonal = qm_mesh_box_diagonal(&next.box);
+    qm_status status = qm_extent_measure(ctx, &next.mesh, work->meshes->threads, &next.extent);
+    if (status != QM_OK) {
+        *work->problem = qm_problem_from_status(status, ctx->message);
+        return QM_STORED_FAULT;
+    }
     next.revision = ++work->row.revision;
     free(work->row.document);
     work->row.document = make_document(&work->row, &next);
@@ -991,7 +998,7 @@ static qm_stored deform(deform_task *work, const char *id, const char *if_match)
     size_t vertices = vertex_count(work);
     qm_stored stored = QM_STORED_FAULT;
     set_behind(work, true);
-    if (make_positions(work, &ctx)) stored = store_revision(work);
+    if (make_positions(work, &ctx)) stored = store_revision(work, &ctx);
     if (stored == QM_STORED) follow(work, &ctx);
     set_behind(work, false);
     qm_context_free(&ctx, work->positions, vertices, 3 * sizeof *work->positions);

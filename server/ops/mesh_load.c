@@ -56,6 +56,8 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
     QM_ASSERT(preparation->has_facts || !preparation->has_patches);
     double start = qm_clock_now_ms();
     qm_status status = preparation->has_facts ? qm_mesh_find_facts(ctx, &out->mesh, &out->facts) : QM_OK;
+    if (status == QM_OK && preparation->has_extent)
+        status = qm_extent_measure(ctx, &out->mesh, preparation->thread_count, &out->extent);
     out->box = qm_mesh_bounding_box(&out->mesh);
     out->diagonal = qm_mesh_box_diagonal(&out->box);
     double facts_end = qm_clock_now_ms();

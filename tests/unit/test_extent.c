@@ -144,7 +144,7 @@ static void random_meshes_match_wide_numbers(void **state)
         double squares = 40.0 * (double)mesh.face_count * scale * scale;
         holds("area", extent.area[0], slow.area[0], 1e-12 * squares + (double)(1e-9 * slow.area[0]), seed);
         /* The twin's rule is itself off where a patch folds. */
-        qm_wide error = (style == QM_SOUP_APART ? 1e-6 : 1e-3) * slow.area[1] + 1e-12 * squares;
+        qm_wide error = 2e-3 * slow.area[1] + 1e-12 * squares;
         QM_CHECK(extent.area[1].lower <= slow.area[1] + error && slow.area[1] - error <= extent.area[1].upper,
                  "bilinear area, seed %llu: %.17g not in %.17g to %.17g", (unsigned long long)seed,
                  (double)slow.area[1], extent.area[1].lower, extent.area[1].upper);
@@ -167,7 +167,7 @@ static void closed_meshes_match_wide_numbers(void **state)
         slow_extent slow = measure_slowly(&torus, 12);
         for (int reading = 0; reading < 2; reading++)
             holds(reading ? "bilinear volume" : "volume", extent.volume[reading], slow.volume[reading],
-                  1e-11 * scale * scale * scale, seed);
+                  1e-10 * scale * scale * scale, seed);
         /* 12 cells a side leave the twin this. */
         double error = (seed % 4 == 0 ? 1e-9 : 1e-5) * (double)slow.area[1];
         qm_interval wider = {extent.area[1].lower - error, extent.area[1].upper + error};

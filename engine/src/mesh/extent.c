@@ -47,10 +47,10 @@
 #define TERM (16.0 * QM_UNIT_ROUNDING)
 #define TINY 0x1p-500
 #define MAX_EXPONENT 1000
-#define GAP 1e-8         /* of the area of a bilinear quad: below it a cell is not cut */
-#define LEAST 0x1p-150   /* of f: the fifth power of its half is a normal number */
-#define MAX_CELLS 1024   /* of one quad that wait */
-#define MORE_CELLS 65536 /* of all blocks, besides two a face: small meshes are measured more closely */
+#define GAP 1e-8          /* of the area of a bilinear quad: below it a cell is not cut */
+#define LEAST 0x1p-150    /* of f: the fifth power of its half is a normal number */
+#define MAX_CELLS 1024    /* of one quad that wait */
+#define MORE_CELLS 262144 /* of all blocks, besides two a face: small meshes are measured more closely */
 
 /** A sum in two numbers. */
 typedef struct wide_sum {

@@ -386,7 +386,10 @@ qm_status qm_mesh_find_facts(qm_context *ctx, const qm_mesh *mesh, qm_mesh_facts
                            .manifold = mesh->face_count > 0,
                            .winding_consistent = true,
                            .genus = QM_NO_GENUS};
-    if (mesh->face_count == 0) return QM_OK;
+    if (mesh->face_count == 0) {
+        out->winding_consistent = false;
+        return QM_OK;
+    }
 
     facts_work work;
     qm_status status = QM_OK;
