@@ -95,15 +95,6 @@ static bool join(uint32_t *parent, uint32_t i, uint32_t j)
     return true;
 }
 
-/** True when the face is part of a polygon: a neighbour in the list has its index in the input. */
-static bool is_fan_part(const qm_mesh *mesh, size_t face)
-{
-    const uint32_t *origin = mesh->face_origin;
-    if (!origin) return false;
-    return (face > 0 && origin[face - 1] == origin[face]) ||
-           (face + 1 < mesh->face_count && origin[face + 1] == origin[face]);
-}
-
 /** First pass over the faces: facts of single faces, components, and the number of lines at each vertex. */
 static qm_status scan_faces(qm_context *ctx, const qm_mesh *mesh, facts_work *work, qm_mesh_facts *facts)
 {
@@ -112,7 +103,7 @@ static qm_status scan_faces(qm_context *ctx, const qm_mesh *mesh, facts_work *wo
             return qm_context_fail(ctx, QM_E_CANCELED, "canceled while the faces were counted");
         const uint32_t *face = mesh->faces + 4 * f;
         int count = qm_face_corners(face);
-        if (!is_fan_part(mesh, f)) ++*(count == 3 ? &facts->triangles : &facts->quads);
+        if (!qm_face_is_fan_part(mesh, f)) ++*(count == 3 ? &facts->triangles : &facts->quads);
         facts->repeated_corner_faces += qm_face_repeats_vertex(face, count);
         /* The vertices of a face are used, and are one component. */
         for (int i = 0; i < qm_face_corners(face); ++i) {
