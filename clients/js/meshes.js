@@ -4,7 +4,7 @@ import { readPages } from "./pages.js";
 import { readRows } from "./stream.js";
 import { uploadWithProgress } from "./upload.js";
 
-/** @import { Accelerator, Format, Mesh, Patches, Point, QuadReading } from "./types.js" */
+/** @import { Accelerator, Format, Mesh, Patches, Point, QuadReading, QualitySummary } from "./types.js" */
 /** @import { Transport } from "./transport.js" */
 /** @import { OnProgress } from "./upload.js" */
 
@@ -100,6 +100,27 @@ export class Meshes {
    */
   patches(id, { signal } = {}) {
     return this.transport.json(`${pathOf(id)}/patches`, { signal });
+  }
+
+  /**
+   * The shape of the faces by metrics of finite elements: all of them summed up.
+   * @param {string} id
+   * @param {{ signal?: AbortSignal }} [options]
+   * @returns {Promise<{ metrics: QualitySummary[] }>}
+   */
+  quality(id, { signal } = {}) {
+    return this.transport.json(`${pathOf(id)}/quality`, { signal });
+  }
+
+  /**
+   * One metric with a value for each face, which is null where the face has none.
+   * @param {string} id
+   * @param {string} metric
+   * @param {{ signal?: AbortSignal }} [options]
+   * @returns {Promise<QualitySummary & { values: (number | null)[] }>}
+   */
+  qualityOfFaces(id, metric, { signal } = {}) {
+    return this.transport.json(`${pathOf(id)}/quality`, { query: { metric }, signal });
   }
 
   /**

@@ -22,6 +22,10 @@
  *   size_bytes: number, memory_bytes: number, prepare_ms: Record<string, number>, revision: number,
  *   content_hash: string, created: string, expires_at?: string, warnings: string[] }} Mesh */
 
+/** @typedef {{ metric: string, faces: number, undefined: number, minimum: number | null, minimum_face: number | null,
+ *   maximum: number | null, maximum_face: number | null, mean: number | null,
+ *   percentiles: { percent: number, value: number }[] }} QualitySummary */
+
 /** @typedef {{ rows: number, columns: number, faces: number[] }} Patch */
 /** @typedef {{ patch_count: number, irregular_vertices: number, patches: Patch[] }} Patches */
 

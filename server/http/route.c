@@ -28,6 +28,7 @@ static const char *const list_query[] = {"limit", "cursor", "order", "mesh", NUL
 static const char *const upload_query[] = {"name", "format", "ttl_seconds", NULL};
 static const char *const format_query[] = {"format", NULL};
 static const char *const content_query[] = {"format", "quantization", NULL};
+static const char *const quality_query[] = {"metric", NULL};
 static const char *const rows_query[] = {"dtype", NULL};
 static const char *const project_query[] = {"dtype", "quads", "order", "threads", "accelerator", NULL};
 static const char *const delete_query[] = {"job", NULL};
@@ -48,6 +49,8 @@ static const qm_route routes[] = {
      QM_LANE_DOWNLOAD, content_query},
     {"GET", "/v1/meshes/{id}/patches", QM_SCOPE_READ, qm_handle_mesh_patches, json, QM_BODY_NONE,
      QM_LANE_DOWNLOAD, no_query},
+    {"GET", "/v1/meshes/{id}/quality", QM_SCOPE_READ, qm_handle_mesh_quality, object_or_rows, QM_BODY_NONE,
+     QM_LANE_DOWNLOAD, quality_query},
     {"GET", "/v1/meshes/{id}/vertices", QM_SCOPE_READ, qm_handle_mesh_vertices, rows, QM_BODY_NONE,
      QM_LANE_DOWNLOAD, no_query},
     {"PATCH", "/v1/meshes/{id}/vertices", QM_SCOPE_WRITE, qm_handle_mesh_deform, json, QM_BODY_SPOOL,
