@@ -66,6 +66,7 @@ void qm_request_client(const qm_request *request, char out[QM_CLIENT_SIZE]);
 
 /** The media type that the client prefers among those of the route (media.h). */
 #define QM_MEDIA_JSON "application/json"
+#define QM_MEDIA_TEXT "text/plain"
 #define QM_MEDIA_BINARY "application/octet-stream"
 #define QM_MEDIA_CSV "text/csv"
 #define QM_MEDIA_NDJSON "application/x-ndjson"

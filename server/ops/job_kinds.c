@@ -106,12 +106,26 @@ static double prepare_ms(const qm_loaded_mesh *mesh)
     return mesh ? mesh->parse_ms + mesh->topology_ms + mesh->bvh_ms : 0.0;
 }
 
+bool qm_job_check_units(const qm_notes notes[2], qm_problem *problem)
+{
+    const char *a = notes[0].unit, *b = notes[1].unit;
+    if (!a[0] || !b[0] || strcmp(a, b) == 0) return true;
+    *problem = qm_problem_make(
+        QM_PROBLEM_UNITS_DIFFER,
+        "the first mesh is in %s, the second in %s: bring one to the unit of the other, or set "
+        "the `unit` of the one that is wrong",
+        a, b);
+    return false;
+}
+
 qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
                          const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress, void *progress_user,
                          qm_job_result *out)
 {
     *out = (qm_job_result){.kind = request->kind,
                            .diagonal = a->diagonal,
+                           .other_diagonal = b ? b->diagonal : 0.0,
+                           .notes = {request->notes[0], request->notes[1]},
                            .prepare_a_ms = prepare_ms(a),
                            .prepare_b_ms = prepare_ms(b)};
     QM_ASSERT(ctx && a && request->kind < QM_JOB_KIND_COUNT);

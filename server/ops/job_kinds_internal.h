@@ -17,7 +17,7 @@ struct qm_json_location;
 
 /** How the value of a field is read. */
 typedef enum qm_field_type {
-    QM_FIELD_ID,       /* char[QM_ID_SIZE] */
+    QM_FIELD_ID,       /* char[QM_JOB_MESH_SIZE] */
     QM_FIELD_POSITIVE, /* double above 0 */
     QM_FIELD_LIMIT,    /* double of 0 or more; null leaves the default */
     QM_FIELD_COUNT,    /* size_t from min to max */
@@ -48,9 +48,10 @@ typedef struct qm_job_field {
     {                                                                                                        \
         name, QM_FIELD_ID, QM_FIELD_AT(member), .is_required = true, .expected = text                        \
     }
-#define QM_JOB_FIELD_MESH QM_JOB_FIELD_ID("mesh", a, "must be the id of a mesh")
+#define QM_JOB_NAMES_MESH "must be the id of a mesh, or sha256: and the hash of its file in hex"
+#define QM_JOB_FIELD_MESH QM_JOB_FIELD_ID("mesh", a, QM_JOB_NAMES_MESH)
 #define QM_JOB_FIELD_PAIR                                                                                    \
-    QM_JOB_FIELD_ID("a", a, "must be the id of a mesh"), QM_JOB_FIELD_ID("b", b, "must be the id of a mesh")
+    QM_JOB_FIELD_ID("a", a, QM_JOB_NAMES_MESH), QM_JOB_FIELD_ID("b", b, QM_JOB_NAMES_MESH)
 #define QM_JOB_FIELD_QUADS                                                                                   \
     {                                                                                                        \
         "quads", QM_FIELD_CHOICE, QM_FIELD_AT(quads), .names = qm_quads_names                                \
@@ -118,6 +119,13 @@ const qm_job_field *qm_job_find_field(const qm_job_field *fields, const char *na
 
 /** The tolerance in the unit of the meshes. */
 double qm_job_tolerance(const qm_job_call *call);
+
+/** By how much a distance between the meshes of a result may differ from that of the true surfaces, rounded up: the
+ * Hausdorff distance of each to its true surface, added, as all distances between sets change by no more. */
+double qm_job_uncertainty(const qm_job_result *result);
+
+/** Adds the member of_true: an interval of a distance between the true surfaces, unless they are the meshes. */
+void qm_job_add_of_true(qm_text *out, const qm_job_result *result, qm_interval interval);
 
 /** Adds the members tolerance and tolerance_unit; and accelerator, unless it is the default. */
 void qm_job_add_tolerance(qm_text *out, const qm_job_request *request);

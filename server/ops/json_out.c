@@ -273,11 +273,43 @@ void qm_json_write_projection(qm_text *out, const qm_projections *projections, s
     qm_text_add_string(out, "}");
 }
 
+double qm_job_uncertainty(const qm_job_result *result)
+{
+    double a = result->notes[0].uncertainty, b = result->notes[1].uncertainty;
+    return a > 0.0 && b > 0.0 ? nextafter(a + b, INFINITY) : a + b;
+}
+
+void qm_job_add_of_true(qm_text *out, const qm_job_result *result, qm_interval interval)
+{
+    double uncertainty = qm_job_uncertainty(result);
+    if (!(uncertainty > 0.0)) return;
+    double lower = nextafter(interval.lower - uncertainty, 0.0);
+    const qm_interval of_true = {interval.lower > uncertainty ? lower : 0.0,
+                                 nextafter(interval.upper + uncertainty, INFINITY)};
+    qm_json_add_interval(out, "of_true", of_true, result->diagonal);
+}
+
+#define STRANGE_SCALE 50.0 /* of one diagonal to the other: the units are probably not the same */
+
+/** What is likely to be a mistake in a question about two meshes. */
+static void add_doubts(qm_text *out, const qm_job_result *result)
+{
+    double a = result->diagonal, b = result->other_diagonal;
+    if (!(a > 0.0 && b > 0.0) || (a <= STRANGE_SCALE * b && b <= STRANGE_SCALE * a)) return;
+    char text[160];
+    snprintf(text, sizeof text, "the diagonal of A is %.4g times that of B: are both in the same unit?",
+             a / b);
+    qm_json_open(out, "warnings", "[");
+    qm_json_add_quoted(out, text);
+    qm_text_add_string(out, "]");
+}
+
 void qm_json_write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
     qm_text_add_string(out, "{");
     QM_ASSERT(request->kind == result->kind);
     qm_job_hooks_of(request->kind)->write_result(out, request, result);
+    add_doubts(out, result);
     qm_text_add_string(out, "}");
 }
 

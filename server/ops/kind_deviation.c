@@ -4,6 +4,7 @@
 #include "job_kinds_internal.h"
 
 #include <cjson/cJSON.h>
+#include <string.h>
 
 #include "json_request.h"
 
@@ -63,6 +64,20 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     qm_json_add_numbers(out, "percentiles", request->percentiles, (int)request->percentile_count);
 }
 
+/**
+ * The maximum is a one-sided Hausdorff distance, and that of the true surfaces is near it. The others are over the area
+ * of A: how near A is to its true surface says nothing of where that has its area, so they have such an interval only when A
+ * is exact.
+ */
+static void add_figure(qm_text *out, const char *name, qm_interval interval, const qm_job_result *result)
+{
+    bool has_true = result->notes[0].uncertainty == 0.0 || strcmp(name, "max") == 0;
+    qm_json_open(out, name, "{");
+    qm_json_add_lower_upper(out, interval.lower, interval.upper, result->diagonal);
+    if (has_true) qm_job_add_of_true(out, result, interval);
+    qm_text_add_string(out, "}");
+}
+
 static void add_percentiles(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
     qm_json_open(out, "percentiles", "[");
@@ -72,6 +87,8 @@ static void add_percentiles(qm_text *out, const qm_job_request *request, const q
         qm_json_add_number(out, "percent", request->percentiles[i]);
         qm_json_add_lower_upper(out, result->deviation.percentile[i].lower,
                                 result->deviation.percentile[i].upper, result->diagonal);
+        if (result->notes[0].uncertainty == 0.0)
+            qm_job_add_of_true(out, result, result->deviation.percentile[i]);
         qm_text_add_string(out, "}");
     }
     qm_text_add_string(out, "]");
@@ -99,9 +116,9 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     qm_json_add_number(out, "lower", deviation->size.lower);
     qm_json_add_number(out, "upper", deviation->size.upper);
     qm_text_add_string(out, "}");
-    qm_json_add_interval(out, "mean", deviation->mean, result->diagonal);
-    qm_json_add_interval(out, "rms", deviation->rms, result->diagonal);
-    qm_json_add_interval(out, "max", deviation->max, result->diagonal);
+    add_figure(out, "mean", deviation->mean, result);
+    add_figure(out, "rms", deviation->rms, result);
+    add_figure(out, "max", deviation->max, result);
     add_percentiles(out, request, result);
     add_histogram(out, deviation);
     qm_json_add_count(out, "vertex_count", deviation->vertex_count);

@@ -23,7 +23,8 @@ typedef struct qm_loaded_mesh {
     qm_self_pairs *self_pairs; /* cache of its self-collisions; NULL if not requested */
     qm_deformer *deformer;     /* created by the first deformation in memory; NULL before */
     qm_format format;
-    size_t file_size; /* compressed if it is */
+    char unit[QM_UNIT_SIZE]; /* of the file; "" when it does not tell */
+    size_t file_size;        /* compressed if it is */
     double parse_ms, topology_ms, patches_ms, bvh_ms;
     char (*warnings)[QM_CODEC_DETAIL_SIZE]; /* of the decoder, then of the facts */
     size_t warning_count;
