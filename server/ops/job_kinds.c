@@ -101,6 +101,22 @@ void qm_job_add_accelerator(qm_text *out, const qm_job_request *request)
         qm_json_add_string(out, "accelerator", qm_accelerator_names[request->accelerator]);
 }
 
+double qm_job_uncertainty(const qm_job_result *result)
+{
+    double a = result->notes[0].uncertainty, b = result->notes[1].uncertainty;
+    return a > 0.0 && b > 0.0 ? nextafter(a + b, INFINITY) : a + b;
+}
+
+void qm_job_add_of_true(qm_text *out, const qm_job_result *result, qm_interval interval)
+{
+    double uncertainty = qm_job_uncertainty(result);
+    if (!(uncertainty > 0.0)) return;
+    double lower = nextafter(interval.lower - uncertainty, 0.0);
+    const qm_interval of_true = {interval.lower > uncertainty ? lower : 0.0,
+                                 nextafter(interval.upper + uncertainty, INFINITY)};
+    qm_json_add_interval(out, "of_true", of_true, result->diagonal);
+}
+
 static double prepare_ms(const qm_loaded_mesh *mesh)
 {
     return mesh ? mesh->parse_ms + mesh->topology_ms + mesh->bvh_ms : 0.0;

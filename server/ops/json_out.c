@@ -273,22 +273,6 @@ void qm_json_write_projection(qm_text *out, const qm_projections *projections, s
     qm_text_add_string(out, "}");
 }
 
-double qm_job_uncertainty(const qm_job_result *result)
-{
-    double a = result->notes[0].uncertainty, b = result->notes[1].uncertainty;
-    return a > 0.0 && b > 0.0 ? nextafter(a + b, INFINITY) : a + b;
-}
-
-void qm_job_add_of_true(qm_text *out, const qm_job_result *result, qm_interval interval)
-{
-    double uncertainty = qm_job_uncertainty(result);
-    if (!(uncertainty > 0.0)) return;
-    double lower = nextafter(interval.lower - uncertainty, 0.0);
-    const qm_interval of_true = {interval.lower > uncertainty ? lower : 0.0,
-                                 nextafter(interval.upper + uncertainty, INFINITY)};
-    qm_json_add_interval(out, "of_true", of_true, result->diagonal);
-}
-
 #define STRANGE_SCALE 50.0 /* of one diagonal to the other: the units are probably not the same */
 
 /** What is likely to be a mistake in a question about two meshes. */
