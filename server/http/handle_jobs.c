@@ -43,18 +43,11 @@ static double preferred_wait(const qm_request *request)
 static void reply_job(qm_request *request, int status, qm_job *job, bool is_cached)
 {
     qm_jobs *jobs = qm_request_app(request)->jobs;
-    char *document = qm_job_document(jobs, job, is_cached);
+    if (qm_request_wants_id(request))
+        qm_reply_id(request, status, qm_job_id(job));
+    else
+        qm_reply_text(request, status, QM_MEDIA_JSON, qm_job_document(jobs, job, is_cached));
     qm_jobs_release(jobs, job);
-    qm_reply_text(request, status, "application/json", document);
-}
-
-/** The id alone, which a shell takes as it is. */
-static void reply_id(qm_request *request, int status, qm_job *job)
-{
-    qm_text id = {0};
-    qm_text_printf(&id, "%s\n", qm_job_id(job));
-    qm_jobs_release(qm_request_app(request)->jobs, job);
-    qm_reply_text(request, status, QM_MEDIA_TEXT, qm_text_take(&id));
 }
 
 static void reply_when_done(qm_request *request, qm_job *job, double wait_s, int status_before)
@@ -111,8 +104,6 @@ void qm_handle_job_create(qm_request *request)
     qm_reply_header(request, "Location", "/v1/jobs/%s", qm_job_id(job));
     if (streams) {
         qm_reply_stream(request, 200, job, 0, framing, submission.owns_job);
-    } else if (strcmp(qm_request_media(request), QM_MEDIA_TEXT) == 0) {
-        reply_id(request, is_cached ? 200 : 202, job);
     } else if (is_cached) {
         reply_job(request, 200, job, true);
     } else if (wait > 0.0) {

@@ -149,13 +149,13 @@ static bool check_packed(const qm_blob_writer *upload, qm_problem *problem)
 static void reply_mesh(qm_request *request, int status, qm_store_mesh *mesh)
 {
     qm_reply_header(request, "Location", "/v1/meshes/%s", mesh->id);
-    qm_text out = {0};
-    bool is_text = strcmp(qm_request_media(request), QM_MEDIA_TEXT) == 0;
-    if (is_text)
-        qm_text_printf(&out, "%s\n", mesh->id);
-    else
+    if (qm_request_wants_id(request)) {
+        qm_reply_id(request, status, mesh->id);
+    } else {
+        qm_text out = {0};
         add_mesh(&out, mesh);
-    qm_reply_text(request, status, is_text ? QM_MEDIA_TEXT : QM_MEDIA_JSON, qm_text_take(&out));
+        qm_reply_text(request, status, QM_MEDIA_JSON, qm_text_take(&out));
+    }
     qm_store_mesh_reset(mesh);
 }
 

@@ -76,6 +76,10 @@ const char *qm_request_media(const qm_request *request);
 /** The rows of that type; JSON for every other. */
 qm_array_format qm_request_rows(const qm_request *request);
 
+/** True when the client asks for the id of what it makes alone, and a reply with it, which a shell takes as it is. */
+bool qm_request_wants_id(const qm_request *request);
+void qm_reply_id(qm_request *request, int status, const char *id);
+
 /** Reads a query parameter that is one of a NULL-ended list and writes its index; 0 when it is absent. False,
  * and a problem is the reply, for any other value. */
 bool qm_request_choice(qm_request *request, const char *name, const char *const *choices, int *out);

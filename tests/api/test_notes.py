@@ -198,4 +198,7 @@ def test_ids_alone_for_shells(client):
     assert client.wait(reply.text.strip())["state"] == "succeeded"
     reply = client.post("/v1/jobs", json={"type": "self_collision", "mesh": mesh}, headers=text)
     assert reply.status_code in (200, 202)
+    reply = client.post("/v1/jobs", json={"type": "self_collision", "mesh": mesh, "mode": "any"},
+                        headers={**text, "Prefer": WAIT})
+    assert reply.status_code == 200 and client.get(f"/v1/jobs/{reply.text.strip()}").json()["state"] == "succeeded"
     check_problem(client.post("/v1/jobs", json={"type": "self_collision", "mesh": "m_none"}, headers=text), 404)
