@@ -159,5 +159,5 @@ const cli_command cmd_quality = {
     .description = "The shape of quads and triangles by the metrics of the Verdict library: scaled_jacobian, "
                    "aspect_ratio, skew,\n"
                    "taper, warpage, edge_ratio, shape, stretch, minimum_angle, maximum_angle.\n\n",
-    .exit_status = "Exit status: 0 done, 1 bad input, 2 wrong usage.",
+    .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
     .run = run};

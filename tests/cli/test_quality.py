@@ -31,6 +31,6 @@ def test_faults_are_told(quadmesh, tmp_path):
     torus = write_torus(tmp_path / "torus.obj", 4, 4, 0.3)
     run = quadmesh("quality", torus, "--metric", "beauty")
     assert run.returncode == 2 and "scaled_jacobian" in run.stderr
-    assert quadmesh("quality", "nowhere.obj").returncode == 1
+    assert quadmesh("quality", "nowhere.obj").returncode == 2
     run = quadmesh("quality", torus, "--per-face", tmp_path / "no" / "out.csv")
-    assert run.returncode == 1 and "cannot be written" in run.stderr
+    assert run.returncode == 2 and "cannot be written" in run.stderr
