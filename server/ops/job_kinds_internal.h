@@ -128,7 +128,8 @@ const qm_job_field *qm_job_find_field(const qm_job_field *fields, const char *na
 
 /* ---- what several kinds share ---- */
 
-/** The tolerance in the unit of the meshes. */
+/** The tolerance in the unit of the meshes, whose diagonal is this, or A's. */
+double qm_job_tolerance_of(const qm_job_request *request, double diagonal);
 double qm_job_tolerance(const qm_job_call *call);
 
 /** By how much a distance between the meshes of a result may differ from that of the true surfaces, rounded up: the
