@@ -88,6 +88,7 @@ static bool make_here(const report_options *options, const cli_job *job, const c
     for (int side = 0; side < 2; side++)
         report.mesh[side] = (qm_report_mesh){.name = cli_base_name(job->path[side]),
                                              .hash = hash_file(job->path[side], hash[side]),
+                                             .notes = output->result->notes[side],
                                              .loaded = output->mesh[side]};
     qm_problem problem;
     bool is_made = !request.failed && qm_report_write(&ctx, &report, out, &problem);
@@ -213,6 +214,7 @@ static int run(int argc, char **argv)
          .help = "how far apart they are, in the unit of the meshes (default a twentieth of\n"
                  "the diagonal of A's box)"},
         CLI_OPTION_QUADS(&request->quads),
+        CLI_OPTIONS_NOTES(request),
         CLI_OPTION_AVERAGES(request),
         CLI_OPTION_GAP(&request->tolerance,
                        "width of the intervals of the maxima, as a fraction of the diagonal "

@@ -75,10 +75,12 @@ static bool take_mesh(report_task *task, int side, const qm_json *document, qm_p
                                          side == 0 ? "A" : "B");
         return false;
     }
-    task->ref[side] = qm_meshes_acquire(task->app->meshes, id, problem);
+    qm_notes notes;
+    task->ref[side] = qm_meshes_acquire_noted(task->app->meshes, id, &notes, problem);
     if (!task->ref[side]) return false;
     task->report.mesh[side] = (qm_report_mesh){.name = task->mesh[side].name,
                                                .hash = task->mesh[side].hash,
+                                               .notes = notes,
                                                .loaded = qm_mesh_ref_get(task->ref[side])};
     return true;
 }
@@ -96,9 +98,11 @@ static bool take_meshes(report_task *task, qm_problem *problem)
     else
         are_taken = take_mesh(task, 0, document, problem) && take_mesh(task, 1, document, problem);
     qm_json_free(document);
-    if (!are_taken || qm_job_ran_on(task->app->jobs, &task->row, qm_mesh_ref_get(task->ref[0])->revision,
-                                    qm_mesh_ref_get(task->ref[1])->revision))
-        return are_taken;
+    if (!are_taken) return false;
+    const qm_report_mesh *mesh = task->report.mesh;
+    const qm_notes notes[2] = {mesh[0].notes, mesh[1].notes};
+    if (qm_job_ran_on(task->app->jobs, &task->row, mesh[0].loaded->revision, mesh[1].loaded->revision, notes))
+        return true;
     *problem = qm_problem_make(QM_PROBLEM_CONFLICT,
                                "vertices of a mesh were moved since this comparison: its pictures would not "
                                "show what was compared. Compare again");

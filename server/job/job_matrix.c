@@ -64,13 +64,13 @@ static bool check_set(qm_jobs *jobs, const qm_job_request *request, char revisio
     qm_text listed = {0};
     for (size_t i = 0; i < request->mesh_count; i++) {
         char field[32];
-        uint64_t revision;
+        qm_store_mesh_state state;
         snprintf(field, sizeof field, "meshes/%zu", i);
-        if (!qm_job_check_mesh(jobs, request->meshes[i], field, &revision, problem)) {
+        if (!qm_job_check_mesh(jobs, request->meshes[i], field, &state, problem)) {
             qm_text_reset(&listed);
             return false;
         }
-        add_revision(&listed, revision);
+        add_revision(&listed, state.revision);
     }
     if (write_revisions(&listed, revisions)) return true;
     *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");

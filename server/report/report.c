@@ -79,6 +79,12 @@ static void add_title_name(qm_report_writer *w, int side)
     qm_report_add_escaped(w->out, name && *name ? name : qm_report_mesh_names[side]);
 }
 
+const char *qm_report_unit(const qm_report_writer *w)
+{
+    const qm_report_mesh *mesh = w->report->mesh;
+    return mesh[0].notes.unit[0] ? mesh[0].notes.unit : mesh[1].notes.unit;
+}
+
 /* ---- the verdict ---- */
 
 qm_report_verdict qm_report_judge(double lower, double upper, double limit)
@@ -141,6 +147,32 @@ static void add_verdict_words(qm_report_writer *w, qm_report_verdict verdict)
     qm_text_add_string(w->out, ".</p>");
 }
 
+/** What holds between the surfaces that the meshes stand for, which are as near to them as their uncertainties say. */
+static void add_true_words(qm_report_writer *w)
+{
+    static const char *const words[] = {"", ": within the limit", ": beyond the limit", ": undecided"};
+    qm_report_interval greatest = qm_report_find(w, "symmetric.hausdorff.of_true");
+    if (!qm_report_has(w, "symmetric.hausdorff.of_true")) return;
+    qm_text_add_string(
+        w->out, "<p>Between the true surfaces, which may differ from the meshes by their uncertainty, the "
+                "greatest distance is ");
+    qm_report_add_interval(w->out, greatest, false, VERDICT_SPARE);
+    qm_text_printf(w->out, "%s.</p>",
+                   words[qm_report_judge(greatest.lower, greatest.upper, w->report->limit)]);
+}
+
+static void add_warnings(qm_report_writer *w)
+{
+    for (int i = 0; qm_report_has(w, "warnings.%d", i); i++) {
+        char path[32];
+        snprintf(path, sizeof path, "warnings.%d", i);
+        qm_text_add_string(w->out, "<p>Warning: ");
+        const char *warning = qm_json_get_string(w->result, path);
+        qm_report_add_escaped(w->out, warning ? warning : "");
+        qm_text_add_string(w->out, ".</p>");
+    }
+}
+
 static void add_verdict(qm_report_writer *w)
 {
     static const char *const classes[] = {"unlimited", "within", "beyond", "undecided"};
@@ -149,6 +181,8 @@ static void add_verdict(qm_report_writer *w)
         w->out, "<section class=\"verdict %s\" aria-labelledby=\"verdict\"><h2 id=\"verdict\">Verdict</h2>",
         classes[verdict]);
     add_verdict_words(w, verdict);
+    add_true_words(w);
+    add_warnings(w);
     qm_text_add_string(
         w->out,
         "<p class=\"soft\">Intervals are proven: the true value lies in them. Nothing was sampled.</p>");
@@ -196,6 +230,18 @@ static void add_limit_rows(qm_report_writer *w)
     }
 }
 
+/** The figures that are known of the true surfaces, where these are others than the meshes. */
+static void add_true_rows(qm_report_writer *w)
+{
+    static const figure_row rows[] = {
+        {"Greatest distance of the true surfaces", "hausdorff.of_true", "hausdorff.of_true", false},
+        {"Mean distance of the true surfaces", "mean.of_true", "mean.of_true", false},
+        {"Root mean square of the true surfaces", "rms.of_true", "rms.of_true", false}};
+    if (!qm_report_has(w, "symmetric.hausdorff.of_true")) return;
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
+        add_figure_row(w, &rows[i]);
+}
+
 static void add_percentile_rows(qm_report_writer *w)
 {
     for (int i = 0; qm_report_has(w, "a_to_b.percentiles.%d", i); i++) {
@@ -228,6 +274,7 @@ static void add_figures(qm_report_writer *w)
         "<tbody>\n");
     for (size_t i = 0; i < sizeof first / sizeof *first; i++)
         add_figure_row(w, &first[i]);
+    add_true_rows(w);
     add_percentile_rows(w);
     add_limit_rows(w);
     qm_text_add_string(w->out, "</tbody></table></section>\n");
@@ -296,7 +343,7 @@ static void print_box(const qm_box *box, char out[256])
 
 static void add_meshes(qm_report_writer *w)
 {
-    char counts[2][128], boxes[2][256], moves[2][64];
+    char counts[2][128], boxes[2][256], moves[2][64], doubts[2][QM_NUMBER_SIZE];
     const qm_report_mesh *mesh = w->report->mesh;
     for (int side = 0; side < 2; side++) {
         const qm_loaded_mesh *loaded = mesh[side].loaded;
@@ -316,6 +363,11 @@ static void add_meshes(qm_report_writer *w)
     add_name(w, 1);
     qm_text_add_string(w->out, "</td></tr>\n");
     add_mesh_text(w, "SHA-256 of the file", mesh[0].hash, mesh[1].hash);
+    add_mesh_text(w, "Unit", mesh[0].notes.unit[0] ? mesh[0].notes.unit : NULL,
+                  mesh[1].notes.unit[0] ? mesh[1].notes.unit : NULL);
+    add_mesh_text(w, "Uncertainty: the true surface is within",
+                  qm_text_number(mesh[0].notes.uncertainty, doubts[0]),
+                  qm_text_number(mesh[1].notes.uncertainty, doubts[1]));
     add_mesh_text(w, "Format", qm_format_name(mesh[0].loaded->format),
                   qm_format_name(mesh[1].loaded->format));
     add_mesh_text(w, "Vertices", moves[0], moves[1]);
@@ -368,7 +420,8 @@ static void open_document(qm_report_writer *w)
     add_name(w, 1);
     qm_text_add_string(w->out, " (B)</h1>\n<p class=\"soft\">Comparison of two meshes, ");
     qm_report_add_escaped(w->out, w->report->made);
-    qm_text_add_string(w->out, ". Distances are in the unit of the files.</p></header>\n<main>\n");
+    qm_text_printf(w->out, ". Distances are in %s.</p></header>\n<main>\n",
+                   qm_report_unit(w)[0] ? qm_report_unit(w) : "the unit of the files, which is not known");
 }
 
 static bool write_document(qm_report_writer *w)

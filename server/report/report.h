@@ -9,12 +9,14 @@
 #ifndef QM_REPORT_H
 #define QM_REPORT_H
 
+#include "base/notes.h"
 #include "ops/mesh_load.h"
 #include "ops/problem.h"
 
 typedef struct qm_report_mesh {
-    const char *name;             /* of the file; NULL: none */
-    const char *hash;             /* SHA-256 of the file in hex; NULL: not known */
+    const char *name; /* of the file; NULL: none */
+    const char *hash; /* SHA-256 of the file in hex; NULL: not known */
+    qm_notes notes;
     const qm_loaded_mesh *loaded; /* with a tree that is a target, of patches too if quads are read so */
 } qm_report_mesh;
 

@@ -27,6 +27,14 @@ static void add_label(qm_report_writer *w, double x, double y, const char *ancho
     qm_text_add_string(w->out, "</text>");
 }
 
+/** The name of the horizontal axis, with the unit. */
+static void add_axis_name(qm_report_writer *w)
+{
+    const char *unit = qm_report_unit(w);
+    qm_text_printf(w->out, "<text x=\"%d\" y=\"%d\" text-anchor=\"end\">distance%s%s</text>", RIGHT,
+                   HEIGHT - 8, unit[0] ? ", " : "", unit);
+}
+
 static void add_fill(qm_text *out, const qm_scale *scale, int band)
 {
     uint8_t colour[3];
@@ -64,6 +72,8 @@ void qm_report_add_legend(qm_report_writer *w)
         if (is_labelled(&w->scale, i)) add_label(w, LEFT + i * band, 54, "middle", w->scale.edge[i]);
     }
     qm_text_printf(w->out, "<text x=\"%d\" y=\"13\" text-anchor=\"end\">more</text>", RIGHT);
+    qm_text_printf(w->out, "<text x=\"%d\" y=\"34\" text-anchor=\"end\">%s</text>", LEFT - 4,
+                   qm_report_unit(w));
     if (w->scale.within > 0)
         qm_text_printf(w->out, "<text x=\"%.1f\" y=\"13\" text-anchor=\"middle\">limit</text>",
                        LEFT + w->scale.within * band);
@@ -172,12 +182,12 @@ static void add_bands(qm_report_writer *w, int side)
         if (i < count && (i + 1) % ((count + 1) / 9 + 1) == 0)
             add_label(w, LEFT + (i + 1) * wide, BOTTOM + 16, "middle", shares[i].limit);
     }
-    qm_text_printf(w->out,
-                   "<text x=\"%d\" y=\"%d\" text-anchor=\"end\">distance</text></svg>"
-                   "<figcaption>Share of %s in each band of distance, in percent; the last bar is all that "
-                   "is beyond. A full "
-                   "bar is certain, the dashed part above it may belong to it.</figcaption></figure>\n",
-                   RIGHT, HEIGHT - 8, mesh);
+    add_axis_name(w);
+    qm_text_printf(
+        w->out,
+        "</svg><figcaption>Share of %s in each band of distance, in percent; the last bar is all that is "
+        "beyond. A full bar is certain, the dashed part above it may belong to it.</figcaption></figure>\n",
+        mesh);
 }
 
 /* ---- the share within each distance ---- */
@@ -278,11 +288,11 @@ static void add_distribution(qm_report_writer *w, int side)
             LEFT + limit / end * (RIGHT - LEFT), TOP, BOTTOM,
             LEFT + limit / end * (RIGHT - LEFT) + (limit > 0.5 * end ? -5.0 : 5.0), BOTTOM - 8,
             limit > 0.5 * end ? "end" : "start");
+    add_axis_name(w);
     qm_text_printf(w->out,
-                   "<text x=\"%d\" y=\"%d\" text-anchor=\"end\">distance</text></svg><figcaption>Share of %s "
-                   "within each "
-                   "distance: the true curve runs inside the band.</figcaption></figure>\n",
-                   RIGHT, HEIGHT - 8, mesh);
+                   "</svg><figcaption>Share of %s within each distance: the true curve runs inside the "
+                   "band.</figcaption></figure>\n",
+                   mesh);
 }
 
 void qm_report_add_charts(qm_report_writer *w, int side)

@@ -37,6 +37,9 @@ extern const char *const qm_report_side_names[2];
 /** "A" and "B". */
 extern const char *const qm_report_mesh_names[2];
 
+/** The unit of both meshes; "" when it is not known. */
+const char *qm_report_unit(const qm_report_writer *w);
+
 /** A cell of a table: the interval as printed, and all of its digits as data. */
 void qm_report_add_cell(qm_report_writer *w, qm_report_interval interval, bool is_share);
 

@@ -132,3 +132,13 @@ def test_a_report_after_a_restart(tmp_path):
     assert daemon.stop() == 0
     undated = [re.sub(r"20\d\d-\d\d-\d\dT[\d:.]*Z", "", page) for page in (before, after)]
     assert undated[0] == undated[1]
+
+
+def test_units_uncertainties_and_meshes_by_content(client):
+    mesh = client.upload(RAMP, name="noted", unit="mm", uncertainty=0.25)
+    floor = client.upload(FLOOR, name="exact", unit="mm")
+    job = compare(client, f"sha256:{mesh['content_hash']}", floor["id"])
+    page = read(client, job, limit=2.1).text
+    true = job["result"]["symmetric"]["hausdorff"]["of_true"]
+    assert f'<td data-lower="{true["lower"]!r}" data-upper="{true["upper"]!r}">' in page
+    assert "Distances are in mm" in page and "<td>0.25</td><td>0</td>" in page and ": undecided.</p>" in page

@@ -203,11 +203,28 @@ def test_one_scale_and_what_it_ends_with(quadmesh, square, raised, tmp_path):
 
     page = make(quadmesh, tmp_path, square, raised, "--limit", 2, "--range", 8)
     both = [[text.text() for text in legend] for legend in ends(page)]
-    assert len(both) == 2 and both[0] == both[1] and both[0][-3:] == ["8", "more", "limit"] and "2" in both[0]
+    assert len(both) == 2 and both[0] == both[1] and both[0][-4:] == ["8", "more", "", "limit"] and "2" in both[0]
     page = make(quadmesh, tmp_path, square, raised)
-    assert [text.text() for text in ends(page)[0]][-2:] == ["1.2", "more"]
+    assert [text.text() for text in ends(page)[0]][-3:] == ["1.2", "more", ""]
     page = make(quadmesh, tmp_path, square, raised, "--limit", 0, status=1)
     assert "Beyond the limit of 0" in page.verdict().text()
+
+
+def test_units_and_uncertainties(quadmesh, square, raised, tmp_path):
+    page = make(quadmesh, tmp_path, square, raised, "--limit", 1.05, "--unit", "mm", "--uncertainty", "0.1,0.2")
+    text = page.verdict().text()
+    assert "Within the limit of 1.05" in text and "true surfaces" in text and ": undecided" in text
+    low, high = page.figures()["Greatest distance of the true surfaces"][2]
+    assert low <= 0.7 <= low + 1e-4 and high - 1e-4 <= 1.3 <= high
+    assert "Distances are in mm" in page.all("header")[0].text()
+    assert [text.text() for text in page.section(A_SIDE).all("text")].count("distance, mm") == 2
+    rows = {row.all("th")[0].text(): [cell.text() for cell in row.all("td")] for row in page.section("meshes").all("tr") if row.all("td")}
+    assert rows["Unit"] == ["mm", "mm"] and rows["Uncertainty: the true surface is within"] == ["0.1", "0.2"]
+
+
+def test_meshes_of_unlike_size_are_a_warning(quadmesh, tmp_path):
+    small, large = write_sphere(tmp_path / "small.obj", 1.0, 6), write_sphere(tmp_path / "large.obj", 100.0, 6)
+    assert "Warning: " in make(quadmesh, tmp_path, small, large).verdict().text()
 
 
 def test_a_mesh_against_itself(quadmesh, square, tmp_path):

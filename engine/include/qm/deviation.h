@@ -20,11 +20,6 @@
 
 #include "qm/hausdorff.h"
 
-/** An interval that contains a true value. */
-typedef struct qm_interval {
-    double lower, upper;
-} qm_interval;
-
 typedef struct qm_deviation_options {
     qm_quad_reading quads;
     double accuracy; /* > 0: mean and rms are narrowed until upper - lower <= accuracy * lower */
