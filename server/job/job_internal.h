@@ -316,7 +316,7 @@ qm_job_request qm_job_begin_run(qm_job *job, qm_context *ctx);
 void qm_job_end_run(qm_job *job, qm_context *ctx, qm_status status, qm_job_result *result,
                     const qm_problem *fault);
 
-/** Finds the state of a mesh; false with a problem, which names the field of the request. */
+/** Finds the revision and the notes of a mesh; false with a problem, which names the field of the request. */
 bool qm_job_check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_store_mesh_state *state,
                        qm_problem *problem);
 

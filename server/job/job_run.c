@@ -470,13 +470,22 @@ static bool resolve_mesh(qm_jobs *jobs, const char *field, char name[QM_JOB_MESH
 
 bool qm_job_names_hash(const qm_job_request *request)
 {
-    return is_hash_name(request->a) || is_hash_name(request->b);
+    bool has_hash = is_hash_name(request->a) || is_hash_name(request->b);
+    for (size_t i = 0; i < request->mesh_count; i++)
+        has_hash |= is_hash_name(request->meshes[i]);
+    return has_hash;
 }
 
 bool qm_job_resolve(qm_jobs *jobs, qm_job_request *request, qm_problem *problem)
 {
     const char *const *field = qm_job_type_of(request->kind)->mesh_field;
-    return resolve_mesh(jobs, field[0], request->a, problem) &&
+    for (size_t i = 0; i < request->mesh_count; i++) {
+        char pointer[32];
+        snprintf(pointer, sizeof pointer, "meshes/%zu", i);
+        if (!resolve_mesh(jobs, pointer, request->meshes[i], problem)) return false;
+    }
+    if (request->mesh_count > 0) strcpy(request->a, request->meshes[0]);
+    return (!field[0] || resolve_mesh(jobs, field[0], request->a, problem)) &&
            (!field[1] || resolve_mesh(jobs, field[1], request->b, problem));
 }
 

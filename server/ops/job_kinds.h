@@ -104,10 +104,6 @@ typedef struct qm_job_search {
     void *user;
 } qm_job_search;
 
-/** How a request names a mesh: by its id, or until it is submitted by the hash of its file, after this prefix. */
-#define QM_JOB_HASH_PREFIX "sha256:"
-#define QM_JOB_MESH_SIZE (sizeof QM_JOB_HASH_PREFIX - 1 + QM_HASH_SIZE)
-
 /** Who has the meshes of a matrix; set by the caller of qm_job_execute. A mesh stays in memory between the two calls, of
  * which two or more may be open. A status other than QM_OK ends the job with it. */
 typedef struct qm_job_set {
@@ -118,6 +114,9 @@ typedef struct qm_job_set {
         *same; /* of each mesh the first one with the same surface, or itself; NULL: none is known to */
     void *user;
 } qm_job_set;
+/** How a request names a mesh: by its id, or until it is submitted by the hash of its file, after this prefix. */
+#define QM_JOB_HASH_PREFIX "sha256:"
+#define QM_JOB_MESH_SIZE (sizeof QM_JOB_HASH_PREFIX - 1 + QM_HASH_SIZE)
 
 /** A request; fields of other kinds keep their defaults. */
 typedef struct qm_job_request {
@@ -165,7 +164,7 @@ typedef struct qm_job_request {
     bool incremental;  /* self_collision: search only near vertices moved since the last search, if known */
 
     /* matrix, whose a is the first of its meshes */
-    char (*meshes)[QM_ID_SIZE]; /* malloc'ed, owned by the request */
+    char (*meshes)[QM_JOB_MESH_SIZE]; /* malloc'ed, owned by the request */
     size_t mesh_count;
     qm_matrix_want want;
     size_t nearest;

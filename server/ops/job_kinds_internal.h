@@ -86,6 +86,9 @@ extern const char *const qm_job_box_names[];
 
 /* ---- hooks ---- */
 
+/** Copies the name of a mesh: its id, or the hash of its file after QM_JOB_HASH_PREFIX. False for other texts and NULL. */
+bool qm_job_read_mesh_name(const char *text, char out[QM_JOB_MESH_SIZE]);
+
 /** A request with its meshes and its context. */
 typedef struct qm_job_call {
     qm_context *ctx;
