@@ -6,8 +6,8 @@ import { createRequire } from "node:module";
 import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
-import { Browser, finish } from "./support/page.js";
-import { off, sphere } from "./support/shapes.js";
+import { Browser, finish, keepPicture } from "./support/page.js";
+import { hills, off, sphere } from "./support/shapes.js";
 
 const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 const NAME = "<img src=x onerror=alert(1)>.off";
@@ -18,16 +18,21 @@ let job;
 before(async () => {
   daemon = await Daemon.start();
   browser = await Browser.launch();
-  const client = daemon.client();
-  const [a, b] = await Promise.all([[24, NAME], [12, "coarse.off"]].map(async ([parallels, name]) =>
-    (await client.meshes.create(off(sphere(0, parallels, 2 * parallels)), { name })).mesh.id));
-  job = await client.jobs.create({ type: "comparison", a, b, limits: [0.005, 0.01, 0.02, 0.04], worst: { count: 4 } }, { wait: 60 });
-  assert.equal(job.state, "succeeded");
+  job = await compare([[sphere(0, 24, 48), NAME], [sphere(0, 12, 24), "coarse.off"]], [0.005, 0.01, 0.02, 0.04]);
 });
 after(async () => {
   await browser.close();
   await daemon.remove();
 });
+
+/** Compares two meshes: [mesh, name] each. */
+async function compare(meshes, limits) {
+  const client = daemon.client();
+  const [a, b] = await Promise.all(meshes.map(async ([mesh, name]) => (await client.meshes.create(off(mesh), { name })).mesh.id));
+  const made = await client.jobs.create({ type: "comparison", a, b, limits, worst: { count: 4 } }, { wait: 60 });
+  assert.equal(made.state, "succeeded");
+  return made;
+}
 
 /** The report, with the addresses that its page asked for. */
 async function open(options) {
@@ -95,5 +100,13 @@ test("it prints on A4 and on Letter", async () => {
     const pages = file.match(/\/Type\s*\/Page[^s]/g).length;
     assert(pages >= 4 && pages <= 10, `${pages} pages of ${format}`);
   }
+  await finish(page);
+});
+
+test("a report is worth a picture", async () => {
+  const limits = Array.from({ length: 16 }, (_, i) => (i + 1) * 0.0025);
+  const { id } = await compare([[hills(6), "hills coarse.off"], [hills(32), "hills.off"]], limits);
+  const page = await browser.open(`${daemon.url}/v1/jobs/${id}/report?limit=0.02`, { viewport: { width: 1000, height: 1070 } });
+  await keepPicture(page, await page.screenshot(), "report");
   await finish(page);
 });
