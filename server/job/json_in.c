@@ -24,22 +24,57 @@ static const qm_job_field shared[] = {
 _Static_assert(sizeof(qm_job_kind) == sizeof(int) && sizeof(qm_direction) == sizeof(int) &&
                    sizeof(qm_quad_reading) == sizeof(int) && sizeof(qm_collide_mode) == sizeof(int) &&
                    sizeof(qm_accelerator) == sizeof(int) && sizeof(qm_priority) == sizeof(int) &&
-                   sizeof(qm_bounds) == sizeof(int),
+                   sizeof(qm_bounds) == sizeof(int) && sizeof(qm_align_fit) == sizeof(int) &&
+                   sizeof(qm_align_start) == sizeof(int) && sizeof(qm_align_motion) == sizeof(int) &&
+                   sizeof(qm_job_align_direction) == sizeof(int),
                "a choice is copied into its enum as an int");
+
+static bool read_id(const cJSON *value, char id[QM_ID_SIZE])
+{
+    const char *text = cJSON_GetStringValue(value);
+    if (!text || !text[0] || strlen(text) >= QM_ID_SIZE) return false;
+    strcpy(id, text);
+    return true;
+}
+
+static bool is_identity(const double transform[QM_TRANSFORM_SIZE])
+{
+    double identity[QM_TRANSFORM_SIZE];
+    qm_transform_identity(identity);
+    for (int i = 0; i < QM_TRANSFORM_SIZE; i++)
+        if (transform[i] != identity[i]) return false;
+    return true;
+}
+
+/** Reads {"mesh": id, "transform": [16 numbers]}. */
+static bool read_posed(const cJSON *object, char id[QM_ID_SIZE], qm_job_pose *pose, qm_json_location *at)
+{
+    const cJSON *mesh = cJSON_GetObjectItemCaseSensitive(object, "mesh");
+    const cJSON *transform = cJSON_GetObjectItemCaseSensitive(object, "transform");
+    if (cJSON_GetArraySize(object) != (mesh != NULL) + (transform != NULL)) return false;
+    at->member = "mesh";
+    snprintf(at->detail, sizeof at->detail, "must be the id of a mesh");
+    if (!read_id(mesh, id)) return false;
+    at->member = "transform";
+    if (!qm_json_read_transform(transform, pose->transform, at)) return false;
+    pose->is_given = !is_identity(pose->transform);
+    return true;
+}
 
 /** Reads a value into its member; false leaves the location of the fault. */
 static bool read_value(const qm_job_field *field, const cJSON *value, qm_job_request *out,
                        qm_json_location *at)
 {
     void *member = (char *)out + field->offset;
-    const char *text = cJSON_GetStringValue(value);
     double number;
     int index;
     switch (field->type) {
     case QM_FIELD_ID:
-        if (!text || !text[0] || strlen(text) >= QM_ID_SIZE) return false;
-        strcpy(member, text);
-        return true;
+        return read_id(value, member);
+    case QM_FIELD_MESH:
+        return cJSON_IsObject(value)
+                   ? read_posed(value, member, &out->pose[field->offset == offsetof(qm_job_request, b)], at)
+                   : read_id(value, member);
     case QM_FIELD_POSITIVE:
         return qm_json_read_number(value, member) && *(double *)member > 0.0;
     case QM_FIELD_LIMIT:
@@ -97,6 +132,7 @@ static void report_value(const qm_job_field *field, const qm_json_location *at, 
                                          field->names[i]);
             break;
         case QM_FIELD_ID:
+        case QM_FIELD_MESH:
         case QM_FIELD_OTHER:
             break;
         }

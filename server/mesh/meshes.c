@@ -26,6 +26,8 @@ struct qm_mesh_ref {
     enum { QM_MESH_LOADING, QM_MESH_READY, QM_MESH_BROKEN } state; /* loading, or being changed in place */
     int references;                                                /* the list counts as one */
     bool listed;
+    bool is_moved; /* a copy of a mesh at the revision in `mesh`, moved by a transform: found by all three */
+    double transform[QM_TRANSFORM_SIZE];
     bool is_behind;     /* its next revision is about to be stored, and then to follow in memory */
     qm_problem problem; /* when broken */
     qm_meshes *meshes;
@@ -119,7 +121,7 @@ static qm_mesh_ref *find_listed(qm_meshes *meshes, const char *id)
 {
     QM_ASSERT(is_locked(&meshes->lock));
     for (qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
-        if (strcmp(ref->id, id) == 0) return ref;
+        if (!ref->is_moved && strcmp(ref->id, id) == 0) return ref;
     return NULL;
 }
 
@@ -160,7 +162,7 @@ qm_meshes_memory qm_meshes_measure(qm_meshes *meshes)
     qm_meshes_memory memory = {.used = atomic_load(&meshes->budget.used), .limit = meshes->budget.limit};
     uv_mutex_lock(&meshes->lock);
     for (const qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
-        memory.loaded++;
+        memory.loaded += !ref->is_moved;
     uv_mutex_unlock(&meshes->lock);
     return memory;
 }
@@ -428,6 +430,104 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *pr
     return ref;
 }
 
+/* ---- moved copies ---- */
+
+/** The entry of a moved copy. The lock is held. */
+static qm_mesh_ref *find_moved(qm_meshes *meshes, const char *id, uint64_t revision,
+                               const double transform[QM_TRANSFORM_SIZE])
+{
+    QM_ASSERT(is_locked(&meshes->lock));
+    for (qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
+        if (ref->is_moved && strcmp(ref->id, id) == 0 && ref->mesh.revision == revision &&
+            memcmp(ref->transform, transform, sizeof ref->transform) == 0)
+            return ref;
+    return NULL;
+}
+
+/** Copies of earlier revisions are asked for no more. The lock is held. */
+static void drop_moved_before(qm_meshes *meshes, const char *id, uint64_t revision)
+{
+    QM_ASSERT(is_locked(&meshes->lock));
+    for (qm_mesh_ref *ref = meshes->first, *next; ref; ref = next) {
+        next = ref->next;
+        const bool is_old = ref->is_moved && ref->mesh.revision < revision && strcmp(ref->id, id) == 0;
+        if (is_old && ref->state == QM_MESH_READY) unlist(meshes, ref);
+    }
+}
+
+/** Makes the mesh of a listed entry by moving another; called without the lock. */
+static void make_moved(qm_meshes *meshes, qm_mesh_ref *ref, const qm_loaded_mesh *from)
+{
+    qm_context ctx = qm_meshes_context(meshes);
+    ctx.parallel = qm_host_parallel;
+    qm_mesh moved = from->mesh;
+    qm_loaded_mesh copy;
+    const qm_preparation preparation = preparation_of(meshes);
+    moved.positions = qm_context_alloc(&ctx, moved.vertex_count, 3 * sizeof *moved.positions);
+    qm_status status = moved.positions
+                           ? qm_transform_positions(&ctx, ref->transform, &from->mesh, moved.positions)
+                           : qm_context_fail(&ctx, QM_E_NO_MEMORY, "out of memory for the moved mesh");
+    if (status == QM_OK) status = qm_mesh_validate(&ctx, &moved);
+    if (status == QM_OK) status = qm_loaded_mesh_copy(&ctx, from, moved.positions, &preparation, &copy);
+    if (status != QM_OK) {
+        ref->problem = qm_problem_from_status(status, ctx.message);
+        qm_context_free(&ctx, moved.positions, moved.vertex_count, 3 * sizeof *moved.positions);
+    }
+    uv_mutex_lock(&meshes->lock);
+    if (status == QM_OK) {
+        ref->mesh = copy;
+        ref->mesh.revision = from->revision;
+    }
+    ref->state = status == QM_OK ? QM_MESH_READY : QM_MESH_BROKEN;
+    if (status != QM_OK) unlist(meshes, ref);
+    uv_cond_broadcast(&meshes->changed);
+    uv_mutex_unlock(&meshes->lock);
+}
+
+/** A reference to the moved copy of a mesh, which is made when there is none. The lock is held, but for that time. */
+static qm_mesh_ref *take_moved(qm_meshes *meshes, const qm_mesh_ref *source,
+                               const double transform[QM_TRANSFORM_SIZE], qm_problem *problem)
+{
+    const qm_loaded_mesh *from = &source->mesh;
+    qm_mesh_ref *ref = find_moved(meshes, source->id, from->revision, transform);
+    if (ref) {
+        ref->references++;
+        if (ref->listed) move_to_front(meshes, ref);
+        while (ref->state == QM_MESH_LOADING)
+            uv_cond_wait(&meshes->changed, &meshes->lock);
+    } else {
+        drop_moved_before(meshes, source->id, from->revision);
+        ref = list_entry(meshes, source->id);
+        if (!ref) {
+            *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for mesh %s", source->id);
+            return NULL;
+        }
+        ref->references++;
+        ref->is_moved = true;
+        ref->mesh.revision = from->revision;
+        memcpy(ref->transform, transform, sizeof ref->transform);
+        uv_mutex_unlock(&meshes->lock);
+        make_moved(meshes, ref, from);
+        uv_mutex_lock(&meshes->lock);
+    }
+    if (ref->state == QM_MESH_READY) return ref;
+    *problem = ref->problem;
+    drop_reference(ref);
+    return NULL;
+}
+
+qm_mesh_ref *qm_meshes_acquire_moved(qm_meshes *meshes, const char *id,
+                                     const double transform[QM_TRANSFORM_SIZE], qm_problem *problem)
+{
+    qm_mesh_ref *source = qm_meshes_acquire(meshes, id, problem);
+    if (!source) return NULL;
+    uv_mutex_lock(&meshes->lock);
+    qm_mesh_ref *moved = take_moved(meshes, source, transform, problem);
+    uv_mutex_unlock(&meshes->lock);
+    qm_meshes_release(meshes, source);
+    return moved;
+}
+
 const qm_loaded_mesh *qm_mesh_ref_get(const qm_mesh_ref *ref)
 {
     return &ref->mesh;
@@ -468,6 +568,7 @@ static qm_stored remove_row(qm_meshes *meshes, const char *id)
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = find_listed(meshes, id);
     if (ref && stored == QM_STORED) unlist(meshes, ref);
+    if (stored == QM_STORED) drop_moved_before(meshes, id, UINT64_MAX);
     uv_mutex_unlock(&meshes->lock);
     return stored;
 }

@@ -13,6 +13,7 @@
 #include "base/host.h"
 #include "ops/mesh_load.h"
 #include "ops/problem.h"
+#include "qm/transform.h"
 #include "store/store.h"
 
 typedef struct qm_meshes qm_meshes;
@@ -67,6 +68,14 @@ bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm
 
 /** Takes a reference; reads the mesh from its blob when needed. NULL with a problem. */
 qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem);
+
+/**
+ * Takes a reference to a mesh with its positions moved by a transform (qm/transform.h), which passes its check: the mesh of the
+ * rounded positions, kept in memory for the next one who asks for the same revision and transform. It
+ * counts against the budget, and is dropped as any other. NULL with a problem.
+ */
+qm_mesh_ref *qm_meshes_acquire_moved(qm_meshes *meshes, const char *id,
+                                     const double transform[QM_TRANSFORM_SIZE], qm_problem *problem);
 
 /** True when the mesh is in memory at this moment, so that the call above need not wait. */
 bool qm_meshes_has_loaded(qm_meshes *meshes, const char *id);

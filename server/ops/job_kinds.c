@@ -34,6 +34,7 @@ qm_job_request qm_job_request_default(void)
         .percentile_count = 8,
         .mode = QM_COLLIDE_ALL,
         .list_limit = 1000,
+        .align = qm_align_options_default(),
         .goal = {.measures = true},
     };
 }

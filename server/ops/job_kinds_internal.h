@@ -18,6 +18,7 @@ struct qm_json_location;
 /** How the value of a field is read. */
 typedef enum qm_field_type {
     QM_FIELD_ID,       /* char[QM_ID_SIZE] */
+    QM_FIELD_MESH,     /* the same, or an object of the id and a pose */
     QM_FIELD_POSITIVE, /* double above 0 */
     QM_FIELD_LIMIT,    /* double of 0 or more; null leaves the default */
     QM_FIELD_COUNT,    /* size_t from min to max */
@@ -48,9 +49,14 @@ typedef struct qm_job_field {
     {                                                                                                        \
         name, QM_FIELD_ID, QM_FIELD_AT(member), .is_required = true, .expected = text                        \
     }
-#define QM_JOB_FIELD_MESH QM_JOB_FIELD_ID("mesh", a, "must be the id of a mesh")
-#define QM_JOB_FIELD_PAIR                                                                                    \
-    QM_JOB_FIELD_ID("a", a, "must be the id of a mesh"), QM_JOB_FIELD_ID("b", b, "must be the id of a mesh")
+#define QM_JOB_FIELD_POSED(name, member)                                                                     \
+    {                                                                                                        \
+        name, QM_FIELD_MESH, QM_FIELD_AT(member),                                                            \
+            .is_required = true,                                                                             \
+            .expected = "must be the id of a mesh, or an object with \"mesh\" and \"transform\""             \
+    }
+#define QM_JOB_FIELD_MESH QM_JOB_FIELD_POSED("mesh", a)
+#define QM_JOB_FIELD_PAIR QM_JOB_FIELD_POSED("a", a), QM_JOB_FIELD_POSED("b", b)
 #define QM_JOB_FIELD_QUADS                                                                                   \
     {                                                                                                        \
         "quads", QM_FIELD_CHOICE, QM_FIELD_AT(quads), .names = qm_quads_names                                \
