@@ -114,7 +114,7 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
     cli_job job = cli_job_make(kind);
     qm_job_request *request = &job.request;
     const char *csv = NULL;
-    /* The first three are for pairs only. */
+    /* The first three are for lists of pairs, the last one for two meshes. */
     const cli_option options[] = {
         {.name = "csv",
          .letter = 'o',
@@ -145,12 +145,12 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
         CLI_OPTION_QUADS(&request->quads),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_JSON(&job.as_json),
-        CLI_OPTION_SERVER(&job.server)};
+        CLI_OPTION_SERVER(&job.server),
+        CLI_OPTION_TRANSFORM(&job.transform)};
     size_t skipped = kind == QM_JOB_DISTANCE ? 3 : 0;
+    size_t count = sizeof options / sizeof *options - skipped - (kind == QM_JOB_SELF_COLLISION);
     int status;
-    if (!cli_read_options(command, options + skipped, sizeof options / sizeof *options - skipped, argc, argv,
-                          job.path, &status))
-        return status;
+    if (!cli_read_options(command, options + skipped, count, argc, argv, job.path, &status)) return status;
     if (!job.server) request->threads = cli_count_threads(request->threads);
     return cli_run_job(&job, finish, csv);
 }

@@ -109,11 +109,13 @@ static int run_here(const cli_job *job, cli_finish_fn *finish, const void *user)
     for (int side = 0; side < 2; side++) {
         /* Only the kinds that search for nearest points need targets. */
         const qm_job_request *request = &job->request;
-        const bool is_target = request->kind == QM_JOB_HAUSDORFF
-                                   ? request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A)
-                                   : request->kind == QM_JOB_DEVIATION && side == 1;
+        const bool is_target =
+            request->kind == QM_JOB_HAUSDORFF
+                ? request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A)
+                : request->kind == QM_JOB_ALIGNMENT || (request->kind == QM_JOB_DEVIATION && side == 1);
         preparation[side] = cli_prepare(is_target, request->quads, request->threads);
         preparation[side].has_no_tree = job->request.kind == QM_JOB_COLLISION;
+        if (request->pose[side].is_given) preparation[side].transform = request->pose[side].transform;
     }
     qm_loaded_mesh mesh[2] = {{.revision = 0}};
     bool is_pair = job->path[1] != NULL;
@@ -127,23 +129,31 @@ static int run_here(const cli_job *job, cli_finish_fn *finish, const void *user)
 
 /* ---- in this process, or on a daemon ---- */
 
+static int run_anywhere(const cli_job *job, cli_finish_fn *finish, const void *user)
+{
+    if (!job->server) return run_here(job, finish, user);
+    int status = EXIT_BAD_INPUT;
+    cli_session *session = cli_session_open(job->server, job->as_json);
+    qm_job_request request = job->request;
+    double diagonal = 0.0;
+    bool is_ready = session && cli_session_upload(session, job->path[0], request.a, &diagonal) &&
+                    (!job->path[1] || cli_session_upload(session, job->path[1], request.b, NULL));
+    char *json = is_ready ? cli_session_run_job(session, &request, make_bar(job, diagonal)) : NULL;
+    const cli_job_output output = {.json = json, .session = session};
+    if (json) status = finish(user, job, &output);
+    free(json);
+    cli_session_close(session);
+    return status;
+}
+
 int cli_run_job(const cli_job *job, cli_finish_fn *finish, const void *user)
 {
+    cli_job moved = *job;
+    qm_job_pose *pose = &moved.request.pose[0];
     int status = EXIT_BAD_INPUT;
-    if (job->server) {
-        cli_session *session = cli_session_open(job->server, job->as_json);
-        qm_job_request request = job->request;
-        double diagonal = 0.0;
-        bool is_ready = session && cli_session_upload(session, job->path[0], request.a, &diagonal) &&
-                        (!job->path[1] || cli_session_upload(session, job->path[1], request.b, NULL));
-        char *json = is_ready ? cli_session_run_job(session, &request, make_bar(job, diagonal)) : NULL;
-        const cli_job_output output = {.json = json, .session = session};
-        if (json) status = finish(user, job, &output);
-        free(json);
-        cli_session_close(session);
-    } else {
-        status = run_here(job, finish, user);
-    }
+    pose->is_given = job->transform != NULL;
+    if (!pose->is_given || cli_read_transform(job->transform, pose->transform, job->as_json))
+        status = run_anywhere(&moved, finish, user);
     /* After an interrupt an input that could not be read is not to blame. */
     return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
 }

@@ -18,7 +18,7 @@ typedef struct cli_command {
 } cli_command;
 
 extern const cli_command cmd_hausdorff, cmd_deviation, cmd_project, cmd_distance, cmd_collide,
-    cmd_self_collide, cmd_info, cmd_patches, cmd_reconstruct;
+    cmd_self_collide, cmd_align, cmd_info, cmd_patches, cmd_reconstruct;
 
 typedef enum cli_option_type {
     CLI_FLAG,     /* bool: set */
@@ -79,6 +79,11 @@ typedef struct cli_option {
     {                                                                                                        \
         .name = "progress", .type = CLI_FLAG, .target = (address),                                           \
         .help = "lines of progress on standard error even if it is not a terminal"                           \
+    }
+#define CLI_OPTION_TRANSFORM(address)                                                                        \
+    {                                                                                                        \
+        .name = "transform", .value = "FILE", .type = CLI_TEXT, .target = (address),                         \
+        .help = "moves A by the transform in this file, as align --json writes it"                           \
     }
 #define CLI_OPTION_SERVER(address)                                                                           \
     {                                                                                                        \

@@ -9,6 +9,7 @@
 
 #include "base/clock.h"
 #include "format/gzip.h"
+#include "qm/transform.h"
 
 #define FACT_WARNINGS 3
 
@@ -101,6 +102,18 @@ static qm_status set_positions(qm_context *ctx, const qm_preparation *preparatio
     return status;
 }
 
+/** Moves a mesh to where it is asked for. */
+static qm_status move(qm_context *ctx, const double *transform, qm_mesh *mesh, qm_codec_report *report)
+{
+    ctx->message[0] = '\0';
+    qm_status status = qm_transform_positions(ctx, transform, mesh, mesh->positions);
+    drop_normals(ctx, mesh);
+    if (status == QM_OK) status = qm_mesh_validate(ctx, mesh);
+    if (status != QM_OK)
+        snprintf(report->detail, sizeof report->detail, "the moved mesh is no mesh: %.150s", ctx->message);
+    return status;
+}
+
 /** The content of a file, which may be compressed with gzip. */
 typedef struct file_content {
     const uint8_t *bytes;
@@ -183,6 +196,8 @@ qm_status qm_mesh_make_ready(qm_context *ctx, const qm_preparation *preparation,
 {
     qm_status status = QM_OK;
     if (preparation->positions) status = set_positions(ctx, preparation, &mesh->mesh, report);
+    if (status == QM_OK && preparation->transform)
+        status = move(ctx, preparation->transform, &mesh->mesh, report);
     if (status == QM_OK) {
         status = prepare(ctx, preparation, mesh);
         if (status == QM_OK) status = set_warnings(mesh, report);

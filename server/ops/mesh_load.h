@@ -38,6 +38,7 @@ typedef struct qm_preparation {
     int thread_count;        /* 1 or more; ctx->parallel is needed for more than one */
     const double *positions; /* x y z of each vertex of a revision; NULL: those of the file */
     size_t position_count;   /* points in positions */
+    const double *transform; /* moves the mesh (qm/transform.h), which passes its check; NULL: it stays */
 } qm_preparation;
 
 /**
