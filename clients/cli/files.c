@@ -173,11 +173,14 @@ bool cli_read_transform(const char *path, double transform[QM_TRANSFORM_SIZE], b
     free(text);
     qm_context ctx = qm_context_make();
     qm_status status = QM_OK;
-    if (!json || !isnan(transform_number(json, QM_TRANSFORM_SIZE)))
+    bool has_all = json && isnan(transform_number(json, QM_TRANSFORM_SIZE));
+    for (int i = 0; i < QM_TRANSFORM_SIZE && has_all; i++) {
+        transform[i] = transform_number(json, i);
+        has_all = !isnan(transform[i]);
+    }
+    if (!has_all)
         status = qm_context_fail(&ctx, QM_E_FORMAT,
                                  "it has no transform: 16 numbers, alone or as \"transform\" of an object");
-    for (int i = 0; i < QM_TRANSFORM_SIZE && status == QM_OK; i++)
-        transform[i] = transform_number(json, i);
     if (status == QM_OK) status = qm_transform_check(&ctx, transform);
     qm_json_free(json);
     if (status != QM_OK) cli_report_status(path, status, &ctx, as_json);

@@ -191,7 +191,7 @@ static qm_status measure(qm_align_work *work, const qm_align_pose *pose, moved_m
     qm_hausdorff_options options = qm_hausdorff_options_default();
     options.direction = work->options->direction;
     options.quads = work->options->quads;
-    options.thread_count = work->options->thread_count;
+    options.thread_count = 1; /* which witness is found first depends on the threads */
     options.tolerance = qm_max(GAP * expected, 16.0 * work->noise) * work->frames.unit;
     status = qm_hausdorff_measure(work->ctx, moved->tree, work->tree[1], &options, found);
     if (status != QM_OK || !found->has_witness) return status;
