@@ -31,7 +31,7 @@ ROOMS = {
     'server/format': 'base',
     'server/ops': 'base format',
     'server/store': 'base ops',
-    'server/mesh': 'base ops store',
+    'server/mesh': 'base format ops store',
     'server/layout': 'base format ops store mesh',
     'server/job': 'base ops store mesh layout',
     'server/http': 'base format ops store mesh layout job',

@@ -14,6 +14,7 @@
 #include "base/log.h"
 #include "base/metrics.h"
 #include "etag.h"
+#include "format/encoder.h"
 #include "ops/json_out.h"
 #include "store/store_problem.h"
 
@@ -879,6 +880,46 @@ bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm
     }
     if (!adopted) qm_store_mesh_reset(out);
     return adopted;
+}
+
+/* ---- copies ---- */
+
+/** Writes the file of a mesh; false with a problem. */
+static bool write_copy(qm_meshes *meshes, const qm_loaded_mesh *mesh, qm_blob_writer **out,
+                       qm_problem *problem)
+{
+    qm_context ctx = qm_context_make();
+    qm_encoder *encoder = NULL;
+    qm_status status = qm_encoder_create(&ctx, &mesh->mesh, &mesh->facts, QM_FORMAT_PLY, 0, &encoder);
+    if (status != QM_OK) {
+        *problem = qm_problem_from_status(status, ctx.message);
+        return false;
+    }
+    uint64_t size = 0;
+    qm_encoder_size(encoder, &size);
+    status = qm_blob_begin(meshes->store, size, out);
+    for (bool goes_on = true; goes_on && status == QM_OK;) {
+        qm_text block = {0};
+        goes_on = qm_encoder_next(encoder, &block);
+        status = block.failed ? QM_E_NO_MEMORY : qm_blob_write(*out, block.data, block.size);
+        qm_text_reset(&block);
+    }
+    qm_encoder_destroy(encoder);
+    if (status == QM_OK) return true;
+    qm_blob_abort(*out);
+    *problem = qm_problem_from_write(status, "the copy");
+    return false;
+}
+
+bool qm_meshes_add_copy(qm_meshes *meshes, const char *id, const qm_moved_copy *copy, const char *name,
+                        qm_store_mesh *out, bool *is_new, qm_problem *problem)
+{
+    qm_mesh_ref *moved = qm_meshes_acquire_moved(meshes, id, copy->transform, problem);
+    if (!moved) return false;
+    qm_blob_writer *writer = NULL;
+    bool is_written = write_copy(meshes, &moved->mesh, &writer, problem);
+    qm_meshes_release(meshes, moved);
+    return is_written && qm_meshes_add(meshes, writer, name, QM_FORMAT_PLY, 0.0, out, is_new, problem);
 }
 
 /* ---- revisions ----

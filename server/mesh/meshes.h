@@ -122,6 +122,22 @@ bool qm_meshes_set_ttl(qm_meshes *meshes, const char *id, double ttl_s, const ch
 /** Reads {"ttl_seconds": ...}; null is 0. False with a problem (400). */
 bool qm_json_read_lifetime(const char *text, size_t size, double *ttl_s, qm_problem *problem);
 
+/** The body of a request for a moved copy. */
+typedef struct qm_moved_copy {
+    double transform[QM_TRANSFORM_SIZE];
+    char *name; /* on the heap; NULL: none is given */
+} qm_moved_copy;
+
+/** Reads {"transform": [...], "name": ...}, the second optional; name is the caller's to free. False with a problem (400). */
+bool qm_json_read_copy(const char *text, size_t size, qm_moved_copy *out, qm_problem *problem);
+
+/**
+ * Stores a mesh of its own, of a mesh moved by a transform: its binary PLY file, as of an upload with that name. out and
+ * is_new are as of qm_meshes_add. False with a problem.
+ */
+bool qm_meshes_add_copy(qm_meshes *meshes, const char *id, const qm_moved_copy *copy, const char *name,
+                        qm_store_mesh *out, bool *is_new, qm_problem *problem);
+
 /** Removes meshes that have expired and that no unfinished job, layout or reconstruction needs. */
 void qm_meshes_drop_expired(qm_meshes *meshes);
 
