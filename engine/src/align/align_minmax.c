@@ -23,7 +23,7 @@
 #define MAX_STEPS 60      /* of a round */
 #define MAX_ACTIVE 192
 #define WINDOW 0.25 /* pairs count whose distance is within this share of the largest */
-#define SWEEPS 4000
+#define SWEEPS 600
 #define GAP 1e-3 /* of the measured distance: the tolerance of its interval, and what ends the rounds */
 #define LEAST_GAIN 1e-7 /* of a step, as a fraction of the distance */
 
@@ -91,7 +91,7 @@ static double solve(const active_set *set, double t, double x[QM_ALIGN_UNKNOWNS]
             curvature += d * d;
         }
         const double gain = value[high] - value[low];
-        if (gain <= 1e-12 * fabs(set->distance[0]) || high == low) break;
+        if (gain <= 1e-8 * fabs(set->distance[0]) || high == low) break;
         const double moved = curvature > 0.0 ? qm_min(gain / (t * curvature), weight[low]) : weight[low];
         weight[high] += moved;
         weight[low] = moved < weight[low] ? weight[low] - moved : 0.0;

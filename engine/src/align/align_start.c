@@ -13,10 +13,11 @@
 #define MAX_STARTS 160
 #define FEW_POINTS 300
 #define FEW_STEPS 12
-#define MORE_POINTS 2048
-#define MORE_STEPS 40
+#define MORE_POINTS 1024
+#define MORE_STEPS 30
+#define SECOND_STEPS 30 /* over all points, enough to compare the two best */
 #define LAST_STEPS 200
-#define FINALISTS 8
+#define FINALISTS 6
 #define APART                                                                                                \
     0.02 /* poses that move points of A by more, as a fraction of the unit, are others while few points are measured */
 #define ELSEWHERE 1e-3 /* the same at the end */
@@ -336,9 +337,15 @@ qm_status qm_align_search_starts(qm_align_work *work, qm_align_ranking *out)
     if (status == QM_OK && has_many) keep_best(work, list, FINALISTS, APART);
     if (status == QM_OK) status = improve_all(work, list, MORE_POINTS, MORE_STEPS, false);
     if (status == QM_OK) keep_best(work, list, 2, APART);
-    if (status == QM_OK) status = improve_all(work, list, work->options->sample_count, LAST_STEPS, true);
+    const size_t all = work->options->sample_count;
+    if (status == QM_OK) status = improve_all(work, list, all, SECOND_STEPS, true);
     if (status == QM_OK) {
         keep_best(work, list, 2, ELSEWHERE);
+        const qm_align_pose pose = list->found[0].pose;
+        if (!list->found[0].is_converged)
+            status = qm_align_improve(work, &pose, all, LAST_STEPS, true, &list->found[0]);
+    }
+    if (status == QM_OK) {
         *out = (qm_align_ranking){.best = list->found[0], .has_second = list->count > 1};
         if (out->has_second) out->second = list->found[1];
     }
