@@ -15,20 +15,11 @@ typedef struct file_names {
     const char *mesh, *json;
 } file_names;
 
-static void read_transform(const qm_json *result, double transform[QM_TRANSFORM_SIZE])
-{
-    char path[32];
-    for (int i = 0; i < QM_TRANSFORM_SIZE; i++) {
-        snprintf(path, sizeof path, "transform.%d", i);
-        transform[i] = qm_json_get_number(result, path);
-    }
-}
-
 static void print_text(FILE *file, const qm_json *result)
 {
     char low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
     double m[QM_TRANSFORM_SIZE];
-    read_transform(result, m);
+    cli_get_transform(result, m);
     fprintf(file, "Motion of A onto B, %s, quads as %s%s\n", qm_json_get_string(result, "fit"),
             qm_json_get_string(result, "quads"),
             qm_json_is_true(result, "mirrored") ? ", a mirror image" : "");
@@ -56,7 +47,7 @@ static bool write_moved(const file_names *names, const cli_job *job, const qm_js
     qm_context ctx = qm_host_context();
     qm_loaded_mesh mesh;
     double transform[QM_TRANSFORM_SIZE];
-    read_transform(result, transform);
+    cli_get_transform(result, transform);
     qm_preparation positions_only = cli_prepare(false, job->request.quads, 1);
     positions_only.has_no_tree = true;
     positions_only.transform = transform;
@@ -205,8 +196,8 @@ static int run(int argc, char **argv)
          .target = &request->align.sample_count,
          .help = "points that are measured, evenly over the area (default 16384)"},
         CLI_OPTION_QUADS(&request->quads),
-        CLI_OPTION_TOLERANCE(&request->tolerance, "width of the interval of the distance that is left, as a "
-                                                  "fraction of the diagonal of A's box (default 1e-6)"),
+        CLI_OPTION_GAP(&request->tolerance, "width of the interval of the distance that is left, as a "
+                                            "fraction of the diagonal of A's box\n(default 1e-6)"),
         CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_PROGRESS(&job.shows_progress),
@@ -232,5 +223,5 @@ const cli_command cmd_align = {.name = "align",
                                               "distance that is left is proven, and so is\n"
                                               "the floor below which no rigid motion gets.\n\n",
                                .exit_status =
-                                   "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 stopped before.",
+                                   "Exit status: 0 done, 2 bad input or wrong usage, 3 stopped before.",
                                .run = run};

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "base/host.h"
+#include "base/json.h"
 #include "cli.h"
 
 /* ---- progress ---- */
@@ -19,16 +20,28 @@ cli_bar cli_bar_make(double tolerance, bool is_forced)
         .is_terminal = isatty(STDERR_FILENO) == 1, .is_forced = is_forced, .tolerance = tolerance};
 }
 
-char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE])
+char *cli_format_digits(double bound, bool is_upper, int digits, char out[CLI_BOUND_SIZE])
 {
-    snprintf(out, CLI_BOUND_SIZE, "%.9g", bound);
+    snprintf(out, CLI_BOUND_SIZE, "%.*g", digits, bound);
     double printed = strtod(out, NULL);
     if (!isfinite(bound) || (is_upper ? printed >= bound : printed <= bound)) return out;
-    /* One unit of the ninth digit outward. Near a power of ten log10 may round to the next digit, which widens the
+    /* One unit of the last digit outward. Near a power of ten log10 may round to the next digit, which widens the
      * interval and is safe. */
-    double unit = pow(10.0, floor(log10(fabs(bound))) - 8.0);
-    snprintf(out, CLI_BOUND_SIZE, "%.9g", is_upper ? printed + unit : printed - unit);
+    double unit = pow(10.0, floor(log10(fabs(bound))) - (digits - 1));
+    snprintf(out, CLI_BOUND_SIZE, "%.*g", digits, is_upper ? printed + unit : printed - unit);
     return out;
+}
+
+char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE])
+{
+    return cli_format_digits(bound, is_upper, 9, out);
+}
+
+char *cli_format_percent(double share, bool is_upper, char out[CLI_BOUND_SIZE])
+{
+    double percent = 100.0 * share, rest = fma(100.0, share, -percent); /* what the product lost */
+    if (is_upper ? rest > 0.0 : rest < 0.0) percent = nextafter(percent, is_upper ? INFINITY : 0.0);
+    return cli_format_digits(percent, is_upper, 6, out);
 }
 
 void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations)
@@ -109,10 +122,10 @@ static int run_here(const cli_job *job, cli_finish_fn *finish, const void *user)
     for (int side = 0; side < 2; side++) {
         /* Only the kinds that search for nearest points need targets. */
         const qm_job_request *request = &job->request;
-        const bool is_target =
-            request->kind == QM_JOB_HAUSDORFF
-                ? request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A)
-                : request->kind == QM_JOB_ALIGNMENT || (request->kind == QM_JOB_DEVIATION && side == 1);
+        const bool is_target = request->kind == QM_JOB_COMPARISON || request->kind == QM_JOB_ALIGNMENT ? true
+                               : request->kind == QM_JOB_HAUSDORFF
+                                   ? request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A)
+                                   : request->kind == QM_JOB_DEVIATION && side == 1;
         preparation[side] = cli_prepare(is_target, request->quads, request->threads);
         preparation[side].has_no_tree = job->request.kind == QM_JOB_COLLISION;
         if (request->pose[side].is_given) preparation[side].transform = request->pose[side].transform;
@@ -146,14 +159,41 @@ static int run_anywhere(const cli_job *job, cli_finish_fn *finish, const void *u
     return status;
 }
 
+/** Keeps the transform of an alignment as the pose of another job. */
+static int keep_pose(const void *user, const cli_job *job, const cli_job_output *output)
+{
+    (void)job;
+    qm_job_pose *const *pose = user;
+    qm_json *result = qm_json_parse(output->json);
+    cli_get_transform(result, (*pose)->transform);
+    qm_json_free(result);
+    return EXIT_OK;
+}
+
+/** Finds the pose in which the first mesh lies on the second. */
+static int find_pose(const cli_job *job, qm_job_pose *pose)
+{
+    cli_job alignment = cli_job_make(QM_JOB_ALIGNMENT);
+    alignment.path[0] = job->path[0];
+    alignment.path[1] = job->path[1];
+    alignment.server = job->server;
+    alignment.as_json = job->as_json;
+    alignment.request.quads = job->request.quads;
+    alignment.request.threads = job->request.threads;
+    return run_anywhere(&alignment, keep_pose, &pose);
+}
+
 int cli_run_job(const cli_job *job, cli_finish_fn *finish, const void *user)
 {
     cli_job moved = *job;
     qm_job_pose *pose = &moved.request.pose[0];
-    int status = EXIT_BAD_INPUT;
-    pose->is_given = job->transform != NULL;
-    if (!pose->is_given || cli_read_transform(job->transform, pose->transform, job->as_json))
-        status = run_anywhere(&moved, finish, user);
+    int status = EXIT_OK;
+    if (job->aligns)
+        status = find_pose(job, pose);
+    else if (job->transform && !cli_read_transform(job->transform, pose->transform, job->as_json))
+        status = EXIT_BAD_INPUT;
+    pose->is_given = job->aligns || job->transform;
+    if (status == EXIT_OK) status = run_anywhere(&moved, finish, user);
     /* After an interrupt an input that could not be read is not to blame. */
     return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
 }

@@ -26,28 +26,31 @@
 /** A mesh where it lies, or moved for one job. @typedef {string | { mesh: string, transform: Transform }} MeshName */
 
 /** @typedef {{ quads?: QuadReading, threads?: number, accelerator?: Accelerator, detach?: boolean }} CommonRequest */
-/** @typedef {CommonRequest & { type: "hausdorff", a: MeshName, b: MeshName, direction?: Direction, tolerance?: number,
- *   tolerance_unit?: "relative" | "absolute", threshold?: number | null, deadline_ms?: number, memory_limit?: number,
+/** How closely an interval is searched; `tolerance` and `tolerance_unit` are the former names.
+ * @typedef {{ gap?: number, gap_unit?: "relative" | "absolute", tolerance?: number,
+ *   tolerance_unit?: "relative" | "absolute" }} Gap */
+/** `threshold` is the former name of `limit`.
+ * @typedef {CommonRequest & Gap & { type: "hausdorff", a: MeshName, b: MeshName, direction?: Direction,
+ *   limit?: number | null, threshold?: number | null, deadline_ms?: number, memory_limit?: number,
  *   bounds?: "cover" | "matching" }} HausdorffRequest */
 /** @typedef {CommonRequest & { type: "project", mesh: MeshName, points: Point[] }} ProjectRequest */
-/** @typedef {CommonRequest & { type: "deviation", a: MeshName, b: MeshName, accuracy?: number, pieces?: number,
- *   tolerance?: number, tolerance_unit?: "relative" | "absolute", percentiles?: number[],
- *   bins?: number }} DeviationRequest */
-/** @typedef {CommonRequest & { type: "distance", a: MeshName, b: MeshName, tolerance?: number,
- *   tolerance_unit?: "relative" | "absolute" }} DistanceRequest */
-/** @typedef {CommonRequest & { mode?: "all" | "first" | "any", limit?: number, tolerance?: number,
- *   tolerance_unit?: "relative" | "absolute" }} AnyCollisionRequest */
+/** @typedef {CommonRequest & Gap & { type: "deviation", a: MeshName, b: MeshName, accuracy?: number, pieces?: number,
+ *   percentiles?: number[], bins?: number }} DeviationRequest */
+/** @typedef {CommonRequest & Gap & { type: "comparison", a: MeshName, b: MeshName, limits?: number[], percentiles?: number[],
+ *   accuracy?: number, pieces?: number, worst?: { count: number, radius?: number } | null }} ComparisonRequest */
+/** @typedef {CommonRequest & Gap & { type: "distance", a: MeshName, b: MeshName }} DistanceRequest */
+/** @typedef {CommonRequest & Gap & { mode?: "all" | "first" | "any", limit?: number }} AnyCollisionRequest */
 /** @typedef {AnyCollisionRequest & { type: "collision", a: MeshName, b: MeshName }} CollisionRequest */
 /** @typedef {AnyCollisionRequest & { type: "self_collision", mesh: MeshName, incremental?: boolean }} SelfCollisionRequest */
-/** @typedef {{ type: "alignment", a: MeshName, b: MeshName, fit?: "least_squares" | "min_max",
+/** @typedef {Gap & { type: "alignment", a: MeshName, b: MeshName, fit?: "least_squares" | "min_max",
  *   start?: "principal" | "centroids" | "identity" | "landmarks", motion?: "rigid" | "rigid_scale" | "translation",
  *   direction?: "auto" | Direction, landmarks?: [Point, Point][], trim?: number, max_distance?: number | null, mirror?: boolean,
- *   samples?: number, quads?: QuadReading, tolerance?: number, tolerance_unit?: "relative" | "absolute", threads?: number,
+ *   samples?: number, quads?: QuadReading, threads?: number,
  *   detach?: boolean }} AlignmentRequest */
 /** @typedef {{ type: "reconstruction_step", reconstruction: string, steps?: number, measure?: boolean, threads?: number,
  *   until?: { hausdorff_relative?: number, max_quads?: number, edge_length?: number }, detach?: boolean }} StepRequest */
-/** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | DistanceRequest | CollisionRequest
- *   | SelfCollisionRequest | AlignmentRequest | StepRequest} JobRequest */
+/** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | ComparisonRequest | DistanceRequest
+ *   | CollisionRequest | SelfCollisionRequest | AlignmentRequest | StepRequest} JobRequest */
 
 /** @typedef {{ elapsed_ms: number, lower: number, upper: number | null, lower_relative: number | null,
  *   upper_relative: number | null, gap_relative: number | null, iterations: number, projections: number,
@@ -70,6 +73,18 @@
  *   histogram: { bin_width: number, shares: [number, number][] }, vertex_count: number, vertex_distances?: number[],
  *   quads: QuadReading, accuracy: number, tolerance: number, accurate: boolean, pieces: number, projections: number,
  *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} DeviationResult */
+/** @typedef {{ from: SurfacePoint, to: SurfacePoint }} Witness */
+/** One direction of a comparison: of the points of one surface from the other one.
+ * @typedef {{ over: "area" | "vertices" | "points", size: Interval, hausdorff: LengthInterval, mean: LengthInterval,
+ *   rms: LengthInterval, std: LengthInterval, percentiles: (LengthInterval & { percent: number })[],
+ *   shares: (Interval & { limit: number })[], witness?: Witness, worst?: (LengthInterval & Witness)[],
+ *   accurate: boolean }} ComparisonDirection */
+/** @typedef {{ limit: number, precision: Interval, recall: Interval, f: Interval }} FScore */
+/** @typedef {{ a_to_b: ComparisonDirection, b_to_a: ComparisonDirection,
+ *   symmetric: { hausdorff: LengthInterval, hd95: LengthInterval, mean: LengthInterval, rms: LengthInterval,
+ *     chamfer: { l1: Interval, l1_half: Interval, l2: Interval, l2_half: Interval }, f_score: FScore[] },
+ *   quads: QuadReading, accuracy: number, gap: number, accurate: boolean, pieces: number, projections: number,
+ *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} ComparisonResult */
 /** @typedef {{ lower: number, upper: number, lower_relative: number | null, upper_relative: number | null,
  *   witness: { from: SurfacePoint, to: SurfacePoint }, collides: boolean, quads: QuadReading, tolerance: number,
  *   converged: boolean, face_pairs: number, prepare_ms: { a: number, b: number }, elapsed_ms: number }} DistanceResult */
@@ -90,7 +105,8 @@
  *   certainty: { runner_up_rms: number | null }, hausdorff: LengthInterval & { converged: boolean },
  *   fit: "least_squares" | "min_max", quads: QuadReading, tolerance: number, iterations: number, rounds: number,
  *   converged: boolean, prepare_ms: { a: number, b: number }, elapsed_ms: number }} AlignmentResult */
-/** @typedef {HausdorffResult | ProjectResult | DeviationResult | DistanceResult | CollisionResult | AlignmentResult
+/** @typedef {HausdorffResult | ProjectResult | DeviationResult | ComparisonResult | DistanceResult | CollisionResult
+ *   | AlignmentResult
  *   | StepResult} JobResult */
 
 /** @typedef {{ id: number, from: number, to: number, points: Point[] }} Curve */

@@ -73,7 +73,7 @@ def test_a_transform_moves_a_in_every_command_of_two(quadmesh, tmp_path, square,
         result = json.loads(done.stdout)
         assert done.returncode == 0 and (result["max"]["upper"] if command == "deviation" else result["upper"]) == 0
     assert quadmesh("collide", square, raised, *where).returncode == 0
-    assert quadmesh("collide", square, raised, "--transform", "up.json", *where).returncode == 4
+    assert quadmesh("collide", square, raised, "--transform", "up.json", *where).returncode == 1
     done = quadmesh("deviation", square, raised, "--transform", "up.json", "--ply", "painted.ply", *where)
     assert done.returncode == 0
     assert quadmesh("hausdorff", "painted.ply", raised, "--threshold", "0").stdout.count("verdict  below") == 1
@@ -104,12 +104,12 @@ def test_a_pose_file_that_is_none(quadmesh, tmp_path, square, raised, text, word
     (tmp_path / "pose.json").write_text(text)
     (tmp_path / "big.obj").write_text("v 0 0 9\nv 20 0 9\nv 20 20 9\nv 0 20 9\nf 1 2 3 4\n")
     done = quadmesh("hausdorff", tmp_path / "big.obj", raised, "--transform", "pose.json")
-    assert done.returncode == 1 and word in done.stderr, done.stderr
+    assert done.returncode == 2 and word in done.stderr, done.stderr
 
 
 def test_wrong_usage(quadmesh, tmp_path, square, raised):
     for words in (["--landmark", "1,2,3"], ["--landmark", "1,2,3,4,5,x"], ["--trim", "1"], ["--samples", "3"], ["--fit", "x"]):
         done = quadmesh("align", square, raised, *words)
         assert done.returncode == 2 and words[0][2:] in done.stderr
-    assert quadmesh("align", square, raised, "-o", "no/such/folder.ply").returncode == 1
-    assert quadmesh("hausdorff", square, raised, "--transform", "missing.json").returncode == 1
+    assert quadmesh("align", square, raised, "-o", "no/such/folder.ply").returncode == 2
+    assert quadmesh("hausdorff", square, raised, "--transform", "missing.json").returncode == 2
