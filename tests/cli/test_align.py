@@ -76,7 +76,21 @@ def test_a_transform_moves_a_in_every_command_of_two(quadmesh, tmp_path, square,
     assert quadmesh("collide", square, raised, "--transform", "up.json", *where).returncode == 1
     done = quadmesh("deviation", square, raised, "--transform", "up.json", "--ply", "painted.ply", *where)
     assert done.returncode == 0
-    assert quadmesh("hausdorff", "painted.ply", raised, "--threshold", "0").stdout.count("verdict  below") == 1
+    assert quadmesh("hausdorff", "painted.ply", raised, "--limit", "0").returncode == 0
+
+
+def test_compare_and_check_align_first(quadmesh, tmp_path, part, scan, where):
+    assert quadmesh("compare", scan, part, "--align", "--json", *where).returncode == 0
+    aligned = json.loads(quadmesh("compare", scan, part, "--align", "--json", *where).stdout)
+    quadmesh("align", scan, part, "--json", "pose.json")
+    posed = json.loads(quadmesh("compare", scan, part, "--transform", "pose.json", "--json", *where).stdout)
+    for result in (aligned, posed):
+        assert result["symmetric"]["hausdorff"]["upper"] < 1e-4
+    assert quadmesh("check", scan, part, "--limit", "1e-6").returncode == 1
+    assert quadmesh("check", scan, part, "--limit", "1e-6", "--align").returncode == 0
+    write_box(tmp_path / "large.obj", place, 1.2)
+    done = quadmesh("check", "large.obj", part, "--limit", "0.01", "--align")
+    assert done.returncode == 1 and "no rigid motion" in done.stdout + done.stderr
 
 
 def test_scale_landmarks_and_mirror(quadmesh, tmp_path, part):
