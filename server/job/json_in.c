@@ -191,6 +191,8 @@ static void read_members(const cJSON *object, qm_job_request *out, qm_problem *p
     }
     report_missing(shared, seen, count, problem);
     report_missing(own, seen, count, problem);
+    const qm_job_hooks *hooks = qm_job_hooks_of(out->kind);
+    if (problem->error_count == 0 && hooks->check) hooks->check(out, problem);
 }
 
 /** Reads the members and gives the tree back. */

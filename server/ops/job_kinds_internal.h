@@ -106,6 +106,9 @@ typedef struct qm_job_hooks {
     const qm_job_field *fields; /* besides those of all kinds */
     const qm_job_array *array;  /* NULL: its results have none */
 
+    /** Reports members that do not go together, by qm_json_report; NULL: all do. */
+    void (*check)(const qm_job_request *request, struct qm_problem *problem);
+
     /** Calls the engine and sets the result's members of this kind. */
     qm_status (*run)(const qm_job_call *call, qm_job_result *out);
 

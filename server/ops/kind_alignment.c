@@ -106,6 +106,24 @@ static bool read_trim(const cJSON *value, qm_job_request *out, qm_json_location 
     return qm_json_read_number(value, &out->align.trim) && out->align.trim >= 0.0 && out->align.trim <= 0.9;
 }
 
+static void check(const qm_job_request *request, qm_problem *problem)
+{
+    const qm_align_options *align = &request->align;
+    const bool needs_landmarks = align->start == QM_ALIGN_LANDMARKS;
+    const size_t least = align->motion == QM_ALIGN_TRANSLATION ? 1 : 3;
+    if (needs_landmarks && request->landmark_count < least)
+        qm_json_report(
+            problem, "landmarks",
+            "must be given where the search starts from them: three pairs or more, one for a translation");
+    if (align->motion == QM_ALIGN_RIGID_SCALE && request->align_direction == QM_JOB_ALIGN_A_TO_B)
+        qm_json_report(problem, "direction",
+                       "must count distances of B with a scale: A could shrink to a point of B");
+    if (align->fit == QM_ALIGN_MIN_MAX && align->trim > 0.0)
+        qm_json_report(problem, "trim", "does not go with min_max, which counts every point");
+    if (align->fit == QM_ALIGN_MIN_MAX && isfinite(align->max_distance))
+        qm_json_report(problem, "max_distance", "does not go with min_max, which counts every point");
+}
+
 static void write_request(qm_text *out, const qm_job_request *request, bool is_brief)
 {
     (void)is_brief;
@@ -184,6 +202,7 @@ static const qm_job_field fields[] = {
 const qm_job_hooks qm_job_kind_alignment = {
     .type = {.name = "alignment", .mesh_field = {"a", "b"}, .is_pure = true},
     .fields = fields,
+    .check = check,
     .run = run,
     .write_request = write_request,
     .write_result = write_result};

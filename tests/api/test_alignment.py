@@ -219,14 +219,22 @@ def test_fields_that_cannot_be(client, part, fields, place):
     assert check_problem(reply, 400, "invalid_field")["errors"][0]["pointer"] == place
 
 
-@pytest.mark.parametrize("fields, word", [
-    ({"start": "landmarks"}, "landmarks"), ({"motion": "rigid_scale", "direction": "a_to_b"}, "scale"),
-    ({"fit": "min_max", "trim": 0.1}, "min-max"),
-    ({"start": "landmarks", "landmarks": [[[x, 0, 0], [x, 0, 0]] for x in range(3)]}, "one line"),
+@pytest.mark.parametrize("fields, place", [
+    ({"start": "landmarks"}, "/landmarks"), ({"start": "landmarks", "landmarks": [[[0, 0, 0], [0, 0, 0]]] * 2}, "/landmarks"),
+    ({"motion": "rigid_scale", "direction": "a_to_b"}, "/direction"), ({"fit": "min_max", "trim": 0.1}, "/trim"),
+    ({"fit": "min_max", "max_distance": 1}, "/max_distance"),
 ])
-def test_what_only_the_engine_can_refuse(client, part, fields, word):
-    job = client.post("/v1/jobs", json={"type": "alignment", "a": part, "b": part, **fields}, headers={"Prefer": WAIT}).json()
-    assert job["state"] == "failed" and job["problem"]["code"] == "invalid_field" and word in job["problem"]["detail"]
+def test_fields_that_do_not_go_together(client, part, fields, place):
+    reply = client.post("/v1/jobs", json={"type": "alignment", "a": part, "b": part, **fields})
+    assert check_problem(reply, 400, "invalid_field")["errors"][0]["pointer"] == place
+
+
+def test_landmarks_on_a_line(client, part):
+    """Which only the engine sees."""
+    line = [[[x, 0, 0], [x, 0, 0]] for x in range(3)]
+    job = client.post("/v1/jobs", json={"type": "alignment", "a": part, "b": part, "start": "landmarks", "landmarks": line},
+                      headers={"Prefer": WAIT}).json()
+    assert job["state"] == "failed" and "one line" in job["problem"]["detail"]
 
 
 # ---- copies ----
