@@ -18,6 +18,9 @@
 #define SECOND_STEPS 30 /* over all points, enough to compare the two best */
 #define LAST_STEPS 200
 #define FINALISTS 6
+#define WIDER 2      /* times as many steps and finalists where the first ones leave it open */
+#define CLEAR 0.25   /* of the second best root mean square: a smaller best one is clear */
+#define NOTHING 1e-9 /* a smaller one is 0 */
 #define APART                                                                                                \
     0.02 /* poses that move points of A by more, as a fraction of the unit, are others while few points are measured */
 #define ELSEWHERE 1e-3 /* the same at the end */
@@ -325,18 +328,33 @@ static qm_status improve_all(qm_align_work *work, start_list *list, size_t point
     return status;
 }
 
+/** The two best placements, from all starts; effort is how many times the least steps and finalists are taken. */
+static qm_status find_finalists(qm_align_work *work, const moments m[2], int effort, start_list *list)
+{
+    list->count = 0;
+    qm_status status = list_starts(work, m, list);
+    const bool has_many = list->count > 2;
+    if (status == QM_OK && has_many) status = improve_all(work, list, FEW_POINTS, effort * FEW_STEPS, false);
+    if (status == QM_OK && has_many) keep_best(work, list, effort * FINALISTS, APART);
+    if (status == QM_OK) status = improve_all(work, list, MORE_POINTS, MORE_STEPS, false);
+    if (status == QM_OK) keep_best(work, list, 2, APART);
+    return status;
+}
+
+/** Whether one placement is much better than all others, or exact. */
+static bool is_clear(const start_list *list)
+{
+    return list->count < 2 || list->found[0].rms <= qm_max(CLEAR * list->found[1].rms, NOTHING);
+}
+
 qm_status qm_align_search_starts(qm_align_work *work, qm_align_ranking *out)
 {
     start_list *list = qm_context_alloc(work->ctx, 1, sizeof *list);
     if (!list) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the alignment");
-    list->count = 0;
     const moments m[2] = {find_moments(&work->points[0]), find_moments(&work->points[1])};
-    qm_status status = list_starts(work, m, list);
-    const bool has_many = list->count > 2;
-    if (status == QM_OK && has_many) status = improve_all(work, list, FEW_POINTS, FEW_STEPS, false);
-    if (status == QM_OK && has_many) keep_best(work, list, FINALISTS, APART);
-    if (status == QM_OK) status = improve_all(work, list, MORE_POINTS, MORE_STEPS, false);
-    if (status == QM_OK) keep_best(work, list, 2, APART);
+    qm_status status = find_finalists(work, m, 1, list);
+    if (status == QM_OK && work->options->start == QM_ALIGN_PRINCIPAL && !is_clear(list))
+        status = find_finalists(work, m, WIDER, list);
     const size_t all = work->options->sample_count;
     if (status == QM_OK) status = improve_all(work, list, all, SECOND_STEPS, true);
     if (status == QM_OK) {
