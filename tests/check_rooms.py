@@ -25,6 +25,7 @@ ROOMS = {
     'engine/src/deviation': 'core prim bvh hausdorff',
     'engine/src/collide': 'core prim bvh',
     'engine/src/align': 'core',
+    'engine/src/matrix': 'core',
     'engine/src/layout': 'core bvh mesh',
     'engine/src/reconstruct': 'core bvh mesh layout',
     'server/base': '',

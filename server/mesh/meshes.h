@@ -77,6 +77,10 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *pr
 qm_mesh_ref *qm_meshes_acquire_moved(qm_meshes *meshes, const char *id,
                                      const double transform[QM_TRANSFORM_SIZE], qm_problem *problem);
 
+/** Makes a mesh of bytes that is in no list and no store, and lives as long as its reference. False with a problem. */
+bool qm_meshes_load_apart(qm_meshes *meshes, const uint8_t *bytes, size_t size, qm_format format,
+                          qm_mesh_ref **out, qm_problem *problem);
+
 /** True when the mesh is in memory at this moment, so that the call above need not wait. */
 bool qm_meshes_has_loaded(qm_meshes *meshes, const char *id);
 const qm_loaded_mesh *qm_mesh_ref_get(const qm_mesh_ref *ref);

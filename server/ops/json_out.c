@@ -144,7 +144,7 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     const qm_job_type *type = &hooks->type;
     qm_text_add_string(out, "{");
     qm_json_add_string(out, "type", type->name);
-    add_mesh_name(out, type->mesh_field[0], request->a, &request->pose[0]);
+    if (type->mesh_field[0]) add_mesh_name(out, type->mesh_field[0], request->a, &request->pose[0]);
     if (type->mesh_field[1]) add_mesh_name(out, type->mesh_field[1], request->b, &request->pose[1]);
     if (qm_job_find_field(hooks->fields, "quads"))
         qm_json_add_string(out, "quads", qm_quads_names[request->quads]);

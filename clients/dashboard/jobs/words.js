@@ -3,11 +3,12 @@
 import { count, length } from "../core/format.js";
 import { nameOf } from "../core/state.js";
 
-/** @import { AlignmentResult, CollisionResult, ComparisonResult, DeviationResult, Job, StepResult } from "../../js/types.js" */
+/** @import { AlignmentResult, CollisionResult, ComparisonResult, DeviationResult, Job, MatrixResult, StepResult } from "../../js/types.js" */
 
 const KINDS = /** @type {Record<string, string>} */ ({
   hausdorff: "Hausdorff distance", deviation: "Deviation", comparison: "Comparison", project: "Nearest points", collision: "Collisions",
-  self_collision: "Self-collisions", distance: "Least distance", alignment: "Alignment", reconstruction_step: "Remeshing" });
+  self_collision: "Self-collisions", distance: "Least distance", alignment: "Alignment", reconstruction_step: "Remeshing",
+  matrix: "All pairs" });
 
 /** A mesh as a request names it. @param {import("../../js/types.js").MeshName} mesh */
 const wordOf = (mesh) => (typeof mesh === "string" ? nameOf(mesh) : `${nameOf(mesh.mesh)}, moved`);
@@ -23,6 +24,7 @@ export function questionOf({ type, request }) {
 /** @param {Job} job */
 export function meshesOf({ type, request, result }) {
   if (type === "reconstruction_step") return result ? nameOf(/** @type {StepResult} */ (result).mesh) : "";
+  if (type === "matrix") return `${count(request.mesh_count)} meshes`;
   return request.mesh ? wordOf(request.mesh) : `${wordOf(request.a)} → ${wordOf(request.b)}`;
 }
 
@@ -40,6 +42,10 @@ export function answerOf(job) {
   if (job.type.endsWith("collision") && job.result) {
     const { count: pairs } = /** @type {CollisionResult} */ (job.result);
     return pairs === 0 ? "no faces meet" : `${count(pairs)} pair${pairs === 1 ? "" : "s"} of faces meet`;
+  }
+  if (job.type === "matrix" && job.result) {
+    const { pair_count: pairs, searched_pairs: searched } = /** @type {MatrixResult} */ (job.result);
+    return `${count(pairs)} pairs, ${count(searched)} searched`;
   }
   if (job.type === "reconstruction_step" && job.result) return `${count(/** @type {StepResult} */ (job.result).quads)} quads`;
   if (job.type === "alignment" && job.result) {
