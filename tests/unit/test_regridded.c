@@ -182,7 +182,9 @@ static void coarse_grids_take_few_parts(void **state)
     const known_pair pairs[] = {{QM_FOLD_SWAPPED, QM_REGRIDDED_NOISY, 783, 101038, 400},
                                 {QM_FOLD_SWAPPED, QM_REGRIDDED_NOISY, 782, 101179, 600},
                                 {QM_FOLD_AT_EDGE, QM_REGRIDDED_NOISY, 788, 102397, 400},
-                                {QM_FOLD_AT_EDGE, QM_REGRIDDED_NOISY, 778, 102140, 1100}};
+                                {QM_FOLD_AT_EDGE, QM_REGRIDDED_NOISY, 778, 102140, 400},
+                                {QM_FOLD_LINE, QM_REGRIDDED_NOISY, 786, 105014, 400},
+                                {QM_FOLD_DIAGONAL, QM_REGRIDDED_NOISY, 789, 104018, 400}};
     check_parts(pairs, sizeof pairs / sizeof *pairs);
 }
 

@@ -25,6 +25,7 @@
 #define MIN_PROGRESS 0x1p-7 /* of an edge: a cell with less of both its edges is not cut off */
 #define MIN_TWIST 0.25    /* of the cutoff: labels of a patch bent less lose little, and may cover as well */
 #define MIN_MIDDLE 0x1p-4 /* of a rectangle: a smaller one in its middle is not cut out */
+#define MIN_STRIP 0.05 /* of the way from the centre to a side: to leave thinner rectangles is no progress */
 
 /** A point of the source and a point of the patch under it. */
 typedef struct match {
@@ -205,6 +206,7 @@ bool qm_patches_cover_middle(const qm_piece_work *work, const qm_bilinear *sourc
         double side = k % 2 ? high[axis] : low[axis], at[2] = {half[0], half[1]};
         at[axis] = side;
         double near = near_share(&quad->patch, &from, qm_bilinear_at(source, at[0], at[1]), cutoff);
+        if (near < 1.0 && near > 1.0 - MIN_STRIP) return false;
         *(k % 2 ? &middle->high[axis] : &middle->low[axis]) =
             near < 1.0 ? half[axis] + near * (side - half[axis]) : side;
     }

@@ -21,7 +21,7 @@ qm_patches_cover qm_patches_cover_polygon(const qm_piece_work *work, qm_polygon 
 /**
  * Finds a rectangle in the middle of the piece, which is a rectangle of source, that one patch of the target is shown to
  * cover: up to where the lines through the centre leave it. quad is that patch, near the centre. False when there is
- * none, or it is small beside the piece.
+ * none, it is small beside the piece, or it leaves thin strips of the piece, as copies of one face do.
  */
 bool qm_patches_cover_middle(const qm_piece_work *work, const qm_bilinear *source, qm_vec centre,
                              qm_near_quad *quad, qm_uv_box *middle);

@@ -48,14 +48,13 @@
 #define MIN_HIT_SHARE 2       /* at least one in two tries must succeed to go on */
 
 /* Rectangles */
-#define SLACK_SHARE 0.25    /* of the tolerance: a patch this flat goes on as triangles */
-#define MAX_SLACK_SHARE 0.5 /* of the cutoff: a patch bent more is cut before its triangles are tried */
-#define MIDPOINT_LEVELS 3   /* cut at the midpoint: grids refined by halves then meet line on line */
-#define MIN_SIDE 0.7        /* of the longer side: a shorter one is cut as well */
-#define MAX_REMAINDERS 512  /* parts that a match leaves over */
-#define FEW_REMAINDERS                                                                                       \
-    2             /* a match that leaves more is worth the search for a larger part that one patch covers */
-#define THIN 0.06 /* of the longer side: a rectangle with a shorter one is thin */
+#define SLACK_SHARE 0.25     /* of the tolerance: a patch this flat goes on as triangles */
+#define MAX_SLACK_SHARE 0.5  /* of the cutoff: a patch bent more is cut before its triangles are tried */
+#define MIDPOINT_LEVELS 3    /* cut at the midpoint: grids refined by halves then meet line on line */
+#define MIN_SIDE 0.7         /* of the longer side: a shorter one is cut as well */
+#define MAX_REMAINDERS 32    /* parts that a match leaves over: one that leaves more is not used */
+#define FEW_REMAINDERS 2     /* where a match leaves more, one patch may cover more about the centre */
+#define THIN 0.06            /* of the longer side: a rectangle with a shorter one is thin */
 #define MAX_LEFT 0.75        /* of the longer side of a thin rectangle may be left over */
 #define RECTANGLE_ATTEMPTS 3 /* covers of one rectangle, each with candidates that its centre brought */
 #define OFTEN 3              /* cuts and matches that have left a rectangle over, at least */
