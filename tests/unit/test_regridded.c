@@ -9,6 +9,7 @@
 #include "slow_twin.h"
 
 #include <math.h>
+#include <string.h>
 
 enum { PAIRS = 16, SAMPLES = 2, HEAP = 100, HEAPS = 6, PARTS_PER_FACE = 100 };
 
@@ -198,6 +199,36 @@ static void triangles_over_one_patch_take_few_parts(void **state)
     check_parts(pairs, sizeof pairs / sizeof *pairs);
 }
 
+/** One cell is missing in a noisy grid over a patch: the search finds the hole, in whichever of the rectangles it lies that
+ * are left beside the cell under the centre. */
+static void a_hole_beside_the_centre_is_found(void **state)
+{
+    (void)state;
+    const double corner[4][3] = {{0, 0, 0}, {1, 0, 0.1}, {1, 1, -0.2}, {0, 1, 0.3}};
+    const double cut[] = {0, 0.2, 0.4, 0.6, 0.8, 1};
+    qm_mesh patch = qm_shape_make(4, 1);
+    memcpy(patch.positions, corner, sizeof corner);
+    for (uint32_t i = 0; i < 4; i++)
+        patch.faces[i] = i;
+    for (int hole = 0; hole < 25; hole++) {
+        qm_random random = qm_random_make(qm_check_seed(), (uint64_t)(300000 + hole));
+        qm_mesh grid = qm_regridded(&patch, 5, cut, 5, cut, false);
+        qm_shape_shake(&grid, &random, 1e-3);
+        grid.face_count--;
+        memcpy(grid.faces + 4 * hole, grid.faces + 4 * grid.face_count, 4 * sizeof *grid.faces);
+        qm_hausdorff_options options = qm_hausdorff_options_default();
+        options.quads = QM_QUADS_BILINEAR;
+        options.tolerance = 1e-5;
+        qm_hausdorff_result r = qm_measured(&patch, &grid, &options);
+        double p[3], uv[2] = {0.2 * (hole % 5) + 0.1, 0.2 * (hole / 5) + 0.1};
+        qm_slow_position(&patch, 0, QM_QUADS_BILINEAR, uv, p);
+        double far = qm_slow_distance(&grid, QM_QUADS_BILINEAR, p, 1e-7).lower;
+        QM_CHECK(far <= r.upper + 1e-14, "hole %d: %.17g away, upper bound %.17g", hole, far, r.upper);
+        qm_shape_free(&grid);
+    }
+    qm_shape_free(&patch);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -208,6 +239,7 @@ int main(void)
         cmocka_unit_test(fans_of_patches_take_few_parts),
         cmocka_unit_test(coarse_grids_take_few_parts),
         cmocka_unit_test(triangles_over_one_patch_take_few_parts),
+        cmocka_unit_test(a_hole_beside_the_centre_is_found),
         cmocka_unit_test(heaps_that_a_patch_just_reaches_converge),
         cmocka_unit_test(shuffled_heaps_converge),
     };
