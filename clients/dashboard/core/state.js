@@ -1,7 +1,7 @@
 // What the page knows, in one plain object, and who wants to be told of changes.
 
 /** @import { Info, Job, Mesh } from "../js/types.js" */
-/** @typedef {"meshes" | "jobs" | "choice" | "info" | "page" | "connection" | "theme"} Topic */
+/** @typedef {"meshes" | "jobs" | "choice" | "info" | "page" | "connection" | "theme" | "through"} Topic */
 
 export const state = {
   /** @type {Mesh[]} in order of creation */

@@ -44,7 +44,7 @@ export function showRemesh(panel) {
   panel.append(
     h("section", { className: "section", "aria-labelledby": "remesh-title" },
       h("header", {}, h("h2", { id: "remesh-title" }, "Remesh"), edit), side, h("div", { className: "row" }, start, take)),
-    h("section", { className: "section", "aria-label": "Refinement" }, goal.form, outcome, grown), distance, download);
+    h("section", { className: "section", "aria-label": "Refinement" }, goal.form, outcome, picture.search.element, grown), distance, download);
 
   const runner = new Runner(async ({ reconstruction }) => {
     await accept(await client.reconstructions.get(reconstruction));

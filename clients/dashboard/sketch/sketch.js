@@ -7,10 +7,10 @@ import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { meshOf, on, state } from "../core/state.js";
 import { drawTools, toggle } from "../view/tools.js";
-import { currentStage, setLook, show } from "../view/view.js";
+import { currentStage, lookAt, setLook, show } from "../view/view.js";
 import { Editor } from "./editor.js";
 
-/** @import { Layout, Point } from "../../js/types.js" */
+/** @import { Layout } from "../../js/types.js" */
 /** @import { DepthMap } from "../view/depth.js" */
 /** @import { Target } from "./window.js" */
 
@@ -81,7 +81,7 @@ export function showSketch(panel) {
     drawCurves();
     missing.hidden = !layout || layout.issues.length === 0;
     issues.replaceChildren(...(layout?.issues ?? []).map((issue) => h("li", {}, h("button", {
-      type: "button", className: "quiet", onclick: () => flyTo(issue.point),
+      type: "button", className: "quiet", onclick: () => run(() => lookAt([issue.point], "the place", 0.9)),
     }, issue.detail))));
     if (layout && layouts() !== drawnLayouts) drawChoices();
     drawView();
@@ -106,13 +106,6 @@ export function showSketch(panel) {
     if (shaded === layout) return;
     shaded = layout;
     run(() => /** @type {NonNullable<typeof tools>} */ (tools)[2].shadePatches(stage, layout ?? { ...EMPTY }));
-  }
-
-  /** @param {Point} point */
-  function flyTo(point) {
-    const stage = currentStage();
-    const place = stage?.toScene(point);
-    if (stage && place) stage.eye.flyTo(place, 0.9, place.clone());
   }
 
   /** @param {number} x @param {number} y */
@@ -243,6 +236,7 @@ export function showSketch(panel) {
     pen?.putAway();
     depth?.dispose();
     currentStage()?.models.get("a")?.setRegions(null);
+    setLook({ through: false });
     currentStage()?.setOverlay();
   };
 }
