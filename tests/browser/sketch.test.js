@@ -142,6 +142,30 @@ test("what an end will snap to is shown; curves are chosen, split, merged, redra
   await finish(page);
 });
 
+test("Space turns the view after a click on Undo, and undoes nothing; a deleted layout comes back", async () => {
+  const layout = await daemon.client().layouts.create({ mesh: mesh.id, nodes, curves });
+  await daemon.client().layouts.deleteCurve(layout.id, 3);
+  await daemon.client().layouts.deleteCurve(layout.id, 7);
+  const page = await open(layout.id);
+  await says(page, "10 curves");
+  await page.getByRole("button", { name: "Undo" }).click();
+  await says(page, "11 curves");
+  await page.keyboard.down("Space");
+  assert.equal(await page.locator("canvas.draws").count(), 0); // the pen is put away
+  await page.keyboard.up("Space");
+  await did(page, "Undone");
+  await page.waitForTimeout(300);
+  await says(page, "11 curves");
+
+  await page.getByRole("button", { name: "Delete layout" }).click();
+  await page.locator("select[name=layout]").locator(`option[value="${layout.id}"]`).waitFor({ state: "detached" });
+  await page.locator(".message", { hasText: "The layout is deleted" }).getByRole("button", { name: "Undo" }).click();
+  await says(page, "11 curves");
+  assert.equal((await daemon.client().layouts.get(layout.id)).curves.length, 11);
+  assert.equal(await page.locator("select[name=layout]").inputValue(), layout.id);
+  await finish(page);
+});
+
 test("fingers and pens draw as mice do; strokes that go on are joined, and cut what they meet", async () => {
   const page = await browser.open(`${daemon.url}/#sketch?a=${mesh.id}`, { hasTouch: true });
   await waitForPen(page);

@@ -5,7 +5,7 @@ import { nameOf } from "../core/state.js";
 
 /** @import { CollisionResult, DeviationResult, Job, StepResult } from "../../js/types.js" */
 
-const KINDS = /** @type {Record<string, string>} */ ({
+export const KINDS = /** @type {Record<string, string>} */ ({
   hausdorff: "Hausdorff distance", deviation: "Deviation", project: "Nearest points", collision: "Collisions",
   self_collision: "Self-collisions", distance: "Least distance", reconstruction_step: "Remeshing" });
 

@@ -40,7 +40,7 @@ function side(which, mesh, name) {
     type: "button", "aria-pressed": isChosen, "data-key": `${which} ${mesh.id}`,
     "aria-label": `${name} as ${which.toUpperCase()} of the comparison`, title: `${which.toUpperCase()} of the comparison`,
     onclick: () => choose(which, isChosen ? null : mesh.id),
-  }, which.toUpperCase());
+  }, `as ${which.toUpperCase()}`);
 }
 
 /** @param {"a" | "b" | "shown"} which @param {string | null} id */

@@ -8,14 +8,20 @@ import { look, setLook, show } from "../view/view.js";
 import { drawFacts } from "./facts.js";
 import { drawList } from "./list.js";
 import { letThumbnailsDraw } from "./thumbnails.js";
-import { makeUpload } from "./upload.js";
+import { makeUpload } from "../core/upload.js";
+import { makeSamples } from "./samples.js";
 
 /** @param {HTMLElement} panel */
 export function showMeshes(panel) {
   const list = h("ul", { className: "meshes", "aria-label": "Meshes" });
   const facts = h("section", { className: "section", "aria-labelledby": "facts-title" });
+  const upload = makeUpload();
+  upload.prepend(h("p", { className: "muted" }, "How far is a mesh from another one, or from a scan? Upload both and compare them: each distance comes with"
+    + " bounds that are proven. Find where meshes meet, deform them, sketch quads over a surface. All of it can be done by programs, too: ",
+    h("a", { href: "/docs" }, "the API"), "."));
+  upload.append(makeSamples());
   panel.append(
-    makeUpload(),
+    upload,
     h("section", { className: "section", "aria-labelledby": "list-title" },
       h("header", {}, h("h2", { id: "list-title" }, "Meshes")), list),
     facts);

@@ -3,6 +3,7 @@
 import { meshChoice } from "../core/choice.js";
 import { client } from "../core/connection.js";
 import { refreshMeshes } from "../core/data.js";
+import { isHeld } from "../core/deletion.js";
 import { figures, h, select } from "../core/dom.js";
 import { count, percent, time } from "../core/format.js";
 import { run, sayFault } from "../core/messages.js";
@@ -139,7 +140,7 @@ export function showRemesh(panel) {
     const source = state.a;
     [layouts, all] = [[], []];
     if (source !== null) {
-      for await (const brief of client.layouts.list({ pageSize: 1000 })) if (brief.mesh === source) layouts.push(brief);
+      for await (const brief of client.layouts.list({ pageSize: 1000, mesh: source })) if (!isHeld(brief.id)) layouts.push(brief);
       for await (const brief of client.reconstructions.list({ pageSize: 1000 })) if (brief.source === source) all.push(brief);
     }
     if (source !== state.a) return;

@@ -36,7 +36,11 @@ export function showSketch(panel) {
   const missing = h("section", { className: "section", "aria-labelledby": "missing-title", hidden: true },
     h("h2", { id: "missing-title" }, "What is missing"), issues);
   const button = (/** @type {string} */ name, /** @type {() => Promise<unknown>} */ action, title = "") =>
-    h("button", { type: "button", title, disabled: true, onclick: () => run(action) }, name);
+    h("button", { type: "button", title, disabled: true, onclick: (/** @type {MouseEvent} */ event) => {
+      // Who clicked goes on drawing: Space turns the view then, and does not press the button again.
+      if (event.detail > 0) currentStage()?.canvas.focus({ preventScroll: true });
+      run(action);
+    } }, name);
   const undo = button("Undo", () => editor.undo(), "Ctrl+Z");
   const redo = button("Redo", () => editor.redo(), "Ctrl+Shift+Z");
   const curve = h("select", { name: "curve" });
@@ -47,7 +51,7 @@ export function showSketch(panel) {
     editor.isRedrawing = true;
     words.textContent = "Redraw the chosen curve; it stays between its nodes. Escape leaves it as it is.";
   }, "The next stroke takes the chosen curve's place");
-  const discard = button("Delete layout", () => editor.discard().then(drawChoices));
+  const discard = button("Delete layout", async () => editor.discard());
   const remesh = h("a", { className: "button primary", href: "#remesh", hidden: true }, "Remesh this layout");
   panel.append(
     h("section", { className: "section", "aria-labelledby": "sketch-title" },
@@ -83,7 +87,7 @@ export function showSketch(panel) {
     issues.replaceChildren(...(layout?.issues ?? []).map((issue) => h("li", {}, h("button", {
       type: "button", className: "quiet", onclick: () => run(() => lookAt([issue.point], "the place", 0.9)),
     }, issue.detail))));
-    if (layout && layouts() !== drawnLayouts) drawChoices();
+    if (layouts() !== drawnLayouts) drawChoices();
     drawView();
   }
 
