@@ -182,3 +182,17 @@ test("a mesh that somebody else uploads appears by itself", async () => {
   await page.locator(".meshes .name", { hasText: "from elsewhere.off" }).waitFor();
   await finish(page);
 });
+
+test("a long list is narrowed by name, and what is known of a mesh stays at hand", async () => {
+  for (let n = 0; n < 12; n++) await daemon.client().meshes.create(off(box(2)), { name: `step ${n}.off` });
+  const page = await browser.open(daemon.url, { viewport: { width: 1300, height: 900 } });
+  await page.locator(".meshes .name", { hasText: "step 11.off" }).waitFor();
+  const place = await page.getByRole("button", { name: "Download" }).boundingBox();
+  assert(place.y < 2 * 900, `${place.y} px down`);
+  await page.getByPlaceholder("Part of a name").fill("STEP 7");
+  await page.locator(".mesh").nth(1).waitFor({ state: "detached" });
+  assert.equal(await page.locator(".meshes .name").innerText(), "step 7.off");
+  await page.getByPlaceholder("Part of a name").fill("no such name");
+  await page.getByText("No name has this in it").waitFor();
+  await finish(page);
+});

@@ -5,6 +5,7 @@ import { test } from "node:test";
 
 import { FlatFaces } from "../../clients/dashboard/view/flat.js";
 import { drawnTriangles, heatPieces, worstError } from "../../clients/dashboard/view/heat.js";
+import { Sides } from "../../clients/dashboard/view/sides.js";
 import { cornerNormals, faceNormals, facesOfVertices } from "../../clients/dashboard/view/topology.js";
 import { ball, box, chance, moved, shapeOf } from "./support/shapes.js";
 
@@ -128,8 +129,31 @@ test("the parts of a triangle are the triangle, with its normals and the edges o
   let error = 0;
   for (const piece of made) for (let n = 1; n < piece.value.length; n += 2) error = Math.max(error, piece.value[n]);
   assert(Math.abs(error - worstError(cut, null)) < 1e-6);
-  // Inside and outside meet in triangles of which less is known.
-  const sides = Int8Array.from({ length: cut.points.length / 3 }, (_, vertex) => (cut.points[3 * vertex] < 0 ? -1 : 1));
-  const mixed = [...cut.origins.keys()].find((t) => new Set([0, 1, 2].map((k) => sides[cut.corners[3 * t + k]])).size > 1);
-  assert(worstError(cut, sides) >= cut.reachOf(mixed));
+});
+
+test("no place is farther off than is said where inside and outside meet in a triangle", async () => {
+  const { cut, feetOf } = await refined(moved(ball(3), [0.3, 0.1, 0]), ball(4), { target: 0.02, most: 1500 });
+  const about = new Sides(shapeOf(ball(4)));
+  const sideOf = (point, { foot, face }) => about.sideOf(point, foot, face);
+  const pointOf = (vertex) => [...cut.points.subarray(3 * vertex, 3 * vertex + 3)];
+  const sides = Int8Array.from({ length: cut.points.length / 3 }, (_, vertex) => sideOf(pointOf(vertex), feetOf(pointOf(vertex))));
+  const frame = { centre: [0, 0, 0], scale: 1 };
+  const shape = shapeOf(moved(ball(3), [0.3, 0.1, 0]));
+  const normals = cornerNormals(shape, faceNormals(shape), facesOfVertices(shape));
+  let mixed = 0;
+  for (const { position, value } of heatPieces({ shape, steps: 1, frame, tints: null, normals }, cut, sides)) {
+    for (let t = 0; 9 * t < position.length; t++) {
+      const values = [0, 1, 2].map((k) => value[6 * t + 2 * k]);
+      if (Math.min(...values) >= 0 || Math.max(...values) <= 0) continue;
+      mixed++;
+      for (const weights of [[1 / 3, 1 / 3, 1 / 3], [0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5], [0.2, 0.7, 0.1]]) {
+        const mix = (of) => weights.reduce((sum, weight, k) => sum + weight * of(k), 0);
+        const point = [0, 1, 2].map((x) => mix((k) => position[9 * t + 3 * k + x]));
+        const found = feetOf(point);
+        const off = Math.abs(mix((k) => values[k]) - sideOf(point, found) * found.distance);
+        assert(off <= value[6 * t + 1] + 1e-6, `${point} is off by ${off}, said ${value[6 * t + 1]}`);
+      }
+    }
+  }
+  assert(mixed > 20, String(mixed));
 });

@@ -100,7 +100,8 @@ export class DeviationMap {
   async paint() {
     const { deviation } = this;
     if (!deviation || deviation.distances.length === 0) return;
-    await this.heat.paint(this.names);
+    this.words.textContent = "Colouring A";
+    await this.heat.paint(this.names).finally(() => this.explain());
     if (deviation !== this.deviation || !this.heat.painted) return;
     this.draw();
     await this.takeProbe();

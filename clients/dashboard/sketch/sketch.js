@@ -12,9 +12,9 @@ import { Editor } from "./editor.js";
 
 /** @import { Layout } from "../../js/types.js" */
 /** @import { DepthMap } from "../view/depth.js" */
+/** @import { Stage } from "../view/stage.js" */
 /** @import { Target } from "./window.js" */
 
-const SNAP_SHARE = 0.02;
 const GRIP_REACH = 14;
 
 /** @param {HTMLElement} panel */
@@ -57,7 +57,8 @@ export function showSketch(panel) {
     h("section", { className: "section", "aria-labelledby": "sketch-title" },
       h("header", {}, h("h2", { id: "sketch-title" }, "Sketch"), undo, redo), side,
       h("p", { className: "muted small" }, "Draw boundary curves on the surface until cells of four sides cover it. The right button,"
-        + " or two fingers, turn the view. A click chooses a curve; the ends of a chosen one can be dragged.")),
+        + " or two fingers, turn the view; the middle one moves it. Ends snap to nodes and curves within 12 pixels, with Alt to none."
+        + " A click chooses a curve; the ends of a chosen one can be dragged.")),
     h("section", { className: "section", "aria-label": "Curves" },
       summary, words, h("div", { className: "row" }, h("label", { className: "inline" }, "Curve", curve)),
       h("div", { className: "row" }, split, merge, redraw, remove), h("div", { className: "row" }, remesh, discard)),
@@ -129,7 +130,6 @@ export function showSketch(panel) {
   }
 
   const isSeen = (/** @type {import("three").Vector3} */ place) => depth?.isSeen(place) ?? true;
-  const snapRadius = () => SNAP_SHARE * (meshOf(state.a)?.bounding_box.diagonal ?? 1);
 
   /** The end of the one chosen curve that is at a place of the window. @param {number} x @param {number} y */
   function gripAt(x, y) {
@@ -143,10 +143,10 @@ export function showSketch(panel) {
     return null;
   }
 
-  /** @param {"from" | "to"} end @param {Target | null} target */
-  async function dropEnd(end, target) {
-    if (!target) throw new Error("An end of a curve goes onto a node or another curve; there is neither.");
-    await editor.snap(end, target.point, snapRadius());
+  /** @param {Stage} stage @param {"from" | "to"} end @param {Target | null} target */
+  async function dropEnd(stage, end, target) {
+    if (!target || !tools) throw new Error("An end of a curve goes onto a node or another curve; there is neither.");
+    await editor.snap(end, target.point, tools[1].snapRadius(stage, target.x, target.y));
   }
 
   /** @param {boolean} isOn */
@@ -161,12 +161,15 @@ export function showSketch(panel) {
     pen?.putAway();
     pen = null;
     if (!stage || !tools || isTurning) return;
-    const { targetAt, strokeOf } = tools[1];
+    const { targetAt, snapRadius, strokeOf } = tools[1];
     pen = tools[0].takePen(stage, {
-      onStroke: (track) => { run(() => editor.stroke({ ...strokeOf(stage, track), ...(editor.isRedrawing ? {} : { snap: snapRadius() }) })); },
+      onStroke: (track, isFree) => {
+        const snap = Math.max(...[track[0], track[track.length - 1]].map((place) => snapRadius(stage, ...place)));
+        run(() => editor.stroke({ ...strokeOf(stage, track), ...(editor.isRedrawing || isFree ? {} : { snap }) }));
+      },
       onClick: choose, gripAt,
-      onDrop: (end, target) => { run(() => dropEnd(end, target)); },
-      targetAt: (x, y) => (editor.layout ? targetAt(stage, editor.layout, x, y, snapRadius(), isSeen) : null),
+      onDrop: (end, target) => { run(() => dropEnd(stage, end, target)); },
+      targetAt: (x, y) => (editor.layout ? targetAt(stage, editor.layout, x, y, snapRadius(stage, x, y), isSeen) : null),
     });
   }
 
@@ -179,6 +182,8 @@ export function showSketch(panel) {
     shaded = null;
     takeUp();
     drawView();
+    const model = stage.models.get("a");
+    if (model && model.mesh.kind !== "points") await (await import("../view/pick.js")).prepare(model);
   }
 
   const layouts = () => `${editor.layout?.id} ${editor.layouts.map(({ id }) => id)}`;

@@ -93,14 +93,16 @@ function buildHeat(base, first, refined, from, to, { centre, scale }, sides) {
 }
 
 /**
- * Between an inside and an outside corner the signed distance is one that grows no faster than its place moves, and no more is
- * known of it.
+ * Between an inside and an outside corner the signed distance is one that grows no faster than its place moves; and neither it nor what
+ * is shown is larger than the distances are.
  * @param {Refined} refined @param {number} t @param {Int8Array | null} sides
  */
 function errorOf(refined, t, sides) {
   if (!sides) return refined.errors[t];
-  const [a, b, c] = refined.corners.subarray(3 * t, 3 * t + 3);
-  return sides[a] === sides[b] && sides[b] === sides[c] ? refined.errors[t] : refined.reachOf(t);
+  const a = refined.corners[3 * t], b = refined.corners[3 * t + 1], c = refined.corners[3 * t + 2];
+  if (sides[a] === sides[b] && sides[b] === sides[c]) return refined.errors[t];
+  const { distance } = refined.feet;
+  return Math.min(refined.reachOf(t), 2 * Math.max(distance[a], distance[b], distance[c]) + refined.errors[t]);
 }
 
 /**

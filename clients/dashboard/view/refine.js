@@ -20,7 +20,7 @@
  *   target: the error that is good enough; most: triangles; flat: the faces of B, where they are at hand; isWanted: go on? */
 
 /** Of the worst error: triangles with less wait for a later round. */
-const SHARE_OF_WORST = 0.35;
+const SHARE_OF_WORST = 0.5;
 /** Of the longest side: shorter ones are not cut. */
 const LONG_SIDE = 0.7;
 /** More points than this have no numbers of their own within a side's key. */
