@@ -23,8 +23,7 @@ static void print_distance(const qm_json *result)
     if (qm_json_is_true(result, "collides")) puts("  the surfaces meet");
     printf("  search   %.1f ms, %.0f pairs of faces\n", qm_json_get_number(result, "elapsed_ms"),
            qm_json_get_number(result, "face_pairs"));
-    if (!qm_json_is_true(result, "converged"))
-        puts("  stopped  before the tolerance was reached; the bounds hold");
+    if (!qm_json_is_true(result, "converged")) puts("  stopped  before the gap was reached; the bounds hold");
 }
 
 static bool write_csv(const char *path, const cli_job *job, const qm_collision *found)
@@ -71,7 +70,7 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     qm_json *result = qm_json_parse(output->json);
     bool is_distance = job->request.kind == QM_JOB_DISTANCE;
     int status = is_distance ? (qm_json_is_true(result, "converged") ? EXIT_OK : EXIT_NOT_CONVERGED)
-                             : (qm_json_is_true(result, "collides") ? EXIT_COLLIDING : EXIT_OK);
+                             : (qm_json_is_true(result, "collides") ? EXIT_NO : EXIT_OK);
     if (job->as_json)
         puts(output->json);
     else if (is_distance)
@@ -114,7 +113,7 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
     cli_job job = cli_job_make(kind);
     qm_job_request *request = &job.request;
     const char *csv = NULL;
-    /* The first three are for pairs only. */
+    /* The first four are for pairs only. */
     const cli_option options[] = {
         {.name = "csv",
          .letter = 'o',
@@ -128,25 +127,31 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
          .choices = qm_collide_mode_names,
          .target = &request->mode,
          .help = "all pairs (default), the first one, or any"},
-        {.name = "limit",
+        {.name = "list",
          .value = "N",
          .type = CLI_SIZE,
          .max = QM_JOB_MAX_LISTED,
          .target = &request->list_limit,
          .help =
              "pairs listed with their contact in the result object (default 1000; 10 are printed as text)"},
-        CLI_OPTION_TOLERANCE(&request->tolerance,
-                             kind == QM_JOB_DISTANCE
-                                 ? "width of the interval at which to stop, as a fraction of the "
-                                   "diagonal of A's box (default 1e-6)"
-                                 : "of bilinear quads, a fraction of the diagonal of the first box "
-                                   "(default 1e-6):\nnearer pairs may be reported too"),
+        {.name = "limit",
+         .value = "N",
+         .type = CLI_SIZE,
+         .max = QM_JOB_MAX_LISTED,
+         .target = &request->list_limit,
+         .help = "the former name of --list"},
+        CLI_OPTION_GAP(&request->tolerance,
+                       kind == QM_JOB_DISTANCE
+                           ? "width of the interval at which to stop, as a fraction of the "
+                             "diagonal of A's box (default 1e-6)"
+                           : "of bilinear quads, a fraction of the diagonal of the first box "
+                             "(default 1e-6):\nnearer pairs may be reported too"),
         CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
         CLI_OPTION_QUADS(&request->quads),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_SERVER(&job.server)};
-    size_t skipped = kind == QM_JOB_DISTANCE ? 3 : 0;
+    size_t skipped = kind == QM_JOB_DISTANCE ? 4 : 0;
     int status;
     if (!cli_read_options(command, options + skipped, sizeof options / sizeof *options - skipped, argc, argv,
                           job.path, &status))
@@ -170,7 +175,7 @@ static int run_distance(int argc, char **argv)
     return run(&cmd_distance, QM_JOB_DISTANCE, argc, argv);
 }
 
-#define EXIT_STATUS_OF_PAIRS "Exit status: 0 clear, 1 bad input, 2 wrong usage, 3 interrupted, 4 colliding."
+#define EXIT_STATUS_OF_PAIRS "Exit status: 0 clear, 1 colliding, 2 bad input or wrong usage, 3 interrupted."
 
 const cli_command cmd_collide = {.name = "collide",
                                  .arguments = "A B [options]",
@@ -199,5 +204,5 @@ const cli_command cmd_distance = {
     .path_count = 2,
     .description = "Bounds of the minimum distance between two surfaces.\n\n",
     .exit_status =
-        "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 interrupted, or the tolerance was not reached.",
+        "Exit status: 0 done, 2 bad input or wrong usage, 3 interrupted, or the gap was not reached.",
     .run = run_distance};

@@ -3,10 +3,6 @@
  */
 #include "job_kinds_internal.h"
 
-#include <cjson/cJSON.h>
-
-#include "json_request.h"
-
 static qm_status run(const qm_job_call *call, qm_job_result *out)
 {
     const qm_job_request *request = call->request;
@@ -38,21 +34,6 @@ static void reset(qm_context *ctx, qm_job_result *result)
     qm_deviation_reset(ctx, &result->deviation);
 }
 
-static bool read_percentiles(const cJSON *value, qm_job_request *out, qm_json_location *at)
-{
-    if (!cJSON_IsArray(value) || cJSON_GetArraySize(value) > QM_JOB_MAX_PERCENTILES) return false;
-    out->percentile_count = 0;
-    at->depth = 1;
-    for (const cJSON *number = value->child; number; number = number->next, at->index[0]++) {
-        double *percentile = &out->percentiles[out->percentile_count];
-        if (!qm_json_read_number(number, percentile) || !(*percentile > 0.0 && *percentile <= 100.0))
-            return false;
-        out->percentile_count++;
-    }
-    return true;
-}
-_Static_assert(QM_JOB_MAX_PERCENTILES == 64, "the text of percentiles names the limit");
-
 static void write_request(qm_text *out, const qm_job_request *request, bool is_brief)
 {
     (void)is_brief;
@@ -61,20 +42,6 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     qm_json_add_count(out, "pieces", request->pieces);
     qm_json_add_count(out, "bins", request->bins);
     qm_json_add_numbers(out, "percentiles", request->percentiles, (int)request->percentile_count);
-}
-
-static void add_percentiles(qm_text *out, const qm_job_request *request, const qm_job_result *result)
-{
-    qm_json_open(out, "percentiles", "[");
-    for (size_t i = 0; i < result->deviation.percentile_count; i++) {
-        qm_json_add_comma(out);
-        qm_text_add_string(out, "{");
-        qm_json_add_number(out, "percent", request->percentiles[i]);
-        qm_json_add_lower_upper(out, result->deviation.percentile[i].lower,
-                                result->deviation.percentile[i].upper, result->diagonal);
-        qm_text_add_string(out, "}");
-    }
-    qm_text_add_string(out, "]");
 }
 
 /** Bins as pairs [lower, upper], because they are many. */
@@ -92,17 +59,13 @@ static void add_histogram(qm_text *out, const qm_deviation *deviation)
 
 static void write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
-    static const char *const measures[] = {"area", "vertices", "points"};
     const qm_deviation *deviation = &result->deviation;
-    qm_json_add_string(out, "over", measures[deviation->measure]);
-    qm_json_open(out, "size", "{");
-    qm_json_add_number(out, "lower", deviation->size.lower);
-    qm_json_add_number(out, "upper", deviation->size.upper);
-    qm_text_add_string(out, "}");
+    qm_averages_add_measure(out, deviation);
     qm_json_add_interval(out, "mean", deviation->mean, result->diagonal);
     qm_json_add_interval(out, "rms", deviation->rms, result->diagonal);
     qm_json_add_interval(out, "max", deviation->max, result->diagonal);
-    add_percentiles(out, request, result);
+    qm_averages_add_percentiles(out, request->percentiles, deviation->percentile, deviation->percentile_count,
+                                result->diagonal);
     add_histogram(out, deviation);
     qm_json_add_count(out, "vertex_count", deviation->vertex_count);
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
@@ -117,17 +80,13 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
 
 static const qm_job_array distances = {"vertex_distances", "vertex,distance", 1};
 
-static const qm_job_field fields[] = {
-    QM_JOB_FIELD_PAIR,
-    QM_JOB_FIELD_QUADS,
-    QM_JOB_FIELDS_TOLERANCE,
-    QM_JOB_FIELD_BOXES,
-    {"accuracy", QM_FIELD_POSITIVE, QM_FIELD_AT(accuracy)},
-    {"pieces", QM_FIELD_COUNT, QM_FIELD_AT(pieces), .max = QM_JOB_MAX_PIECES},
-    {"bins", QM_FIELD_COUNT, QM_FIELD_AT(bins), .max = QM_JOB_MAX_BINS},
-    {"percentiles", QM_FIELD_OTHER, .read = read_percentiles,
-     .expected = "must be an array of at most 64 numbers above 0 and at most 100"},
-    {0}};
+static const qm_job_field fields[] = {QM_JOB_FIELD_PAIR,
+                                      QM_JOB_FIELD_QUADS,
+                                      QM_JOB_FIELDS_TOLERANCE,
+                                      QM_JOB_FIELD_BOXES,
+                                      QM_JOB_FIELDS_AVERAGES,
+                                      {"bins", QM_FIELD_COUNT, QM_FIELD_AT(bins), .max = QM_JOB_MAX_BINS},
+                                      {0}};
 
 const qm_job_hooks qm_job_kind_deviation = {
     .type = {.name = "deviation", .mesh_field = {"a", "b"}, .is_pure = true, .is_anytime = true},

@@ -115,14 +115,14 @@ def test_running_out_of_pieces_is_told(quadmesh, tori, where):
 def test_a_bad_file_names_its_line(quadmesh, ramp, tmp_path, where):
     (tmp_path / "bad.obj").write_text("v 0 0 0\nv 1 0 nan\n")
     done = quadmesh("deviation", ramp, "bad.obj", "--csv", "out.csv", *where)
-    assert (done.returncode, done.stdout) == (1, "")
+    assert (done.returncode, done.stdout) == (2, "")
     assert "bad.obj:2: " in done.stderr
     assert not (tmp_path / "out.csv").exists()
 
 
 def test_a_file_that_cannot_be_written(quadmesh, ramp, floor, where):
     done = quadmesh("deviation", ramp, floor, "--csv", "no/such/folder", *where)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "no/such/folder cannot be written" in done.stderr
 
 
