@@ -91,6 +91,19 @@ test("every tool changes the picture, and quads can be read as bilinear patches"
   await finish(page);
 });
 
+test("Fit shows all from where one is", async () => {
+  const page = await browser.open(daemon.url);
+  await page.locator(".meshes .name", { hasText: "box.off" }).first().click();
+  await waitForView(page);
+  const side = () => page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage().eye.side.toArray());
+  await page.locator(".canvas canvas").focus();
+  for (const key of ["ArrowLeft", "ArrowLeft", "ArrowDown", "+", "+"]) await page.keyboard.press(key);
+  const before = await side();
+  await page.locator(".stage-tools").getByRole("button", { name: "Fit" }).click();
+  (await side()).forEach((value, k) => assert(Math.abs(value - before[k]) < 1e-6));
+  await finish(page);
+});
+
 test("points are drawn as discs with a size", async () => {
   const page = await browser.open(daemon.url);
   await upload(page, { name: "torus.ply", content: ply(torusPoints(20000)) });

@@ -51,9 +51,6 @@ export function drawDeviation(there, back, names) {
     h("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "Figures of the distance" }, table));
 }
 
-/** @param {DeviationResult} result */
-export const needsMore = ({ accurate }) => !accurate;
-
 /** @returns {HTMLCanvasElement} */
 export const makeHistogram = () => h("canvas", { className: "drawing low", role: "img", "aria-label": "Histogram of the distances; its figures are in the table" });
 

@@ -7,15 +7,17 @@ import { Search } from "../core/search.js";
 import { nameOf, state } from "../core/state.js";
 import { toggle } from "../view/tools.js";
 import { currentStage } from "../view/view.js";
-import { FIRST_ACCURACY, drawDeviation, drawHistogram, makeHistogram, measureDeviation, needsMore } from "./deviation.js";
+import { FIRST_ACCURACY, drawDeviation, drawHistogram, makeHistogram, measureDeviation } from "./deviation.js";
 import { Heat } from "./heat.js";
 import { makeRange, wanted } from "./range.js";
 
 /** @import { Deviation } from "./deviation.js" */
 /** @import { Probe } from "./probe.js" */
 
-/** How much finer "More exactly" asks, and with how many times the pieces. */
+/** How much finer "More exactly" asks each time, down to what, and with how many pieces. */
 const FINER = 4;
+const FINEST = FIRST_ACCURACY / FINER ** 3;
+const MORE_PIECES = 4194304;
 
 export class DeviationMap {
   /**
@@ -63,7 +65,7 @@ export class DeviationMap {
 
   /** @param {string} a @param {string} b */
   question(a, b) {
-    return { a, b, quads: this.quads(), ...(this.accuracy < FIRST_ACCURACY ? { accuracy: this.accuracy, pieces: 4194304 } : {}) };
+    return { a, b, quads: this.quads(), ...(this.accuracy < FIRST_ACCURACY ? { accuracy: this.accuracy, pieces: MORE_PIECES } : {}) };
   }
 
   async measure(accuracy = FIRST_ACCURACY) {
@@ -74,7 +76,6 @@ export class DeviationMap {
     try {
       const deviation = await measureDeviation(this.search, this.question(a, b));
       this.heat.take(deviation);
-      if (deviation.distances.length === 0) this.words.textContent = "Stopped before the distances of A's vertices were known: there are no colours.";
       this.draw();
       setParameters({ heat: 1 });
       this.onMeasured();
@@ -99,7 +100,7 @@ export class DeviationMap {
   /** Colours A, as soon as it is there, and lets it be probed. */
   async paint() {
     const { deviation } = this;
-    if (!deviation || deviation.distances.length === 0) return;
+    if (!deviation) return;
     this.words.textContent = "Colouring A";
     await this.heat.paint(this.names).finally(() => this.explain());
     if (deviation !== this.deviation || !this.heat.painted) return;
@@ -151,7 +152,7 @@ export class DeviationMap {
     this.sign.disabled = !this.heat.hasSides;
     if (!deviation || !scale) return;
     this.figures.replaceChildren(drawDeviation(deviation, this.back, this.names));
-    this.more.hidden = !needsMore(deviation.result) && deviation.result.accuracy <= FIRST_ACCURACY / FINER ** 3;
+    this.more.disabled = deviation.result.accuracy <= FINEST;
     this.other.disabled = this.back !== null;
     this.range.draw(scale, deviation);
     drawHistogram(this.histogram, deviation.result, scale);

@@ -66,11 +66,21 @@ export function makeRange({ onChange, firstLimit }) {
     });
   }
 
-  /** @param {Scale} scale @param {Deviation} deviation */
-  function draw(scale, { result: { percentiles } }) {
+  /** Of which distances there are buttons. @type {Deviation | null} */
+  let offered = null;
+  /** @param {Deviation} deviation */
+  function offer(deviation) {
+    if (offered === deviation) return; // who pressed one of them may press another
+    offered = deviation;
+    const { percentiles } = deviation.result;
     const choices = percentiles.filter(({ percent }) => SHARES.includes(percent)).map(({ percent, upper }) =>
       h("button", { type: "button", title: `To what ${percent} % of A lie within`, onclick: () => set({ range: [0, upper] }) }, `${percent} %`));
     buttons.replaceChildren(...choices, h("button", { type: "button", title: "To the largest distance", onclick: () => set({ range: null }) }, "All"));
+  }
+
+  /** @param {Scale} scale @param {Deviation} deviation */
+  function draw(scale, deviation) {
+    offer(deviation);
     low.value = String(Number(scale.low.toPrecision(4)));
     high.value = String(Number(scale.high.toPrecision(4)));
     bands.setAttribute("aria-pressed", String(wanted.limits !== null));

@@ -83,6 +83,7 @@ export const faceCount = (faces) => faces.triangles + faces.quads + faces.polygo
 /** @param {import("../../js/types.js").Mesh} mesh */
 export function summary(mesh) {
   if (mesh.kind === "points") return `${count(mesh.vertices)} points`;
-  const parts = [["triangles", mesh.faces.triangles], ["quads", mesh.faces.quads], ["polygons", mesh.faces.polygons]];
-  return parts.filter(([, number]) => Number(number) > 0).map(([name, number]) => `${count(Number(number))} ${name}`).join(", ");
+  const { triangles, quads, polygons } = mesh.faces;
+  const parts = /** @type {[string, number][]} */ ([["triangle", triangles], ["quad", quads], ["polygon", polygons]]);
+  return parts.filter(([, number]) => number > 0).map(([name, number]) => `${count(number)} ${name}${number === 1 ? "" : "s"}`).join(", ");
 }

@@ -3,7 +3,7 @@
 import { Box3, Color, ColorManagement, LinearSRGBColorSpace, Scene, Vector3, WebGLRenderer, WebGLRenderTarget } from "three";
 
 import { colour } from "../core/dom.js";
-import { Eye } from "./camera.js";
+import { Eye, START } from "./camera.js";
 import { forget, load } from "./loader.js";
 import { Model, makeSample } from "./model.js";
 import { Overlay } from "./overlay.js";
@@ -108,7 +108,7 @@ export class Stage {
       this.frame = /** @type {Model} */ (this.models.get(first.role)).frame;
       this.frameId = first.mesh.id;
       this.eye.setSize(Math.max(1, ...wishes.flatMap(({ mesh: { bounding_box: { min, max } } }) => [min, max].map((corner) => this.toScene(corner).length()))));
-      if (this.frameId !== before) this.fit();
+      if (this.frameId !== before) this.fit(START);
     }
     this.placeAll();
     this.apply();
@@ -159,13 +159,13 @@ export class Stage {
     this.models.delete(role);
   }
 
-  /** Sees all that is not hidden. */
-  fit() {
+  /** Sees all that is not hidden. @param {Vector3} [side] whence, if not from where one is */
+  fit(side = this.eye.side) {
     const all = new Box3();
     for (const { mesh: { bounding_box: box }, isHidden } of this.wishes) {
       if (!isHidden) for (const corner of [box.min, box.max]) all.expandByPoint(this.toScene(corner));
     }
-    if (!all.isEmpty()) this.eye.fit(all.getCenter(new Vector3()), Math.max(all.min.distanceTo(all.max) / 2, 1e-6));
+    if (!all.isEmpty()) this.eye.fit(all.getCenter(new Vector3()), Math.max(all.min.distanceTo(all.max) / 2, 1e-6), side);
   }
 
   placeAll() {
