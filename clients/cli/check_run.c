@@ -17,6 +17,8 @@
 
 const char *const cli_outcome_names[] = {"within", "undecided", "beyond", "trouble"};
 
+#define MAX_GAP 1e-4 /* of the diagonal: the maximum decides nothing here, and is searched no closer */
+
 /** One check while it runs. */
 typedef struct check_run {
     const qm_check *check;
@@ -131,6 +133,7 @@ static void ask_percent(check_run *run)
          i++) {
         qm_job_request request = make_request(run, QM_JOB_COMPARISON);
         request.accuracy = accuracies[i];
+        request.tolerance = fmax(request.tolerance, MAX_GAP);
         request.percentile_count = 0;
         request.limits[0] = rule->limit;
         request.limit_count = 1;
@@ -209,7 +212,14 @@ static void load_and_ask(check_run *run)
         conclude_problem(&run->verdict, check->path[failed], &problem);
         return;
     }
-    ask_all(run);
+    qm_notes notes[2] = {0};
+    qm_problem units;
+    for (int side = 0; side < 2; side++)
+        memcpy(notes[side].unit, run->mesh[side].unit, sizeof notes[side].unit);
+    if (qm_job_check_units(notes, &units))
+        ask_all(run);
+    else
+        conclude_problem(&run->verdict, run->check->path[1], &units);
     cli_unload_pair(&run->ctx, run->mesh);
 }
 

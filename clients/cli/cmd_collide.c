@@ -18,6 +18,7 @@ static void print_distance(const qm_json *result)
     double lower = qm_json_get_number(result, "lower"), upper = qm_json_get_number(result, "upper");
     printf("Least distance, quads as %s\n", qm_json_get_string(result, "quads"));
     printf("  lower    %.17g\n  upper    %.17g\n", lower, upper);
+    cli_print_notes(result, "");
     printf("  between  face %.0f of a and face %.0f of b\n", qm_json_get_number(result, "witness.from.face"),
            qm_json_get_number(result, "witness.to.face"));
     if (qm_json_is_true(result, "collides")) puts("  the surfaces meet");
@@ -150,11 +151,12 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
         CLI_OPTION_QUADS(&request->quads),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_JSON(&job.as_json),
-        CLI_OPTION_SERVER(&job.server)};
-    size_t skipped = kind == QM_JOB_DISTANCE ? 4 : 0;
+        CLI_OPTION_SERVER(&job.server),
+        CLI_OPTIONS_NOTES(request)}; /* of two meshes, and so the last ones */
+    size_t skipped = kind == QM_JOB_DISTANCE ? 4 : 0, left_out = kind == QM_JOB_SELF_COLLISION ? 2 : 0;
     int status;
-    if (!cli_read_options(command, options + skipped, sizeof options / sizeof *options - skipped, argc, argv,
-                          job.path, &status))
+    if (!cli_read_options(command, options + skipped, sizeof options / sizeof *options - skipped - left_out,
+                          argc, argv, job.path, &status))
         return status;
     if (!job.server) request->threads = cli_count_threads(request->threads);
     return cli_run_job(&job, finish, csv);

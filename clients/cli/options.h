@@ -12,13 +12,14 @@ typedef struct cli_command {
     const char *summary;            /* for `quadmesh --help` */
     const char *takes;              /* "two files" */
     int path_count, optional_paths; /* of path_count; those that are not given are NULL */
+    int most_paths;                 /* of a command that takes more than path_count; 0: it does not */
     const char *description;        /* of the usage text; "" for none */
     const char *exit_status;        /* its last line */
     int (*run)(int argc, char **argv);
 } cli_command;
 
 extern const cli_command cmd_hausdorff, cmd_deviation, cmd_project, cmd_distance, cmd_collide,
-    cmd_self_collide, cmd_info, cmd_patches, cmd_reconstruct, cmd_compare, cmd_check;
+    cmd_self_collide, cmd_info, cmd_quality, cmd_patches, cmd_reconstruct, cmd_compare, cmd_check, cmd_matrix;
 
 typedef enum cli_option_type {
     CLI_FLAG,     /* bool: set */
@@ -73,6 +74,23 @@ typedef struct cli_option {
         .target = (address),                                                                                 \
         .help = "threads (default: one for each processor; with --server the daemon decides)"                \
     }
+/** Of kinds about two meshes: what is known of both besides their files. */
+#define CLI_OPTIONS_NOTES(request)                                                                           \
+    {.name = "unit",                                                                                         \
+     .value = "U",                                                                                           \
+     .type = CLI_CUSTOM,                                                                                     \
+     .read = cli_read_unit,                                                                                  \
+     .target = (request),                                                                                    \
+     .help = "unit of both files, whatever they say: um, mm, cm, m, in or ft"},                              \
+    {                                                                                                        \
+        .name = "uncertainty", .value = "X[,Y]", .type = CLI_CUSTOM, .read = cli_read_uncertainty,           \
+        .target = (request),                                                                                 \
+        .help = "the true surfaces are within X of both files, or within X of A and Y of B:\n"               \
+                "also bounds that hold for these"                                                            \
+    }
+bool cli_read_unit(const char *text, void *request);
+bool cli_read_uncertainty(const char *text, void *request);
+
 #define CLI_OPTION_JSON(address)                                                                             \
     {                                                                                                        \
         .name = "json", .type = CLI_FLAG, .target = (address),                                               \
@@ -110,8 +128,8 @@ typedef struct cli_option {
 #define CLI_MAX_OPTIONS 28
 
 /**
- * Reads the arguments of a command: options into their targets, and its paths. Returns true; or false with the exit
- * status after --help or wrong usage.
+ * Reads the arguments of a command: options into their targets, and its paths; a command with most_paths has room for argc, of
+ * which those after the paths stay as they are. Returns true; or false with the exit status after --help or wrong usage.
  */
 bool cli_read_options(const cli_command *command, const cli_option *options, size_t count, int argc,
                       char **argv, const char **paths, int *status);

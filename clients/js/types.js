@@ -11,13 +11,22 @@
 /** @typedef {{ type: string, title: string, status: number, code: string, detail: string, instance?: string,
  *   errors?: ProblemPlace[] }} Problem */
 
+/** @typedef {"um" | "mm" | "cm" | "m" | "in" | "ft"} Unit */
+/** @typedef {{ lower: number, upper: number | null, bilinear?: { lower: number, upper: number | null } }} Extent */
 /** @typedef {{ id: string, name: string, kind: "triangles" | "quads" | "mixed" | "points", format: Format,
  *   vertices: number, faces: { triangles: number, quads: number, polygons: number }, irregular_vertices: number,
  *   has_normals?: boolean, disc_radius?: number,
  *   patches: number, largest_patch: { rows: number, columns: number } | null, boundary_edges: number,
- *   components: number, manifold: boolean, bounding_box: { min: Point, max: Point, diagonal: number },
+ *   components: number, manifold: boolean, watertight?: boolean, winding_consistent?: boolean, edges?: number,
+ *   boundary_loops?: number, euler_number?: number | null, genus?: number | null, degenerate_faces?: number,
+ *   duplicate_faces?: number, area?: Extent | null, volume?: Extent | null, bounding_box: { min: Point, max: Point, diagonal: number },
  *   size_bytes: number, memory_bytes: number, prepare_ms: Record<string, number>, revision: number,
- *   content_hash: string, created: string, expires_at?: string, warnings: string[] }} Mesh */
+ *   content_hash: string, created: string, expires_at?: string, warnings: string[], unit: Unit | null, uncertainty: number,
+ *   labels: string[] }} Mesh */
+
+/** @typedef {{ metric: string, faces: number, undefined: number, minimum: number | null, minimum_face: number | null,
+ *   maximum: number | null, maximum_face: number | null, mean: number | null,
+ *   percentiles: { percent: number, value: number }[] }} QualitySummary */
 
 /** @typedef {{ rows: number, columns: number, faces: number[] }} Patch */
 /** @typedef {{ patch_count: number, irregular_vertices: number, patches: Patch[] }} Patches */
@@ -39,10 +48,13 @@
 /** @typedef {CommonRequest & Gap & { mode?: "all" | "first" | "any", limit?: number }} AnyCollisionRequest */
 /** @typedef {AnyCollisionRequest & { type: "collision", a: string, b: string }} CollisionRequest */
 /** @typedef {AnyCollisionRequest & { type: "self_collision", mesh: string, incremental?: boolean }} SelfCollisionRequest */
+/** @typedef {"all" | { nearest: number } | { within: number }} MatrixWant */
+/** @typedef {Gap & { type: "matrix", meshes: string[], want?: MatrixWant, measure?: "hausdorff", quads?: QuadReading,
+ *   threads?: number, detach?: boolean, deadline_ms?: number }} MatrixRequest */
 /** @typedef {{ type: "reconstruction_step", reconstruction: string, steps?: number, measure?: boolean, threads?: number,
  *   until?: { hausdorff_relative?: number, max_quads?: number, edge_length?: number }, detach?: boolean }} StepRequest */
 /** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | ComparisonRequest | DistanceRequest
- *   | CollisionRequest | SelfCollisionRequest | StepRequest} JobRequest */
+ *   | CollisionRequest | SelfCollisionRequest | MatrixRequest | StepRequest} JobRequest */
 
 /** @typedef {{ elapsed_ms: number, lower: number, upper: number | null, lower_relative: number | null,
  *   upper_relative: number | null, gap_relative: number | null, iterations: number, projections: number,
@@ -53,13 +65,14 @@
  *   iterations: number, projections: number, max_queue: number, prepare_ms: { a: number, b: number },
  *   elapsed_ms: number, converged: boolean,
  *   stopped_by: "converged" | "threshold" | "deadline" | "canceled" | "precision" | "work" | "memory",
- *   verdict: "above" | "below" | null }} HausdorffResult */
+ *   verdict: "above" | "below" | null, of_true?: TrueInterval, warnings?: string[] }} HausdorffResult */
 /** @typedef {{ distance: number, distance_relative: number | null, point: Point, face: number, patch?: number,
  *   uv: [number, number] }} Foot */
 /** @typedef {{ quads: QuadReading, point_count: number, points: Foot[], prepare_ms: number,
  *   elapsed_ms: number }} ProjectResult */
 /** @typedef {{ lower: number, upper: number }} Interval */
-/** @typedef {Interval & { lower_relative: number | null, upper_relative: number | null }} LengthInterval */
+/** @typedef {{ lower: number, upper: number | null, lower_relative: number | null, upper_relative: number | null }} TrueInterval */
+/** @typedef {Interval & { lower_relative: number | null, upper_relative: number | null, of_true?: TrueInterval }} LengthInterval */
 /** @typedef {{ over: "area" | "vertices" | "points", size: Interval, mean: LengthInterval, rms: LengthInterval,
  *   max: LengthInterval, percentiles: (LengthInterval & { percent: number })[],
  *   histogram: { bin_width: number, shares: [number, number][] }, vertex_count: number, vertex_distances?: number[],
@@ -84,6 +97,13 @@
 /** @typedef {{ collides: boolean, count: number, pairs: CollisionPair[], all_pairs?: [number, number][],
  *   mode: "all" | "first" | "any", quads: QuadReading, tests: number, elapsed_ms: number,
  *   incremental?: boolean }} CollisionResult */
+/** A pair of meshes by their places, with the bounds of its distance. @typedef {[number, number, number, number | null]} PairRow */
+/** @typedef {{ measure: "hausdorff", mesh_count: number, meshes: string[], pair_count: number, searched_pairs: number,
+ *   bounded_pairs: number, searches: number, pivots: number, want: MatrixWant,
+ *   nearest?: ({ mesh: number, lower: number, upper: number | null, place: "proven" | "tied" | "open" })[][],
+ *   verdicts?: { within: number, beyond: number, undecided: number }, open: number, pairs?: PairRow[],
+ *   quads: QuadReading, gap: number, converged: boolean,
+ *   stopped_by: "converged" | "precision" | "deadline" | "canceled", elapsed_ms: number }} MatrixResult */
 /** @typedef {{ folded_quads: number, turned_quads: number, least_jacobian: number, mean_angle_deviation_deg: number,
  *   max_angle_deviation_deg: number, mean_edge_ratio: number, max_edge_ratio: number, mean_warp: number,
  *   max_warp: number }} QuadQuality */
@@ -94,7 +114,7 @@
  *   stopped_by: "steps" | "max_quads" | "edge_length" | "hausdorff" | "canceled", steps: StepRecord[],
  *   elapsed_ms: number }} StepResult */
 /** @typedef {HausdorffResult | ProjectResult | DeviationResult | ComparisonResult | DistanceResult | CollisionResult
- *   | StepResult} JobResult */
+ *   | MatrixResult | StepResult} JobResult */
 
 /** @typedef {{ id: number, from: number, to: number, points: Point[] }} Curve */
 /** @typedef {{ mesh: string, nodes?: Point[], curves?: Curve[], patches?: number[][] }} LayoutRequest */
@@ -123,7 +143,9 @@
 /** @typedef {{ event: "result", seq: number, state: "succeeded" | "canceled", result: JobResult }} ResultEvent */
 /** @typedef {{ event: "error", seq: number, state: "failed" | "canceled", problem: Problem }} ErrorEvent */
 /** @typedef {StepRecord & { event: "step", seq: number }} StepEvent */
-/** @typedef {BoundsEvent | StepEvent | ResultEvent | ErrorEvent} JobEvent */
+/** @typedef {{ event: "pairs", seq: number, elapsed_ms: number, pair_count: number, searched_pairs: number,
+ *   bounded_pairs: number, searches: number, pairs: PairRow[] }} PairsEvent */
+/** @typedef {BoundsEvent | StepEvent | PairsEvent | ResultEvent | ErrorEvent} JobEvent */
 
 /** @typedef {{ key: string | number | null, line: number, state: "succeeded" | "failed" | "canceled",
  *   cached?: true, result?: JobResult, problem?: Problem }} BatchAnswer */

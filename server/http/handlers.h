@@ -15,6 +15,7 @@ void qm_handle_mesh_delete(qm_request *request);
 void qm_handle_mesh_content(qm_request *request);
 void qm_handle_mesh_vertices(qm_request *request);
 void qm_handle_mesh_patches(qm_request *request);
+void qm_handle_mesh_quality(qm_request *request);
 void qm_handle_mesh_deform(qm_request *request);
 void qm_handle_mesh_project(qm_request *request);
 
@@ -47,6 +48,7 @@ void qm_handle_reconstruction_mesh(qm_request *request);
 void qm_handle_reconstruction_patches(qm_request *request);
 
 void qm_handle_batch_create(qm_request *request);
+void qm_handle_compare(qm_request *request);
 
 void qm_handle_health(qm_request *request);
 void qm_handle_ready(qm_request *request);

@@ -66,14 +66,22 @@ void qm_request_client(const qm_request *request, char out[QM_CLIENT_SIZE]);
 
 /** The media type that the client prefers among those of the route (media.h). */
 #define QM_MEDIA_JSON "application/json"
+#define QM_MEDIA_TEXT "text/plain"
 #define QM_MEDIA_BINARY "application/octet-stream"
 #define QM_MEDIA_CSV "text/csv"
 #define QM_MEDIA_NDJSON "application/x-ndjson"
 #define QM_MEDIA_SSE "text/event-stream"
 const char *qm_request_media(const qm_request *request);
 
+/** Sets it to one that the route offers, which the query asks for. */
+void qm_request_set_media(qm_request *request, const char *media);
+
 /** The rows of that type; JSON for every other. */
 qm_array_format qm_request_rows(const qm_request *request);
+
+/** True when the client asks for the id of what it makes alone, and a reply with it, which a shell takes as it is. */
+bool qm_request_wants_id(const qm_request *request);
+void qm_reply_id(qm_request *request, int status, const char *id);
 
 /** Reads a query parameter that is one of a NULL-ended list and writes its index; 0 when it is absent. False,
  * and a problem is the reply, for any other value. */
@@ -111,6 +119,12 @@ void qm_reply_batch(qm_request *request, qm_blob_writer *upload);
  * reference.
  */
 void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms, int status_before);
+
+/**
+ * Replies with the result of a job of two meshes that no store has, or with its problem; takes over the references and what the
+ * job's request owns. A client that leaves cancels the job.
+ */
+void qm_reply_once(qm_request *request, qm_job_request *job, qm_mesh_ref *const mesh[2]);
 
 /** State of a source of blocks after each one. */
 typedef enum qm_block { QM_BLOCK_MORE, QM_BLOCK_LAST, QM_BLOCK_FAILED } qm_block;

@@ -96,10 +96,20 @@ const char *qm_request_media(const qm_request *request)
     return request->media;
 }
 
+void qm_request_set_media(qm_request *request, const char *media)
+{
+    request->media = media;
+}
+
 qm_array_format qm_request_rows(const qm_request *request)
 {
     if (strcmp(request->media, QM_MEDIA_BINARY) == 0) return QM_ARRAY_BINARY;
     return strcmp(request->media, QM_MEDIA_CSV) == 0 ? QM_ARRAY_CSV : QM_ARRAY_JSON;
+}
+
+bool qm_request_wants_id(const qm_request *request)
+{
+    return request->media && strcmp(request->media, QM_MEDIA_TEXT) == 0; /* a DELETE has none */
 }
 
 const char *qm_request_body(const qm_request *request, size_t *size)

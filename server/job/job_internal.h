@@ -2,7 +2,8 @@
  * job_internal.h: what the files of the job table share: jobs.c (table, submission, start and stop), job_events.c (event
  * log, subscribers, notifier), job_mirrors.c and job_pulse.c (jobs of other nodes, and the node among them), jobs_list.c
  * (resources and lists), job_run.c (what a worker does with a job on meshes, and how jobs end), job_steps.c (the same
- * for reconstruction steps), job_help.c (parts of searches of other nodes), job_batch.c (jobs that are lines of a file).
+ * for reconstruction steps), job_matrix.c (the same for a set of meshes), job_help.c (parts of searches of other nodes), job_batch.c (jobs that are lines of a file), job_once.c (jobs about meshes that
+ * are not stored).
  *
  * "The lock" is qm_jobs.lock. A job is either stored, with a row, events and a document, or it lives in
  * memory alone and its end goes to on_end.
@@ -16,7 +17,7 @@
 #include "job.h"
 
 #define MS_PER_S 1e3
-#define QM_REVISIONS_SIZE 44 /* two numbers of up to 20 digits */
+#define QM_REVISIONS_SIZE 128 /* of two meshes, with their notes: all that changes answers about them */
 
 /** Never changed, and alive as long as its job: a holder of a reference to the job may read it without the
  * lock. */
@@ -66,12 +67,14 @@ struct qm_job {
     uint64_t seq_base;     /* events up to this number belong to them */
     qm_job_event **events; /* by seq */
     size_t event_count, event_capacity;
-    size_t saved_count;    /* the first ones, which the store has taken */
-    size_t durable_count;  /* the first of these, which no failure of a server takes away any more */
-    bool is_from_row;      /* made of a row of the store, without events until qm_job_fetch_events */
-    char *last_bounds;     /* the newest bounds event's own members, for the document */
-    char *document;        /* members of the resource but for the result, once the job has ended */
-    char *result;          /* the result object, or NULL */
+    size_t saved_count;   /* the first ones, which the store has taken */
+    size_t durable_count; /* the first of these, which no failure of a server takes away any more */
+    bool is_from_row;     /* made of a row of the store, without events until qm_job_fetch_events */
+    char *last_bounds;    /* the newest bounds event's own members, for the document */
+    char *document;       /* members of the resource but for the result, once the job has ended */
+    char *result;         /* the result object, or NULL */
+    qm_mesh_ref
+        *given[2]; /* meshes that no store has, in place of those that the request names; NULL: none */
     qm_job_end_fn *on_end; /* of a job that is not stored; NULL for stored ones */
     void *end_user;
     char revisions[QM_REVISIONS_SIZE]; /* of the meshes that it runs on; "" before */
@@ -165,6 +168,12 @@ bool qm_job_enqueue(qm_jobs *jobs, qm_job *job);
 bool qm_job_enqueue_locked(qm_job *job); /* the same for a caller who holds the lock */
 void qm_job_withdraw(qm_jobs *jobs, qm_job *job);
 
+/** True for a request that names a mesh by the hash of its file. */
+bool qm_job_names_hash(const qm_job_request *request);
+
+/** Puts ids in the place of such hashes. False with a problem. */
+bool qm_job_resolve(qm_jobs *jobs, qm_job_request *request, qm_problem *problem);
+
 /** What a kind of job works on decides how the daemon checks its request and runs it. */
 typedef struct qm_job_runner {
     /** False with a problem when something that the request names does not exist; else writes the revisions
@@ -174,7 +183,7 @@ typedef struct qm_job_runner {
     /** Runs a job that is marked as running to its end. */
     void (*run)(qm_job *job);
 } qm_job_runner;
-extern const qm_job_runner qm_job_steps_runner;
+extern const qm_job_runner qm_job_steps_runner, qm_job_matrix_runner;
 const qm_job_runner *qm_job_runner_of(qm_job_kind kind);
 
 /** True for a job in memory, one that runs here or a mirror. */
@@ -299,6 +308,17 @@ void qm_job_set_limits(const qm_job *job, qm_job_request *request);
 
 /** Lets the engine poll the job's flags, and use the host's threads. */
 void qm_job_set_context(qm_job *job, qm_context *ctx);
+
+/** Begins the run of a job on meshes: fills the context, and returns the request with what is left of its time. */
+qm_job_request qm_job_begin_run(qm_job *job, qm_context *ctx);
+
+/** Ends it with a result or a status; fault is the problem behind the status, or NULL. Frees the result. */
+void qm_job_end_run(qm_job *job, qm_context *ctx, qm_status status, qm_job_result *result,
+                    const qm_problem *fault);
+
+/** Finds the state of a mesh; false with a problem, which names the field of the request. */
+bool qm_job_check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_store_mesh_state *state,
+                       qm_problem *problem);
 
 /** Ends a job that is marked as running with a problem. */
 void qm_job_finish_with_problem(qm_job *job, qm_job_state state, const qm_problem *problem);

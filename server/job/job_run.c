@@ -385,21 +385,23 @@ static qm_stored store_array(qm_job *job, const qm_job_result *result, qm_proble
     return stored;
 }
 
-static void write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE])
+/** The revisions of two meshes, and their notes if they have any. */
+static void write_revisions(uint64_t a, uint64_t b, const qm_notes notes[2], char out[QM_REVISIONS_SIZE])
 {
-    snprintf(out, QM_REVISIONS_SIZE, "%llu %llu", (unsigned long long)a, (unsigned long long)b);
+    int used = snprintf(out, QM_REVISIONS_SIZE, "%llu %llu", (unsigned long long)a, (unsigned long long)b);
+    bool has_notes = false;
+    for (int i = 0; i < 2; i++)
+        has_notes |= notes[i].unit[0] || notes[i].uncertainty > 0.0;
+    if (has_notes)
+        snprintf(out + used, QM_REVISIONS_SIZE - (size_t)used, " %s/%.17g %s/%.17g", notes[0].unit,
+                 notes[0].uncertainty, notes[1].unit, notes[1].uncertainty);
 }
 
-static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, uint64_t *revision,
+bool qm_job_check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_store_mesh_state *state,
                        qm_problem *problem)
 {
-    qm_store_mesh row;
-    qm_stored stored = qm_store_find_mesh(jobs->store, id, &row);
-    if (stored == QM_STORED) {
-        *revision = row.revision;
-        qm_store_mesh_reset(&row);
-        return true;
-    }
+    qm_stored stored = qm_store_find_mesh_state(jobs->store, id, state);
+    if (stored == QM_STORED) return true;
     char pointer[32];
     snprintf(pointer, sizeof pointer, "/%s", field);
     *problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh with the id in `%s`", field);
@@ -411,11 +413,57 @@ static bool check_meshes(qm_jobs *jobs, const qm_job_request *request, char revi
                          qm_problem *problem)
 {
     const char *const *field = qm_job_type_of(request->kind)->mesh_field;
-    uint64_t a = 0, b = 0;
-    bool exist = check_mesh(jobs, request->a, field[0], &a, problem) &&
-                 (!field[1] || check_mesh(jobs, request->b, field[1], &b, problem));
-    write_revisions(a, b, revisions);
-    return exist;
+    qm_store_mesh_state a = {0}, b = {0};
+    bool exist = qm_job_check_mesh(jobs, request->a, field[0], &a, problem) &&
+                 (!field[1] || qm_job_check_mesh(jobs, request->b, field[1], &b, problem));
+    const qm_notes notes[2] = {a.notes, b.notes};
+    write_revisions(a.revision, b.revision, notes, revisions);
+    if (!exist || qm_job_check_units(notes, problem)) return exist;
+    qm_problem_add_pointer(problem, "/b", "another unit");
+    return false;
+}
+
+static bool is_hash_name(const char *name)
+{
+    return strncmp(name, QM_JOB_HASH_PREFIX, strlen(QM_JOB_HASH_PREFIX)) == 0;
+}
+
+/** Puts the id of a mesh in the place of a hash: of those with this content as it was uploaded, the newest one. */
+static bool resolve_mesh(qm_jobs *jobs, const char *field, char name[QM_JOB_MESH_SIZE], qm_problem *problem)
+{
+    if (!is_hash_name(name)) return true;
+    const qm_store_mesh_filter filter = {.hash = name + strlen(QM_JOB_HASH_PREFIX)};
+    qm_store_page page = {.limit = 1, .newest_first = true};
+    qm_store_mesh row;
+    size_t count = 1;
+    qm_stored stored = QM_STORED;
+    for (bool is_found = false; !is_found && count > 0;) {
+        stored = qm_store_list_meshes(jobs->store, &page, &filter, &row, &count);
+        if (stored != QM_STORED || count == 0) break;
+        page.after = row.sequence;
+        is_found = row.revision == 0;
+        if (is_found) snprintf(name, QM_JOB_MESH_SIZE, "%s", row.id);
+        qm_store_mesh_reset(&row);
+        if (is_found) return true;
+    }
+    char pointer[32];
+    snprintf(pointer, sizeof pointer, "/%s", field);
+    *problem = qm_store_read_problem(stored == QM_STORED ? QM_STORED_NONE : stored, QM_PROBLEM_MESH_NOT_FOUND,
+                                     "mesh with the content in `%s`", field);
+    if (stored == QM_STORED) qm_problem_add_pointer(problem, pointer, "no mesh has this content");
+    return false;
+}
+
+bool qm_job_names_hash(const qm_job_request *request)
+{
+    return is_hash_name(request->a) || is_hash_name(request->b);
+}
+
+bool qm_job_resolve(qm_jobs *jobs, qm_job_request *request, qm_problem *problem)
+{
+    const char *const *field = qm_job_type_of(request->kind)->mesh_field;
+    return resolve_mesh(jobs, field[0], request->a, problem) &&
+           (!field[1] || resolve_mesh(jobs, field[1], request->b, problem));
 }
 
 void qm_job_set_limits(const qm_job *job, qm_job_request *request)
@@ -436,17 +484,81 @@ static bool may_split(const qm_job *job)
     return request->kind == QM_JOB_HAUSDORFF && has_boxes && !job->on_end;
 }
 
-/** b is NULL for a kind of one mesh. */
-static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
+qm_job_request qm_job_begin_run(qm_job *job, qm_context *ctx)
 {
-    qm_context ctx = qm_meshes_context(job->jobs->meshes);
-    qm_job_set_context(job, &ctx);
+    *ctx = qm_meshes_context(job->jobs->meshes);
+    qm_job_set_context(job, ctx);
     qm_job_request request = job->request;
     /* At least a moment is left, in which the search finds its first bounds. */
     if (request.deadline_ms > 0.0)
         request.deadline_ms = fmax(request.deadline_ms - (qm_clock_now_ms() - job->submitted_ms), 1.0);
-    write_revisions(a->revision, b ? b->revision : 0, job->revisions);
     qm_job_set_limits(job, &request);
+    return request;
+}
+
+/** True for a search that its deadline has stopped. */
+static bool is_late(const qm_job_result *result)
+{
+    return (result->kind == QM_JOB_HAUSDORFF && result->hausdorff.stop == QM_STOP_DEADLINE) ||
+           (result->kind == QM_JOB_MATRIX && result->matrix.stop == QM_MATRIX_DEADLINE);
+}
+
+/** Makes a search that was canceled one that its deadline has stopped. */
+static void mark_late(qm_job_result *result)
+{
+    result->is_canceled = false;
+    if (result->kind == QM_JOB_HAUSDORFF) result->hausdorff.stop = QM_STOP_DEADLINE;
+    if (result->kind == QM_JOB_MATRIX) result->matrix.stop = QM_MATRIX_DEADLINE;
+}
+
+void qm_job_end_run(qm_job *job, qm_context *ctx, qm_status status, qm_job_result *result,
+                    const qm_problem *fault)
+{
+    bool canceled = status == QM_E_CANCELED || (status == QM_OK && result->is_canceled);
+    qm_job_expiry expiry = canceled ? qm_job_get_expiry(job) : QM_JOB_IN_TIME;
+    qm_scheduler_leave(job->turn);
+    if (expiry != QM_JOB_IN_TIME || (status == QM_OK && is_late(result)))
+        job->revisions[0] = '\0'; /* no answer for a later request */
+    if (expiry != QM_JOB_IN_TIME && status == QM_OK) {
+        mark_late(result);
+        canceled = false;
+    }
+    qm_problem problem;
+    if (expiry != QM_JOB_IN_TIME && status != QM_OK) {
+        problem = qm_job_expiry_problem(job, expiry);
+        qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
+    } else if (canceled && !qm_job_is_canceled(job)) {
+        qm_job_interrupt(job);
+    } else if (status == QM_OK) {
+        qm_stored stored = store_array(job, result, &problem);
+        if (stored == QM_STORED)
+            qm_job_finish_with_result(job, canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED, result);
+        else if (qm_job_runs_again(job, &problem))
+            qm_job_interrupt(job);
+        else
+            qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
+    } else {
+        problem = fault ? *fault : qm_problem_from_status(status, ctx->message);
+        if (fault && qm_job_runs_again(job, fault))
+            qm_job_interrupt(job);
+        else
+            qm_job_finish_with_problem(job, canceled ? QM_JOB_CANCELED : QM_JOB_FAILED, &problem);
+    }
+    if (status == QM_OK) qm_job_result_reset(ctx, result);
+}
+
+/** b is NULL for a kind of one mesh. */
+static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b, const qm_notes notes[2])
+{
+    qm_problem units;
+    if (!qm_job_check_units(notes, &units)) {
+        qm_job_finish_with_problem(job, QM_JOB_FAILED, &units);
+        return;
+    }
+    qm_context ctx;
+    qm_job_request request = qm_job_begin_run(job, &ctx);
+    memcpy(request.notes, notes, sizeof request.notes);
+    write_revisions(a->revision, b ? b->revision : 0, notes, job->revisions);
     qm_split split = {.store = job->jobs->store,
                       .job = job->id,
                       .restarts = job->restarts,
@@ -460,35 +572,7 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
     qm_job_result result;
     qm_status status = qm_job_execute(&ctx, &request, a, b, progress, &target, &result);
     if (split.is_lost) mark_lost(job);
-    bool canceled = status == QM_E_CANCELED || (status == QM_OK && result.is_canceled);
-    qm_job_expiry expiry = canceled ? qm_job_get_expiry(job) : QM_JOB_IN_TIME;
-    qm_scheduler_leave(job->turn);
-    if (expiry != QM_JOB_IN_TIME ||
-        (status == QM_OK && result.kind == QM_JOB_HAUSDORFF && result.hausdorff.stop == QM_STOP_DEADLINE))
-        job->revisions[0] = '\0'; /* no answer for a later request */
-    if (expiry != QM_JOB_IN_TIME && status == QM_OK) {
-        result.is_canceled = canceled = false;
-        if (result.kind == QM_JOB_HAUSDORFF) result.hausdorff.stop = QM_STOP_DEADLINE;
-    }
-    if (expiry != QM_JOB_IN_TIME && status != QM_OK) {
-        qm_problem problem = qm_job_expiry_problem(job, expiry);
-        qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
-    } else if (canceled && !qm_job_is_canceled(job)) {
-        qm_job_interrupt(job);
-    } else if (status == QM_OK) {
-        qm_problem problem;
-        qm_stored stored = store_array(job, &result, &problem);
-        if (stored == QM_STORED)
-            qm_job_finish_with_result(job, canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED, &result);
-        else if (qm_job_runs_again(job, &problem))
-            qm_job_interrupt(job);
-        else
-            qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
-    } else {
-        qm_problem problem = qm_problem_from_status(status, ctx.message);
-        qm_job_finish_with_problem(job, canceled ? QM_JOB_CANCELED : QM_JOB_FAILED, &problem);
-    }
-    if (status == QM_OK) qm_job_result_reset(&ctx, &result);
+    qm_job_end_run(job, &ctx, status, &result, NULL);
 }
 
 void qm_job_mark_running(qm_job *job)
@@ -526,15 +610,25 @@ static bool start(qm_job *job)
  * revision. */
 typedef struct mesh_pair {
     qm_mesh_ref *a, *b;
+    qm_notes notes[2];
 } mesh_pair;
 
 static bool acquire(qm_job *job, mesh_pair *pair, qm_problem *problem)
 {
+    if (job->given[0]) {
+        *pair = (mesh_pair){.a = job->given[0], .b = job->given[1]};
+        /* No store has them, and so no other notes than those of their files. */
+        for (int i = 0; i < 2 && job->given[i]; i++)
+            memcpy(pair->notes[i].unit, qm_mesh_ref_get(job->given[i])->unit, sizeof pair->notes[i].unit);
+        job->given[0] = job->given[1] = NULL;
+        return true;
+    }
     qm_meshes *meshes = job->jobs->meshes;
     const qm_job_request *request = &job->request;
     bool has_b = qm_job_type_of(request->kind)->mesh_field[1] && strcmp(request->a, request->b) != 0;
-    pair->a = qm_meshes_acquire(meshes, request->a, problem);
-    pair->b = pair->a && has_b ? qm_meshes_acquire(meshes, request->b, problem) : NULL;
+    pair->a = qm_meshes_acquire_noted(meshes, request->a, &pair->notes[0], problem);
+    pair->b = pair->a && has_b ? qm_meshes_acquire_noted(meshes, request->b, &pair->notes[1], problem) : NULL;
+    if (!has_b && qm_job_type_of(request->kind)->mesh_field[1]) pair->notes[1] = pair->notes[0];
     if (pair->a && (pair->b || !has_b)) return true;
     qm_meshes_release(meshes, pair->a);
     pair->a = NULL;
@@ -544,6 +638,7 @@ static bool acquire(qm_job *job, mesh_pair *pair, qm_problem *problem)
 static bool has_loaded(const qm_job *job)
 {
     const qm_job_request *request = &job->request;
+    if (job->given[0]) return true;
     return qm_meshes_has_loaded(job->jobs->meshes, request->a) &&
            (!qm_job_type_of(request->kind)->mesh_field[1] ||
             qm_meshes_has_loaded(job->jobs->meshes, request->b));
@@ -552,7 +647,7 @@ static bool has_loaded(const qm_job *job)
 static void run_on_meshes(qm_job *job)
 {
     qm_problem problem;
-    mesh_pair pair = {NULL, NULL};
+    mesh_pair pair = {0};
     bool is_there = has_loaded(job) && acquire(job, &pair, &problem);
     bool loads = !is_there, is_over = false;
     if (loads) {
@@ -571,7 +666,7 @@ static void run_on_meshes(qm_job *job)
     if (!is_over && is_there && job->is_helper) {
         qm_job_help_run(job, first, second);
     } else if (!is_over && is_there) {
-        answer(job, first, second);
+        answer(job, first, second, pair.notes);
     } else if (!is_over && qm_job_runs_again(job, &problem)) {
         qm_job_interrupt(job);
     } else if (!is_over) {
@@ -587,6 +682,7 @@ const qm_job_runner *qm_job_runner_of(qm_job_kind kind)
     static const qm_job_runner on_meshes = {check_meshes, run_on_meshes};
     static const qm_job_runner *const others[QM_JOB_KIND_COUNT] = {
         [QM_JOB_RECONSTRUCTION_STEP] = &qm_job_steps_runner,
+        [QM_JOB_MATRIX] = &qm_job_matrix_runner,
     };
     return others[kind] ? others[kind] : &on_meshes;
 }

@@ -32,6 +32,8 @@ static void free_job(qm_job *job)
     free(job->result);
     free(job->key);
     qm_job_request_reset(&job->request);
+    for (int i = 0; i < 2; i++) /* of a job that has not run */
+        qm_meshes_release(job->jobs->meshes, job->given[i]);
     free(job);
 }
 
@@ -89,9 +91,7 @@ qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request, const char *client
     if (!job) return NULL;
     job->jobs = jobs;
     job->key = qm_job_make_key(request);
-    job->request = *request;
-    request->points = NULL;
-    request->point_count = 0;
+    job->request = qm_job_request_take(request);
     qm_id_make('j', job->id);
     qm_clock_format(job->created);
     job->submitted_ms = qm_clock_now_ms();
@@ -303,6 +303,16 @@ static qm_problem problem_from_submission(qm_jobs *jobs, qm_stored stored)
     return qm_store_write_problem(stored == QM_STORED ? QM_STORED_FAULT : stored, "the job");
 }
 
+/** The ids that a request names, separated by blanks; NULL: out of memory. */
+static char *list_subjects(const qm_job_request *request)
+{
+    qm_text out = {0};
+    qm_text_printf(&out, "%s %s", request->a, request->b);
+    for (size_t i = 1; i < request->mesh_count; i++)
+        qm_text_printf(&out, "%s%s", i > 1 ? " " : "", request->meshes[i]);
+    return qm_text_take(&out);
+}
+
 /**
  * Creates a job: stored before it is queued, so that a job which was accepted with 202 survives the daemon,
  * and listed before it is stored, so that an unfinished job of an embedded store is always in the table. One that waits
@@ -321,11 +331,12 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, co
     char home[QM_NODE_NAME_SIZE] = "";
     job->is_mirror = qm_store_is_shared(jobs->store) && !claims_at_once(jobs, job, may_follow, home);
     if (!job->is_mirror) qm_job_enlist(jobs, job);
+    char *subjects = list_subjects(&job->request);
     qm_store_job row = {.key = job->key,
                         .idempotency_key = (char *)submission->idempotency_key,
                         .body = (char *)submission->body,
                         .type = qm_job_type_of(job->request.kind)->name,
-                        .subjects = {job->request.a, job->request.b},
+                        .subjects = subjects,
                         .created = job->created,
                         .state = QM_JOB_QUEUED};
     memcpy(row.id, job->id, sizeof row.id);
@@ -334,7 +345,8 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, co
                                                    .limit = (size_t)jobs->limits.queue,
                                                    .is_claimed = !job->is_mirror,
                                                    .is_kept = !submission->owns_job};
-    qm_stored stored = qm_store_submit_job(jobs->store, &stored_submission);
+    qm_stored stored = subjects ? qm_store_submit_job(jobs->store, &stored_submission) : QM_STORED_NO_MEMORY;
+    free(subjects);
     bool is_stored = stored == QM_STORED;
     if (is_stored && (job->is_mirror || (may_follow && follow(jobs, job)) || qm_job_enqueue(jobs, job)))
         return job;
@@ -365,17 +377,31 @@ static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, c
     return cached;
 }
 
+/** The request as the store has it; NULL: out of memory. */
+static char *write_body(const qm_job_request *request)
+{
+    qm_text body = {0};
+    qm_json_write_request(&body, request);
+    return qm_text_take(&body);
+}
+
 qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool *is_cached,
                        qm_problem *problem)
 {
     QM_ASSERT(submission && submission->request && submission->body && is_cached && problem);
     *is_cached = false;
+    bool has_hash = qm_job_names_hash(submission->request);
+    if (!qm_job_resolve(jobs, submission->request, problem)) return NULL;
     *problem = (qm_problem){.code = QM_PROBLEM_COUNT};
     char *key = qm_job_make_key(submission->request);
     if (!key) {
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
         return NULL;
     }
+    /* Whoever runs the job later reads the meshes that were meant now. */
+    qm_job_submission resolved = *submission;
+    char *body = has_hash ? write_body(submission->request) : NULL;
+    if (body) resolved.body = body;
     qm_job *job = NULL;
     bool is_new = false, is_shared = qm_store_is_shared(jobs->store), is_unwanted;
     char revisions[QM_REVISIONS_SIZE];
@@ -387,7 +413,7 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
     if (!job && problem->code == QM_PROBLEM_COUNT) {
         is_new = is_shared || qm_jobs_count(jobs).queued < (size_t)jobs->limits.queue;
         if (is_new)
-            job = submit_new(jobs, submission, revisions, problem);
+            job = submit_new(jobs, &resolved, revisions, problem);
         else
             *problem = qm_problem_make(QM_PROBLEM_TOO_MANY_JOBS, "the queue is full: %d jobs are waiting",
                                        jobs->limits.queue);
@@ -401,6 +427,7 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
     if (job && !submission->owns_job) job->is_kept = true; /* it runs on when all owners leave */
     uv_mutex_unlock(&jobs->lock);
     uv_mutex_unlock(&jobs->submitting);
+    free(body);
     free(key);
     return job;
 }

@@ -27,6 +27,14 @@ _Static_assert(sizeof(qm_job_kind) == sizeof(int) && sizeof(qm_direction) == siz
                    sizeof(qm_bounds) == sizeof(int),
                "a choice is copied into its enum as an int");
 
+/** True for a mesh that is named by the hash of its file. */
+static bool is_hash_name(const char *text)
+{
+    size_t prefix = strlen(QM_JOB_HASH_PREFIX);
+    return strlen(text) == QM_JOB_MESH_SIZE - 1 && strncmp(text, QM_JOB_HASH_PREFIX, prefix) == 0 &&
+           strspn(text + prefix, "0123456789abcdef") == QM_HASH_SIZE - 1;
+}
+
 /** Reads a value into its member; false leaves the location of the fault. */
 static bool read_value(const qm_job_field *field, const cJSON *value, qm_job_request *out,
                        qm_json_location *at)
@@ -37,7 +45,7 @@ static bool read_value(const qm_job_field *field, const cJSON *value, qm_job_req
     int index;
     switch (field->type) {
     case QM_FIELD_ID:
-        if (!text || !text[0] || strlen(text) >= QM_ID_SIZE) return false;
+        if (!text || !text[0] || (strlen(text) >= QM_ID_SIZE && !is_hash_name(text))) return false;
         strcpy(member, text);
         return true;
     case QM_FIELD_POSITIVE:

@@ -3,6 +3,7 @@
  */
 #include "job_kinds_internal.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -35,6 +36,7 @@ qm_job_request qm_job_request_default(void)
         .worst_radius = NAN,
         .mode = QM_COLLIDE_ALL,
         .list_limit = 1000,
+        .within = NAN,
         .goal = {.measures = true},
     };
 }
@@ -44,6 +46,18 @@ void qm_job_request_reset(qm_job_request *request)
     free(request->points);
     request->points = NULL;
     request->point_count = 0;
+    free(request->meshes);
+    request->meshes = NULL;
+    request->mesh_count = 0;
+}
+
+qm_job_request qm_job_request_take(qm_job_request *request)
+{
+    qm_job_request taken = *request;
+    request->points = NULL;
+    request->meshes = NULL;
+    request->point_count = request->mesh_count = 0;
+    return taken;
 }
 
 const qm_job_hooks *qm_job_hooks_of(qm_job_kind kind)
@@ -84,10 +98,16 @@ const qm_job_field *qm_job_find_field(const qm_job_field *fields, const char *na
     return NULL;
 }
 
+double qm_job_tolerance_of(const qm_job_request *request, double diagonal)
+{
+    bool is_absolute = request->tolerance_is_absolute || diagonal == 0.0;
+    double tolerance = is_absolute ? request->tolerance : request->tolerance * diagonal;
+    return fmin(fmax(tolerance, DBL_TRUE_MIN), DBL_MAX); /* the product may be no number above 0 */
+}
+
 double qm_job_tolerance(const qm_job_call *call)
 {
-    bool is_absolute = call->request->tolerance_is_absolute || call->a->diagonal == 0.0;
-    return is_absolute ? call->request->tolerance : call->request->tolerance * call->a->diagonal;
+    return qm_job_tolerance_of(call->request, call->a->diagonal);
 }
 
 void qm_job_add_tolerance(qm_text *out, const qm_job_request *request)
@@ -102,9 +122,37 @@ void qm_job_add_accelerator(qm_text *out, const qm_job_request *request)
         qm_json_add_string(out, "accelerator", qm_accelerator_names[request->accelerator]);
 }
 
+double qm_job_uncertainty(const qm_job_result *result)
+{
+    double a = result->notes[0].uncertainty, b = result->notes[1].uncertainty;
+    return a > 0.0 && b > 0.0 ? nextafter(a + b, INFINITY) : a + b;
+}
+
+void qm_job_add_of_true(qm_text *out, const qm_job_result *result, qm_interval interval)
+{
+    double uncertainty = qm_job_uncertainty(result);
+    if (!(uncertainty > 0.0)) return;
+    double lower = nextafter(interval.lower - uncertainty, 0.0);
+    const qm_interval of_true = {interval.lower > uncertainty ? lower : 0.0,
+                                 nextafter(interval.upper + uncertainty, INFINITY)};
+    qm_json_add_interval(out, "of_true", of_true, result->diagonal);
+}
+
 static double prepare_ms(const qm_loaded_mesh *mesh)
 {
     return mesh ? mesh->parse_ms + mesh->topology_ms + mesh->bvh_ms : 0.0;
+}
+
+bool qm_job_check_units(const qm_notes notes[2], qm_problem *problem)
+{
+    const char *a = notes[0].unit, *b = notes[1].unit;
+    if (!a[0] || !b[0] || strcmp(a, b) == 0) return true;
+    *problem = qm_problem_make(
+        QM_PROBLEM_UNITS_DIFFER,
+        "the first mesh is in %s, the second in %s: bring one to the unit of the other, or set "
+        "the `unit` of the one that is wrong",
+        a, b);
+    return false;
 }
 
 qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
@@ -112,10 +160,12 @@ qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const q
                          qm_job_result *out)
 {
     *out = (qm_job_result){.kind = request->kind,
-                           .diagonal = a->diagonal,
+                           .diagonal = a ? a->diagonal : 0.0,
+                           .other_diagonal = b ? b->diagonal : 0.0,
+                           .notes = {request->notes[0], request->notes[1]},
                            .prepare_a_ms = prepare_ms(a),
                            .prepare_b_ms = prepare_ms(b)};
-    QM_ASSERT(ctx && a && request->kind < QM_JOB_KIND_COUNT);
+    QM_ASSERT(ctx && (a || request->set) && request->kind < QM_JOB_KIND_COUNT);
     const qm_job_call call = {
         ctx, request, a, b, progress, progress_user, request->threads > 0 ? request->threads : 1};
     double start_ms = qm_clock_now_ms();

@@ -1,7 +1,9 @@
 /**
  * store.c: the verbs of a store, each of which its driver does; and the rows that they give.
  */
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/metrics.h"
 #include "store_driver.h"
@@ -61,9 +63,9 @@ qm_stored qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out
     QM_STORE_RETURN_VERB(store, find_mesh, store, id, out);
 }
 
-qm_stored qm_store_find_revision(qm_store *store, const char *id, uint64_t *revision)
+qm_stored qm_store_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out)
 {
-    QM_STORE_RETURN_VERB(store, find_revision, store, id, revision);
+    QM_STORE_RETURN_VERB(store, find_mesh_state, store, id, out);
 }
 
 qm_stored qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
@@ -82,6 +84,11 @@ qm_stored qm_store_revise_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
     QM_ASSERT(mesh->revision > 0);
     QM_STORE_RETURN_VERB(store, revise_mesh, store, mesh);
+}
+
+qm_stored qm_store_set_notes(qm_store *store, const qm_store_mesh *mesh)
+{
+    QM_STORE_RETURN_VERB(store, set_notes, store, mesh);
 }
 
 qm_stored qm_store_set_expiry(qm_store *store, const char *id, const char *expires)
@@ -105,6 +112,7 @@ void qm_store_mesh_reset(qm_store_mesh *mesh)
     free(mesh->name);
     free(mesh->document);
     free(mesh->created);
+    free(mesh->labels);
     *mesh = (qm_store_mesh){0};
 }
 
@@ -308,6 +316,15 @@ void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction)
     *reconstruction = (qm_store_reconstruction){0};
 }
 
+bool qm_store_next_subject(const char **rest, char out[QM_ID_SIZE])
+{
+    if (!*rest || !**rest) return false;
+    size_t length = strcspn(*rest, " ");
+    snprintf(out, QM_ID_SIZE, "%.*s", (int)length, *rest);
+    *rest += length + ((*rest)[length] != '\0');
+    return true;
+}
+
 /* ---- copies ---- */
 
 qm_stored qm_store_list_job_copies(qm_store *store, const qm_store_page *page, qm_store_job_copy *out,
@@ -326,6 +343,7 @@ void qm_store_job_copy_reset(qm_store_job_copy *copy)
 {
     qm_store_job_reset(&copy->job);
     free(copy->type);
+    free(copy->subjects);
     free(copy->revisions);
     *copy = (qm_store_job_copy){0};
 }

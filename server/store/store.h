@@ -26,6 +26,7 @@
 
 #include "base/clock.h"
 #include "base/id.h"
+#include "base/notes.h"
 #include "base/text.h"
 #include "qm/context.h"
 
@@ -228,7 +229,9 @@ typedef struct qm_store_mesh {
     char positions[QM_HASH_SIZE]; /* of the blob with the vertices of this revision: rows of three doubles
                                      as this machine writes them; "" for those of the file */
     char expires[QM_TIME_SIZE];   /* RFC 3339; "": never */
-    int64_t sequence;             /* order of creation; given by the store */
+    qm_notes notes;
+    char *labels;     /* each after a line feed and before the next one; or NULL as "" */
+    int64_t sequence; /* order of creation; given by the store */
 } qm_store_mesh;
 
 /**
@@ -237,12 +240,16 @@ typedef struct qm_store_mesh {
  */
 qm_stored qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh);
 qm_stored qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
-/** Finds the revision of a mesh alone. */
-qm_stored qm_store_find_revision(qm_store *store, const char *id, uint64_t *revision);
+/** What of a mesh changes the answers to questions about it. */
+typedef struct qm_store_mesh_state {
+    uint64_t revision;
+    qm_notes notes;
+} qm_store_mesh_state;
+qm_stored qm_store_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out);
 qm_stored qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
                                         qm_store_mesh *out);
 typedef struct qm_store_mesh_filter {
-    const char *name, *hash;
+    const char *name, *hash, *label;
 } qm_store_mesh_filter;
 qm_stored qm_store_list_meshes(qm_store *store, const qm_store_page *page, const qm_store_mesh_filter *filter,
                                qm_store_mesh *out, size_t *count);
@@ -251,6 +258,8 @@ qm_stored qm_store_list_meshes(qm_store *store, const qm_store_page *page, const
  * positions before. QM_STORED_LATE when the mesh is no longer at the revision before, QM_STORED_NONE when it is gone.
  */
 qm_stored qm_store_revise_mesh(qm_store *store, const qm_store_mesh *mesh);
+/** Sets notes, labels and options of a mesh to those of a row. QM_STORED_NONE when there is no such mesh. */
+qm_stored qm_store_set_notes(qm_store *store, const qm_store_mesh *mesh);
 /** Sets when a mesh expires. QM_STORED_NONE when there is no such mesh. */
 qm_stored qm_store_set_expiry(qm_store *store, const char *id, const char *expires);
 /** Finds a mesh that expired before a time, and that no unfinished job, layout or reconstruction needs. */
@@ -275,11 +284,11 @@ typedef struct qm_store_job {
     char *body;            /* the JSON of the request, to run it again after a restart */
     const char
         *type; /* of a row that is submitted: its kind, and the ids that its request names; NULL else */
-    const char *subjects[2];
-    char *created;  /* time of submission, RFC 3339 */
-    char *document; /* members of the job resource as of its end but for its result; NULL before */
-    char *result;   /* the result object; NULL when the job has none */
-    char *progress; /* of one that another node runs: members of its newest bounds, or NULL */
+    const char *subjects; /* separated by blanks; one may come twice */
+    char *created;        /* time of submission, RFC 3339 */
+    char *document;       /* members of the job resource as of its end but for its result; NULL before */
+    char *result;         /* the result object; NULL when the job has none */
+    char *progress;       /* of one that another node runs: members of its newest bounds, or NULL */
     qm_job_state state;
     int64_t sequence; /* order of creation; given by the store */
     int64_t restarts; /* number of times that it was claimed, and began again */
@@ -400,6 +409,9 @@ qm_stored qm_store_drop_old_jobs(qm_store *store, size_t kept, double kept_s, si
                                  char (*ids)[QM_ID_SIZE], size_t *count);
 qm_stored qm_store_delete_job(qm_store *store, const char *id);
 void qm_store_job_reset(qm_store_job *job);
+
+/** Takes the first subject off the rest of a list of them; false at its end. */
+bool qm_store_next_subject(const char **rest, char out[QM_ID_SIZE]);
 
 /* ---- the nodes of a shared store ---- */
 
@@ -550,9 +562,9 @@ qm_stored qm_store_visit_to_write(const char *address, const qm_store_node *self
 typedef struct qm_store_job_copy {
     qm_store_job job; /* without type and subjects; deaths as the next claim is to tell them */
     char *type;
-    char subjects[2][QM_ID_SIZE]; /* "": none */
-    char *revisions;              /* of its meshes; "" when it answers no later request */
-    int64_t claims; /* how often it was claimed; of an embedded store, once by each process that had it */
+    char *subjects;  /* separated by blanks; "" or NULL: none */
+    char *revisions; /* of its meshes; "" when it answers no later request */
+    int64_t claims;  /* how often it was claimed; of an embedded store, once by each process that had it */
 } qm_store_job_copy;
 
 qm_stored qm_store_list_job_copies(qm_store *store, const qm_store_page *page, qm_store_job_copy *out,

@@ -86,6 +86,13 @@ void qm_postgres_write_text(qm_text *array, const char *text)
     qm_text_add_string(array, "\"");
 }
 
+void qm_postgres_write_subjects(qm_text *array, const char *subjects)
+{
+    char subject[QM_ID_SIZE];
+    while (qm_store_next_subject(&subjects, subject))
+        qm_postgres_write_text(array, subject);
+}
+
 void qm_postgres_write_integer(qm_text *array, int64_t number)
 {
     qm_text_printf(array, "%c%" PRId64, array->size > 0 ? ',' : '{', number);
@@ -176,8 +183,11 @@ static char *print_page(const qm_postgres_listing *listing, const qm_store_page 
     int64_t after = page->newest_first && page->after == 0 ? INT64_MAX : page->after;
     qm_text_printf(&sql, "%s WHERE %s %c %" PRId64, listing->select, listing->sequence,
                    page->newest_first ? '<' : '>', after);
-    for (int i = 0; i < QM_POSTGRES_CONDITIONS; i++)
-        if (listing->values[i]) qm_text_printf(&sql, " AND %s%d::text", listing->conditions[i], index++);
+    for (int i = 0; i < QM_POSTGRES_CONDITIONS; i++) {
+        if (!listing->values[i]) continue;
+        const char *condition = listing->conditions[i], *rest = strchr(condition, '$') + 1;
+        qm_text_printf(&sql, " AND %.*s%d::text%s", (int)(rest - condition), condition, index++, rest);
+    }
     if (listing->condition) qm_text_printf(&sql, " AND %s", listing->condition);
     qm_text_printf(&sql, " ORDER BY %s %s LIMIT %zu", listing->sequence, page->newest_first ? "DESC" : "ASC",
                    page->limit);

@@ -72,6 +72,21 @@ test("meshes: upload, list, show, download, patches, delete", async () => {
   await assert.rejects(client.meshes.get(back.mesh.id), { code: "mesh_not_found", status: 404 });
 });
 
+test("meshes have notes and a quality", async () => {
+  const noted = await client.meshes.create(off(sphere()), { name: "noted", unit: "mm", uncertainty: 0.25, labels: ["js", "a-b"] });
+  assert.deepEqual([noted.mesh.unit, noted.mesh.uncertainty, noted.mesh.labels], ["mm", 0.25, ["js", "a-b"]]);
+  assert.deepEqual((await collect(client.meshes.list({ label: "js" }))).map((mesh) => mesh.id), [noted.mesh.id]);
+  const changed = await client.meshes.change(noted.mesh.id, { unit: null, labels: [] });
+  assert.deepEqual([changed.unit, changed.uncertainty, changed.labels], [null, 0.25, []]);
+
+  const { metrics } = await client.meshes.quality(noted.mesh.id);
+  assert.equal(metrics.length, 10);
+  const skew = await client.meshes.qualityOfFaces(noted.mesh.id, "skew");
+  assert.equal(skew.values.length, 4800);
+  assert.equal(skew.maximum, skew.values[skew.maximum_face ?? 0]);
+  await client.meshes.delete(noted.mesh.id);
+});
+
 test("nearest points come as rows, of float64 and float32 alike", async () => {
   for (const points of [new Float64Array([0, 0, 3, 2, 0, 0]), new Float32Array([0, 0, 3, 2, 0, 0])]) {
     const rows = (await collect(client.meshes.project(a.id, points))).flatMap((block) => [...block]);
@@ -162,6 +177,25 @@ test("moved vertices make a revision; collisions and least distances follow", as
   await client.meshes.deform(one.id, { indices: [corner], positions: [[2, 2, 2]] }, { ifMatch: "*" });
   const after = await client.jobs.create({ type: "self_collision", mesh: one.id, incremental: true }, { wait: 30 });
   assert(after.result.incremental && after.result.count > 0);
+});
+
+test("all pairs of a set, and two files of which nothing is kept", async () => {
+  const meshes = [];
+  for (const x of [0, 1, 3]) {
+    meshes.push((await client.meshes.create(off(moved(box(2), [x, 0, 0])), { name: "moved.off" })).mesh.id);
+  }
+  const { id, result } = await client.jobs.create({ type: "matrix", meshes, want: { nearest: 1 } }, { wait: 30 });
+  assert.deepEqual(result.nearest.map(([first]) => first.mesh), [1, 0, 1]);
+  const rows = await client.jobs.pairs(id);
+  assert.equal(rows.length, 12);
+  assert(rows[2] <= 1 && rows[3] >= 1 && rows[6] <= 3 && rows[7] >= 3);
+  const before = (await collect(client.meshes.list())).length;
+  const files = [0, 1].map((x) => new Blob([off(moved(box(2), [x, 0.5, 0]))]));
+  const answer = await client.jobs.compare(files[0], files[1], { quads: "bilinear" });
+  const { lower, upper } = answer.symmetric.hausdorff;
+  assert(lower <= 1 && upper >= 1 && answer.quads === "bilinear");
+  assert.equal((await collect(client.meshes.list())).length, before);
+  await assert.rejects(client.jobs.compare(files[0], new Blob(["no mesh"])), (error) => error instanceof ProblemError);
 });
 
 test("a layout is edited, undone, and grows into quads", async () => {

@@ -20,11 +20,6 @@
 
 #include "qm/hausdorff.h"
 
-/** An interval that contains a true value. */
-typedef struct qm_interval {
-    double lower, upper;
-} qm_interval;
-
 typedef struct qm_deviation_options {
     qm_quad_reading quads;
     double accuracy; /* > 0: mean and rms are narrowed until upper - lower <= accuracy * lower */
@@ -66,7 +61,7 @@ typedef struct qm_deviation {
     double bin_width;        /* max.upper / bin_count */
     qm_interval *share;      /* of A, within each limit, that distance included: 0 to 1 */
     double least;            /* no point of A is nearer to B than this */
-    /* the worst places, the first one the witness of the maximum; fewer than requested where there are no more, and none
+    /* the worst places, the first one the witness of the maximum; fewer than requested where no more are found, and none
        after a cancelation */
     qm_deviation_place *worst;
     size_t limit_count, worst_count;
