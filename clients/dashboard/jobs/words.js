@@ -5,7 +5,7 @@ import { nameOf } from "../core/state.js";
 
 /** @import { AlignmentResult, CollisionResult, ComparisonResult, DeviationResult, Job, MatrixResult, StepResult } from "../../js/types.js" */
 
-const KINDS = /** @type {Record<string, string>} */ ({
+export const KINDS = /** @type {Record<string, string>} */ ({
   hausdorff: "Hausdorff distance", deviation: "Deviation", comparison: "Comparison", project: "Nearest points", collision: "Collisions",
   self_collision: "Self-collisions", distance: "Least distance", alignment: "Alignment", reconstruction_step: "Remeshing",
   matrix: "All pairs" });
