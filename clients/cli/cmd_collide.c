@@ -114,7 +114,7 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
     cli_job job = cli_job_make(kind);
     qm_job_request *request = &job.request;
     const char *csv = NULL;
-    /* The first four are for pairs only. */
+    /* The first four are for lists of pairs, the last one for two meshes. */
     const cli_option options[] = {
         {.name = "csv",
          .letter = 'o',
@@ -152,8 +152,9 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_SERVER(&job.server),
-        CLI_OPTIONS_NOTES(request)}; /* of two meshes, and so the last ones */
-    size_t skipped = kind == QM_JOB_DISTANCE ? 4 : 0, left_out = kind == QM_JOB_SELF_COLLISION ? 2 : 0;
+        CLI_OPTION_TRANSFORM(&job.transform),
+        CLI_OPTIONS_NOTES(request)}; /* these and the transform are of two meshes, and so the last ones */
+    size_t skipped = kind == QM_JOB_DISTANCE ? 4 : 0, left_out = kind == QM_JOB_SELF_COLLISION ? 3 : 0;
     int status;
     if (!cli_read_options(command, options + skipped, sizeof options / sizeof *options - skipped - left_out,
                           argc, argv, job.path, &status))

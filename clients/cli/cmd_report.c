@@ -85,10 +85,12 @@ static bool make_here(const report_options *options, const cli_job *job, const c
                         .limit = options->limit,
                         .range = options->range,
                         .thread_count = job->request.threads};
+    const qm_job_pose *pose = job->request.pose;
     for (int side = 0; side < 2; side++)
         report.mesh[side] = (qm_report_mesh){.name = cli_base_name(job->path[side]),
                                              .hash = hash_file(job->path[side], hash[side]),
                                              .notes = output->result->notes[side],
+                                             .transform = pose[side].is_given ? pose[side].transform : NULL,
                                              .loaded = output->mesh[side]};
     qm_problem problem;
     bool is_made = !request.failed && qm_report_write(&ctx, &report, out, &problem);
@@ -215,6 +217,8 @@ static int run(int argc, char **argv)
                  "the diagonal of A's box)"},
         CLI_OPTION_QUADS(&request->quads),
         CLI_OPTIONS_NOTES(request),
+        CLI_OPTION_TRANSFORM(&job.transform),
+        CLI_OPTION_ALIGN(&job.aligns),
         CLI_OPTION_AVERAGES(request),
         CLI_OPTION_GAP(&request->tolerance,
                        "width of the intervals of the maxima, as a fraction of the diagonal "

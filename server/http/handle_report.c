@@ -21,6 +21,7 @@ typedef struct report_task {
     char *document, *result;
     qm_store_mesh mesh[2];
     qm_mesh_ref *ref[2];
+    double transform[2][QM_TRANSFORM_SIZE];
 } report_task;
 
 static void reset_task(report_task *task)
@@ -65,10 +66,26 @@ static bool take_result(report_task *task, const char *id, qm_problem *problem)
     return stored == QM_STORED;
 }
 
+/** Reads the transform that has moved a mesh; NULL for one that lies as it was uploaded. */
+static const double *read_transform(report_task *task, int side, const qm_json *document)
+{
+    double *transform = task->transform[side];
+    for (int i = 0; i < QM_TRANSFORM_SIZE; i++) {
+        char path[40];
+        snprintf(path, sizeof path, "request.%c.transform.%d", side == 0 ? 'a' : 'b', i);
+        if (!qm_json_has(document, path)) return NULL;
+        transform[i] = qm_json_get_number(document, path);
+    }
+    return transform;
+}
+
 /** Takes a mesh that the request of the job names; false with a problem. */
 static bool take_mesh(report_task *task, int side, const qm_json *document, qm_problem *problem)
 {
-    const char *id = qm_json_get_string(document, side == 0 ? "request.a" : "request.b");
+    const double *transform = read_transform(task, side, document);
+    const char *path = side == 0 ? "request.a" : "request.b",
+               *moved = side == 0 ? "request.a.mesh" : "request.b.mesh";
+    const char *id = qm_json_get_string(document, transform ? moved : path);
     qm_stored stored = qm_store_find_mesh(task->app->store, id ? id : "", &task->mesh[side]);
     if (stored != QM_STORED) {
         *problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s of the comparison",
@@ -76,11 +93,14 @@ static bool take_mesh(report_task *task, int side, const qm_json *document, qm_p
         return false;
     }
     qm_notes notes;
-    task->ref[side] = qm_meshes_acquire_noted(task->app->meshes, id, &notes, problem);
+    qm_meshes *meshes = task->app->meshes;
+    task->ref[side] = transform ? qm_meshes_acquire_moved(meshes, id, transform, &notes, problem)
+                                : qm_meshes_acquire_noted(meshes, id, &notes, problem);
     if (!task->ref[side]) return false;
     task->report.mesh[side] = (qm_report_mesh){.name = task->mesh[side].name,
                                                .hash = task->mesh[side].hash,
                                                .notes = notes,
+                                               .transform = transform,
                                                .loaded = qm_mesh_ref_get(task->ref[side])};
     return true;
 }

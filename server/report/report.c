@@ -341,6 +341,28 @@ static void print_box(const qm_box *box, char out[256])
              0.5 * box->min[1] + 0.5 * box->max[1], 0.5 * box->min[2] + 0.5 * box->max[2]);
 }
 
+/** The matrix that has moved a mesh, row by row. */
+static void add_transforms(qm_report_writer *w)
+{
+    const qm_report_mesh *mesh = w->report->mesh;
+    if (!mesh[0].transform && !mesh[1].transform) return;
+    qm_text_add_string(w->out, "<tr><th scope=\"row\">Moved by</th>");
+    for (int side = 0; side < 2; side++) {
+        qm_text_add_string(w->out, mesh[side].transform ? "<td>" : "<td>nothing");
+        for (int row = 0; mesh[side].transform && row < 4; row++) {
+            for (int column = 0; column < 4; column++) {
+                char number[QM_NUMBER_SIZE];
+                qm_text_printf(w->out, "%s%s", qm_text_number(mesh[side].transform[4 * column + row], number),
+                               column < 3 ? " "
+                               : row < 3  ? "; "
+                                          : "");
+            }
+        }
+        qm_text_add_string(w->out, "</td>");
+    }
+    qm_text_add_string(w->out, "</tr>\n");
+}
+
 static void add_meshes(qm_report_writer *w)
 {
     char counts[2][128], boxes[2][256], moves[2][64], doubts[2][QM_NUMBER_SIZE];
@@ -373,6 +395,7 @@ static void add_meshes(qm_report_writer *w)
     add_mesh_text(w, "Vertices", moves[0], moves[1]);
     add_mesh_text(w, "Counts", counts[0], counts[1]);
     add_mesh_text(w, "Box", boxes[0], boxes[1]);
+    add_transforms(w);
     add_mesh_text(w, "Quads are read as",
                   w->quads == QM_QUADS_BILINEAR ? "bilinear patches" : "two triangles",
                   w->quads == QM_QUADS_BILINEAR ? "bilinear patches" : "two triangles");

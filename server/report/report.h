@@ -12,11 +12,13 @@
 #include "base/notes.h"
 #include "ops/mesh_load.h"
 #include "ops/problem.h"
+#include "qm/transform.h"
 
 typedef struct qm_report_mesh {
     const char *name; /* of the file; NULL: none */
     const char *hash; /* SHA-256 of the file in hex; NULL: not known */
     qm_notes notes;
+    const double *transform;      /* that has moved the mesh (qm/transform.h); NULL: it lies as in its file */
     const qm_loaded_mesh *loaded; /* with a tree that is a target, of patches too if quads are read so */
 } qm_report_mesh;
 

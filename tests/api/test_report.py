@@ -142,3 +142,10 @@ def test_units_uncertainties_and_meshes_by_content(client):
     true = job["result"]["symmetric"]["hausdorff"]["of_true"]
     assert f'<td data-lower="{true["lower"]!r}" data-upper="{true["upper"]!r}">' in page
     assert "Distances are in mm" in page and "<td>0.25</td><td>0</td>" in page and ": undecided.</p>" in page
+
+
+def test_moved_for_the_job(client):
+    a, b = client.upload(RAMP, name="posed")["id"], client.upload(FLOOR, name="stays there")["id"]
+    transform = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, -1, 1]
+    page = read(client, compare(client, {"mesh": a, "transform": transform}, b), limit=1.01).text
+    assert "Within the limit of 1.01" in page and "<td>1 0 0 0; 0 1 0 0; 0 0 1 -1; 0 0 0 1</td><td>nothing</td>" in page

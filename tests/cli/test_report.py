@@ -222,6 +222,19 @@ def test_units_and_uncertainties(quadmesh, square, raised, tmp_path):
     assert rows["Unit"] == ["mm", "mm"] and rows["Uncertainty: the true surface is within"] == ["0.1", "0.2"]
 
 
+def test_moved_meshes(quadmesh, square, raised, tmp_path):
+    (tmp_path / "pose.json").write_text(json.dumps({"transform": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0.75, 1]}))
+    page = make(quadmesh, tmp_path, square, raised, "--limit", 0.3, "--transform", "pose.json")
+    rows = {row.all("th")[0].text(): [cell.text() for cell in row.all("td")] for row in page.section("meshes").all("tr") if row.all("td")}
+    assert rows["Moved by"] == ["1 0 0 0; 0 1 0 0; 0 0 1 0.75; 0 0 0 1", "nothing"]
+    low, high = page.figures()["Greatest distance (Hausdorff)"][2]
+    assert low <= 0.25 <= high <= 0.2501
+    torus, other = write_torus(tmp_path / "a.obj", 24, 12, 0.3), write_torus(tmp_path / "b.obj", 24, 12, 0.3)
+    other.write_text("".join(f"v {float(x) + 3} {y} {z}\n" if kind == "v" else f"{kind} {x} {y} {z}\n" for kind, x, y, z in (line.split(maxsplit=3) for line in other.read_text().splitlines())))
+    page = make(quadmesh, tmp_path, torus, other, "--limit", 0.01, "--align")
+    assert "Within" in page.verdict().text() and "Moved by" in page.section("meshes").text()
+
+
 def test_meshes_of_unlike_size_are_a_warning(quadmesh, tmp_path):
     small, large = write_sphere(tmp_path / "small.obj", 1.0, 6), write_sphere(tmp_path / "large.obj", 100.0, 6)
     assert "Warning: " in make(quadmesh, tmp_path, small, large).verdict().text()
