@@ -37,6 +37,7 @@
     XX(INDEX_OUT_OF_RANGE, 422, "index_out_of_range", "An index names a vertex that does not exist")         \
     XX(SCALE_OUT_OF_RANGE, 422, "scale_out_of_range", "The sizes of the meshes differ beyond precision")     \
     XX(INVALID_LAYOUT, 422, "invalid_layout", "The layout does not bound patches of four sides")             \
+    XX(NOT_CLOSED, 422, "not_closed", "The mesh does not bound a solid, so that it has no inside")           \
     XX(IDEMPOTENCY_MISMATCH, 422, "idempotency_mismatch", "The key was used for another request")            \
     XX(TOO_MANY_JOBS, 429, "too_many_jobs", "The queue of jobs is full")                                     \
     XX(HEADERS_TOO_LARGE, 431, "headers_too_large", "The headers of the request are too large")              \
