@@ -232,7 +232,7 @@ static qm_mesh random_solid(qm_random *random, int i)
 static void winding_numbers_are_solid_angles(void **state)
 {
     (void)state;
-    enum { MESHES = 60, POINTS = 60, CELLS = 12, FINE_CELLS = 400 };
+    enum { MESHES = 60, POINTS = 60, CELLS = 12, FINE_CELLS = 120 };
     int inside = 0, twisted = 0, skipped = 0;
     for (int i = 0; i < MESHES; i++) {
         qm_random random = qm_random_make(qm_check_seed(), (uint64_t)i);

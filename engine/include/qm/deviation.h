@@ -19,11 +19,26 @@
 #define QM_DEVIATION_H
 
 #include "qm/hausdorff.h"
+#include "qm/solid.h"
 
 /** An interval that contains a true value. */
 typedef struct qm_interval {
     double lower, upper;
 } qm_interval;
+
+/**
+ * How the sides of B are told from one another, and which distances count as positive.
+ *
+ * With OUTSIDE and INSIDE the side is proven: B must bound a solid (solid.h). A piece of A whose distance is above 0 does not meet B, so
+ * that all of it is on one side, which one exact winding number tells. With NORMAL it is the side that the normal of the nearest face
+ * points to, for targets that are open: nothing proves it, and pieces that reach round the rim of B are on the side of their centroid.
+ */
+typedef enum qm_sign {
+    QM_SIGN_NONE,    /* distances are not signed */
+    QM_SIGN_OUTSIDE, /* positive outside of B */
+    QM_SIGN_INSIDE,  /* positive inside of B */
+    QM_SIGN_NORMAL   /* positive where the normals of B point to */
+} qm_sign;
 
 typedef struct qm_deviation_options {
     qm_quad_reading quads;
@@ -34,16 +49,42 @@ typedef struct qm_deviation_options {
     size_t piece_limit;       /* pieces besides the initial ones, A's faces; 0: nothing is cut */
     const double *percentile; /* percentile_count numbers above 0, at most 100 */
     size_t percentile_count;
-    size_t bin_count;                   /* of the histogram */
-    int thread_count;                   /* 1 or more */
+    size_t bin_count; /* of the histogram */
+    int thread_count; /* 1 or more */
+    qm_sign sign;
+    const qm_solid
+        *solid; /* what qm_solid_check says of B with this reading of quads; NULL: the call checks B itself */
+    const qm_interval
+        *band; /* band_count ranges of signed distances, lower <= upper; either end may be infinite */
+    size_t band_count;
     qm_hausdorff_progress_fn *progress; /* of the search for the maximum; NULL: none */
     void *progress_user;
 } qm_deviation_options;
 
-/** Triangles, accuracy 1e-2, tolerance 0 (to be set), 2^20 pieces, no percentiles, no bins, one thread. */
+/** Triangles, accuracy 1e-2, tolerance 0 (to be set), 2^20 pieces, no percentiles, no bins, one thread, no sign. */
 qm_deviation_options qm_deviation_options_default(void);
 
 typedef enum qm_measure { QM_OVER_AREA, QM_OVER_VERTICES, QM_OVER_POINTS } qm_measure;
+
+/** The part of A on one side of B. */
+typedef struct qm_deviation_side {
+    qm_interval max;  /* of the distance there; 0 to 0 where no point of A is proven or possible there */
+    qm_interval size; /* area, or count */
+    /* A point of A, surely on this side, whose distance is max.lower or more, and its foot on B. */
+    bool has_witness;
+    qm_surface_point from, to;
+} qm_deviation_side;
+
+/** What sign and bands add. Parts of A that are not proven to be on a side, as they touch B or pass through it, count as either in every
+ * interval. */
+typedef struct qm_signed_deviation {
+    bool is_proven;                  /* the sides are; the sign is not NORMAL */
+    qm_interval mean;                /* of the signed distance */
+    qm_deviation_side front, behind; /* outside and inside of B; with NORMAL, before and behind its faces */
+    double open_size;                /* how much of A is on neither side for sure, at most */
+    qm_interval *band;               /* shares of A with a signed distance in each band */
+    size_t band_count;
+} qm_signed_deviation;
 
 typedef struct qm_deviation {
     qm_measure measure;
@@ -57,6 +98,7 @@ typedef struct qm_deviation {
         *vertex_distance; /* vertex_count: at every vertex of A, used by a face or not; NULL and 0 where the
                                 call was canceled before all were known */
     size_t percentile_count, bin_count, vertex_count;
+    qm_signed_deviation sides; /* with a sign only */
     size_t pieces;
     uint64_t projections; /* nearest-point searches, with those of the maximum */
     bool is_accurate;     /* the accuracy was reached, up to rounding */
@@ -71,7 +113,8 @@ typedef struct qm_deviation {
  * Threads:   only reads the trees; splits its work with ctx->parallel.
  * Returns:   QM_OK, also when the pieces ran out before the accuracy was reached, or the call was canceled:
  *            its intervals are those that were known, first by the size of both meshes, then by A's vertices,
- *            then by its pieces; QM_E_ARGUMENT (accuracy, tolerance, percentiles, threads); QM_E_NO_MEMORY;
+ *            then by its pieces; QM_E_ARGUMENT (accuracy, tolerance, percentiles, bands, threads);
+ *            QM_E_NOT_CLOSED (a sign that B cannot prove; the message names what is in the way); QM_E_NO_MEMORY;
  *            QM_E_SCALE. After an error *out is all zero.
  */
 qm_status qm_deviation_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,

@@ -15,7 +15,7 @@
 
 #include "core/clock.h"
 #include "core/rounding.h"
-#include "deviation_refine.h"
+#include "deviation_sides.h"
 
 #define SEARCH_WORK 4096 /* steps of the search for the maximum */
 #define SEARCH_SHARE 0.5 /* further steps for each vertex and each piece */
@@ -29,6 +29,7 @@ typedef struct deviation_work {
     qm_deviation *out;
     double start_ms;
     qm_refinement refinement;
+    uint32_t *points; /* the vertices that are measured in place of pieces, or NULL */
 } deviation_work;
 
 qm_deviation_options qm_deviation_options_default(void)
@@ -53,6 +54,11 @@ static qm_status check_options(qm_context *ctx, const qm_deviation_options *opti
         if (!(options->percentile[i] > 0.0 && options->percentile[i] <= 100.0))
             return qm_context_fail(ctx, QM_E_ARGUMENT, "a percentile lies above 0 and at 100 at most, got %g",
                                    options->percentile[i]);
+    for (size_t i = 0; i < options->band_count; i++)
+        if (!(options->band[i].lower <= options->band[i].upper))
+            return qm_context_fail(ctx, QM_E_ARGUMENT,
+                                   "a band goes from a number to one no less, got %g to %g",
+                                   options->band[i].lower, options->band[i].upper);
     return QM_OK;
 }
 
@@ -128,11 +134,16 @@ static qm_status take_points(deviation_work *work, qm_measure measure)
     size_t count = mark_points(mesh, is_used);
     out->measure = measure;
     out->size = (qm_interval){(double)count, (double)count};
-    qm_status status = qm_refinement_reserve(pieces, count);
+    work->points = qm_context_alloc(work->ctx, mesh->vertex_count, sizeof *work->points);
+    qm_status status = work->points
+                           ? qm_refinement_reserve(pieces, count)
+                           : qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the points");
     for (size_t i = 0; status == QM_OK && i < mesh->vertex_count; i++) {
-        if (is_used[i])
+        if (is_used[i]) {
+            work->points[pieces->count] = (uint32_t)i;
             pieces->bounds[pieces->count++] = qm_deviation_point_bound(
                 &pieces->setup, mesh->positions + 3 * i, scale * out->vertex_distance[i]);
+        }
         if (i % CANCEL_STRIDE == 0 && qm_context_canceled(work->ctx))
             status = qm_context_fail(work->ctx, QM_E_CANCELED, "deviation canceled");
     }
@@ -237,8 +248,42 @@ static void set_totals(deviation_work *work)
         scale_interval(&out->size, inverse_scale);
     }
     out->pieces = work->refinement.count;
-    out->projections += atomic_load(&work->refinement.searches);
 }
+
+/* ---- signs ---- */
+
+/** True for signs that B must prove. */
+static bool needs_solid(qm_sign sign)
+{
+    return sign == QM_SIGN_OUTSIDE || sign == QM_SIGN_INSIDE;
+}
+
+static qm_status require_solid(deviation_work *work)
+{
+    const qm_deviation_options *options = work->options;
+    qm_solid found;
+    qm_status status = QM_OK;
+    if (!options->solid)
+        status = qm_solid_check(work->ctx, work->b, options->quads, options->thread_count, &found);
+    return status == QM_OK ? qm_solid_require(work->ctx, options->solid ? options->solid : &found, "B")
+                           : status;
+}
+
+/** Sets the signed figures, by the pieces unless the call was canceled before. */
+static qm_status measure_sides(deviation_work *work)
+{
+    qm_deviation_sides sides = {.pieces = &work->refinement,
+                                .options = work->options,
+                                .has_points = work->out->measure != QM_OVER_AREA,
+                                .point = work->points};
+    set_totals(work);
+    qm_status status = qm_deviation_sides_init(work->ctx, work->options, work->out);
+    if (status == QM_OK && !work->out->is_canceled) status = qm_deviation_sides_measure(&sides, work->out);
+    qm_deviation_sides_reset(&sides);
+    return status;
+}
+
+/* ---- the stages ---- */
 
 static qm_status measure(deviation_work *work)
 {
@@ -264,15 +309,19 @@ static qm_status run(deviation_work *work)
 {
     qm_deviation *out = work->out;
     qm_status status = qm_refinement_init(&work->refinement, work->a, work->b, work->options->quads);
+    if (status == QM_OK && needs_solid(work->options->sign)) status = require_solid(work);
     if (status == QM_OK) status = measure(work);
     out->is_canceled = status == QM_E_CANCELED;
     if (status == QM_OK || out->is_canceled) {
         bound_maximum(work);
         status = out->is_canceled ? QM_OK : search_maximum(work);
     }
-    if (status == QM_OK) status = set_distribution(work, !out->is_canceled);
+    if (status == QM_OK && work->options->sign != QM_SIGN_NONE) status = measure_sides(work);
+    out->is_canceled |= status == QM_E_CANCELED;
+    if (status == QM_OK || status == QM_E_CANCELED) status = set_distribution(work, !out->is_canceled);
     out->is_canceled |= status == QM_E_CANCELED;
     if (status == QM_OK || status == QM_E_CANCELED) set_totals(work);
+    out->projections += atomic_load(&work->refinement.searches);
     return status == QM_E_CANCELED ? QM_OK : status;
 }
 
@@ -292,6 +341,7 @@ qm_status qm_deviation_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b
                            .refinement.ctx = ctx};
     status = run(&work);
     qm_refinement_reset(&work.refinement);
+    qm_context_free(ctx, work.points, a->mesh.vertex_count, sizeof *work.points);
     out->elapsed_ms = qm_clock_ms() - work.start_ms;
     if (status != QM_OK) qm_deviation_reset(ctx, out);
     return status;
@@ -303,5 +353,6 @@ void qm_deviation_reset(qm_context *ctx, qm_deviation *deviation)
     qm_context_free(ctx, deviation->bin, deviation->bin_count, sizeof *deviation->bin);
     qm_context_free(ctx, deviation->vertex_distance, deviation->vertex_count,
                     sizeof *deviation->vertex_distance);
+    qm_context_free(ctx, deviation->sides.band, deviation->sides.band_count, sizeof *deviation->sides.band);
     *deviation = (qm_deviation){0};
 }

@@ -415,6 +415,7 @@ qm_deviation_bounds qm_deviation_point_bound(const qm_deviation_setup *setup, co
     return (qm_deviation_bounds){
         .low = {low, low, low},
         .high = {high, high, high},
+        .least = sure,
         .most = high,
         .area_low = 1.0,
         .area_high = 1.0,

@@ -13,6 +13,8 @@
  *   deviation_match.c      a piece matched to a bilinear patch
  *   deviation_quadratic.c  heights over a patch, which are quadratic
  *   deviation_integral.c   integrals of both functions
+ *   deviation_sides.c      on which side of the target each piece is, and signed figures
+ *   deviation_normals.c    the side by normals, of a target that bounds no solid
  *
  * Words (engine/DEVIATION.md has the whole):
  *   piece      a triangle of parameters on a face of the source; part: a piece that a cut makes of another
@@ -154,7 +156,7 @@ typedef struct qm_deviation_bounds {
     qm_quadratic bend;                /* and between these, where bend.cells > 0 */
     double invalid_low, invalid_high; /* shares of the piece where low is too high, and high too low */
     double excess;                    /* by how much high is too low at most */
-    double most;                      /* no distance is greater */
+    double least, most;               /* no distance is less, or greater */
     double area_low, area_high;       /* of the piece itself */
     double density_low, density_high; /* area of the whole piece at the lowest and highest density */
     double mean_low, mean_high;       /* integral of the distance */
