@@ -36,6 +36,51 @@ static void print_interval(const qm_json *result, const char *name)
            cli_format_bound(upper, true, high));
 }
 
+static void print_range(const char *name, double lower, double upper)
+{
+    char low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
+    printf("  %-8s %s to %s\n", name, cli_format_bound(lower, false, low),
+           cli_format_bound(upper, true, high));
+}
+
+static void print_side(const qm_json *result, const char *side)
+{
+    char path[64], name[32];
+    static const char *const figures[] = {"max", "size"};
+    for (int i = 0; i < 2; i++) {
+        snprintf(path, sizeof path, "signed.%s.%s.lower", side, figures[i]);
+        double lower = qm_json_get_number(result, path);
+        snprintf(path, sizeof path, "signed.%s.%s.upper", side, figures[i]);
+        snprintf(name, sizeof name, "%s", i == 0 ? side : "  size");
+        print_range(name, lower, qm_json_get_number(result, path));
+    }
+}
+
+static void print_signed(const qm_json *result)
+{
+    const char *sign = qm_json_get_string(result, "signed.sign");
+    printf("signed, positive %s%s\n", strcmp(sign, "normal") == 0 ? "where the normals of B point to" : sign,
+           qm_json_is_true(result, "signed.proven") ? "" : "; the sides are not proven");
+    print_range("mean", qm_json_get_number(result, "signed.mean.lower"),
+                qm_json_get_number(result, "signed.mean.upper"));
+    print_side(result, "outside");
+    print_side(result, "inside");
+    char path[64];
+    for (size_t i = 0;; i++) {
+        snprintf(path, sizeof path, "signed.bands.%zu.lower", i);
+        if (!qm_json_has(result, path)) return;
+        double share[2] = {qm_json_get_number(result, path), 0.0}, ends[2];
+        snprintf(path, sizeof path, "signed.bands.%zu.upper", i);
+        share[1] = qm_json_get_number(result, path);
+        snprintf(path, sizeof path, "signed.bands.%zu.from", i);
+        ends[0] = qm_json_get_number(result, path);
+        snprintf(path, sizeof path, "signed.bands.%zu.to", i);
+        ends[1] = qm_json_get_number(result, path);
+        printf("  from %.6g to %.6g: %.4f %% to %.4f %%\n", isnan(ends[0]) ? -INFINITY : ends[0],
+               isnan(ends[1]) ? INFINITY : ends[1], floor(1e6 * share[0]) / 1e4, ceil(1e6 * share[1]) / 1e4);
+    }
+}
+
 static void print_text(const cli_job *job, const qm_json *result)
 {
     const char *over = qm_json_get_string(result, "over");
@@ -54,6 +99,7 @@ static void print_text(const cli_job *job, const qm_json *result)
         printf("  %-8s %s to %s\n", name, cli_format_bound(lower, false, low),
                cli_format_bound(qm_json_get_number(result, path), true, high));
     }
+    if (qm_json_has(result, "signed")) print_signed(result);
     printf("  search   %.1f ms after %.1f + %.1f ms to prepare, %.0f pieces, %.0f projections\n",
            qm_json_get_number(result, "elapsed_ms"), qm_json_get_number(result, "prepare_ms.a"),
            qm_json_get_number(result, "prepare_ms.b"), qm_json_get_number(result, "pieces"),
@@ -228,6 +274,39 @@ static bool read_percentiles(const char *text, void *target)
     return false;
 }
 
+/** Reads an end of a band up to a character: a number, or nothing for none. */
+static bool read_end(const char **text, double none, char stop, double *out)
+{
+    char *end = NULL;
+    *out = none;
+    if (**text != stop && **text != '\0') {
+        *out = strtod(*text, &end);
+        if (end == *text || !isfinite(*out)) return false;
+        *text = end;
+    }
+    return true;
+}
+
+static bool read_bands(const char *text, void *target)
+{
+    qm_job_request *request = target;
+    request->band_count = 0;
+    for (const char *at = text; request->band_count < QM_JOB_MAX_BANDS; at++) {
+        qm_interval *band = &request->bands[request->band_count];
+        if (!read_end(&at, -INFINITY, ':', &band->lower) || *at++ != ':') break;
+        if (!read_end(&at, INFINITY, ',', &band->upper) || !(band->lower <= band->upper)) break;
+        request->band_count++;
+        if (!*at) return true;
+        if (*at != ',') break;
+    }
+    fprintf(stderr,
+            "quadmesh: --bands takes up to %d ranges FROM:TO, ascending, separated by commas, as in "
+            "-0.1:0.2,0.2:; got "
+            "\"%s\"\n",
+            QM_JOB_MAX_BANDS, text);
+    return false;
+}
+
 static int run(int argc, char **argv)
 {
     cli_job job = cli_job_make(QM_JOB_DEVIATION);
@@ -273,6 +352,20 @@ static int run(int argc, char **argv)
          .max = QM_JOB_MAX_BINS,
          .target = &request->bins,
          .help = "bins of the histogram (default 50)"},
+        {.name = "sign",
+         .value = "S",
+         .type = CLI_CHOICE,
+         .choices = qm_sign_names,
+         .target = &request->sign,
+         .help = "outside, inside: distances of that side of B, which is proven closed, are "
+                 "positive;\nnormal: those "
+                 "where B's normals point to, not proven; none (default)"},
+        {.name = "bands",
+         .value = "L",
+         .type = CLI_CUSTOM,
+         .read = read_bands,
+         .target = request,
+         .help = "ranges of signed distances FROM:TO, separated by commas: which share of A is in each"},
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_PROGRESS(&job.shows_progress),

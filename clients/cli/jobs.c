@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 #include "base/host.h"
@@ -88,7 +89,9 @@ static int run_loaded(const cli_job *job, const qm_loaded_mesh *a, const qm_load
     qm_status status = qm_job_execute(&ctx, &job->request, a, b, on_progress, &bar, &result);
     cli_bar_clear(&bar);
     if (status != QM_OK) {
-        cli_report_status(job->path[0], status, &ctx, job->as_json);
+        /* A fault of one of two meshes names it. */
+        bool is_second = b && strncmp(ctx.message, "mesh B", 6) == 0;
+        cli_report_status(job->path[is_second ? 1 : 0], status, &ctx, job->as_json);
         return EXIT_BAD_INPUT;
     }
     qm_text text = {0};

@@ -29,7 +29,8 @@
 /** @typedef {CommonRequest & { type: "project", mesh: string, points: Point[] }} ProjectRequest */
 /** @typedef {CommonRequest & { type: "deviation", a: string, b: string, accuracy?: number, pieces?: number,
  *   tolerance?: number, tolerance_unit?: "relative" | "absolute", percentiles?: number[],
- *   bins?: number }} DeviationRequest */
+ *   bins?: number, sign?: "none" | "outside" | "inside" | "normal",
+ *   bands?: [number | null, number | null][] }} DeviationRequest */
 /** @typedef {CommonRequest & { type: "distance", a: string, b: string, tolerance?: number,
  *   tolerance_unit?: "relative" | "absolute" }} DistanceRequest */
 /** @typedef {CommonRequest & { mode?: "all" | "first" | "any", limit?: number, tolerance?: number,
@@ -57,9 +58,13 @@
  *   elapsed_ms: number }} ProjectResult */
 /** @typedef {{ lower: number, upper: number }} Interval */
 /** @typedef {Interval & { lower_relative: number | null, upper_relative: number | null }} LengthInterval */
+/** @typedef {{ max: LengthInterval, size: Interval,
+ *   witness?: { from: SurfacePoint, to: SurfacePoint } }} DeviationSide */
+/** @typedef {{ sign: "outside" | "inside" | "normal", proven: boolean, mean: Interval, outside: DeviationSide,
+ *   inside: DeviationSide, open_size: number, bands: (Interval & { from: number | null, to: number | null })[] }} SignedDeviation */
 /** @typedef {{ over: "area" | "vertices" | "points", size: Interval, mean: LengthInterval, rms: LengthInterval,
  *   max: LengthInterval, percentiles: (LengthInterval & { percent: number })[],
- *   histogram: { bin_width: number, shares: [number, number][] }, vertex_count: number, vertex_distances?: number[],
+ *   histogram: { bin_width: number, shares: [number, number][] }, signed?: SignedDeviation, vertex_count: number, vertex_distances?: number[],
  *   quads: QuadReading, accuracy: number, tolerance: number, accurate: boolean, pieces: number, projections: number,
  *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} DeviationResult */
 /** @typedef {{ lower: number, upper: number, lower_relative: number | null, upper_relative: number | null,

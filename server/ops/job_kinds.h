@@ -21,6 +21,7 @@
 /** Limits of requests. */
 #define QM_JOB_MAX_THREADS QM_HOST_MAX_THREADS
 #define QM_JOB_MAX_PERCENTILES 64
+#define QM_JOB_MAX_BANDS 64
 #define QM_JOB_MAX_STEPS 64
 #define QM_JOB_MAX_PIECES 1e7
 #define QM_JOB_MAX_BINS 1e4
@@ -36,6 +37,7 @@ extern const char *const qm_quads_names[];          /* qm_quad_reading */
 extern const char *const qm_accelerator_names[];    /* qm_accelerator */
 extern const char *const qm_bounds_names[];         /* qm_bounds, then the former name of the first */
 extern const char *const qm_collide_mode_names[];   /* qm_collide_mode */
+extern const char *const qm_sign_names[];           /* qm_sign */
 extern const char *const qm_tolerance_unit_names[]; /* qm_job_request.tolerance_is_absolute */
 
 /** XX(suffix, name in "type"). */
@@ -125,6 +127,9 @@ typedef struct qm_job_request {
     size_t pieces, bins;
     double percentiles[QM_JOB_MAX_PERCENTILES];
     size_t percentile_count;
+    qm_sign sign;
+    qm_interval bands[QM_JOB_MAX_BANDS]; /* ends may be infinite */
+    size_t band_count;
 
     /* collision and self_collision */
     qm_collide_mode mode;
@@ -138,7 +143,7 @@ typedef struct qm_job_request {
 } qm_job_request;
 
 /** The defaults: a Hausdorff job, two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points.
- * Deviation: accuracy 1e-2, 2^20 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99.
+ * Deviation: accuracy 1e-2, 2^20 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99; no sign, no bands.
  * Collisions: all pairs, 1000 of them listed. */
 qm_job_request qm_job_request_default(void);
 

@@ -1,11 +1,28 @@
 /**
- * kind_deviation.c: mean, percentiles and histogram of the distance.
+ * kind_deviation.c: mean, percentiles and histogram of the distance, and what a sign adds.
  */
 #include "job_kinds_internal.h"
+
+#include <math.h>
 
 #include <cjson/cJSON.h>
 
 #include "json_request.h"
+
+const char *const qm_sign_names[] = {"none", "outside", "inside", "normal", NULL};
+
+/** True for signs that B must prove. */
+static bool needs_solid(qm_sign sign)
+{
+    return sign == QM_SIGN_OUTSIDE || sign == QM_SIGN_INSIDE;
+}
+
+/** Witnesses name faces of the input. */
+static void name_faces(const qm_job_call *call, qm_deviation_side *side)
+{
+    side->from.face = qm_mesh_input_face(&call->a->mesh, side->from.face);
+    side->to.face = qm_mesh_input_face(&call->b->mesh, side->to.face);
+}
 
 static qm_status run(const qm_job_call *call, qm_job_result *out)
 {
@@ -21,8 +38,23 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     options.thread_count = call->threads;
     options.progress = call->progress;
     options.progress_user = call->progress_user;
+    options.sign = request->sign;
+    options.band = request->bands;
+    options.band_count = request->band_count;
     out->tolerance = options.tolerance;
-    qm_status status = qm_deviation_measure(call->ctx, call->a->bvh, call->b->bvh, &options, &out->deviation);
+    qm_solid solid;
+    qm_status status = QM_OK;
+    if (needs_solid(request->sign)) {
+        status =
+            qm_solids_check(call->b->solids, call->ctx, call->b->bvh, request->quads, call->threads, &solid);
+        options.solid = &solid;
+    }
+    if (status == QM_OK)
+        status = qm_deviation_measure(call->ctx, call->a->bvh, call->b->bvh, &options, &out->deviation);
+    if (status == QM_OK && request->sign != QM_SIGN_NONE) {
+        name_faces(call, &out->deviation.sides.front);
+        name_faces(call, &out->deviation.sides.behind);
+    }
     out->is_canceled = status == QM_OK && out->deviation.is_canceled;
     return status;
 }
@@ -53,6 +85,37 @@ static bool read_percentiles(const cJSON *value, qm_job_request *out, qm_json_lo
 }
 _Static_assert(QM_JOB_MAX_PERCENTILES == 64, "the text of percentiles names the limit");
 
+/** An end of a band: a number, or null for none. */
+static bool read_end(const cJSON *value, double none, double *out)
+{
+    *out = none;
+    return cJSON_IsNull(value) || qm_json_read_number(value, out);
+}
+
+static bool read_bands(const cJSON *value, qm_job_request *out, qm_json_location *at)
+{
+    if (!cJSON_IsArray(value) || cJSON_GetArraySize(value) > QM_JOB_MAX_BANDS) return false;
+    out->band_count = 0;
+    at->depth = 1;
+    for (const cJSON *ends = value->child; ends; ends = ends->next, at->index[0]++) {
+        qm_interval *band = &out->bands[out->band_count];
+        bool is_pair = cJSON_IsArray(ends) && cJSON_GetArraySize(ends) == 2;
+        if (!is_pair || !read_end(ends->child, -INFINITY, &band->lower) ||
+            !read_end(ends->child->next, INFINITY, &band->upper) || !(band->lower <= band->upper))
+            return false;
+        out->band_count++;
+    }
+    return true;
+}
+_Static_assert(QM_JOB_MAX_BANDS == 64, "the text of bands names the limit");
+
+/** Adds an end of a band; one that is not finite becomes null. */
+static void add_ends(qm_text *out, qm_interval band)
+{
+    const double ends[2] = {band.lower, band.upper};
+    qm_json_add_array(out, ends, 2);
+}
+
 static void write_request(qm_text *out, const qm_job_request *request, bool is_brief)
 {
     (void)is_brief;
@@ -61,6 +124,21 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     qm_json_add_count(out, "pieces", request->pieces);
     qm_json_add_count(out, "bins", request->bins);
     qm_json_add_numbers(out, "percentiles", request->percentiles, (int)request->percentile_count);
+    if (request->sign != QM_SIGN_NONE) qm_json_add_string(out, "sign", qm_sign_names[request->sign]);
+    if (request->band_count == 0) return;
+    qm_json_open(out, "bands", "[");
+    for (size_t i = 0; i < request->band_count; i++)
+        add_ends(out, request->bands[i]);
+    qm_text_add_string(out, "]");
+}
+
+/** An interval without relative figures. */
+static void add_range(qm_text *out, const char *name, qm_interval range)
+{
+    qm_json_open(out, name, "{");
+    qm_json_add_number(out, "lower", range.lower);
+    qm_json_add_number(out, "upper", range.upper);
+    qm_text_add_string(out, "}");
 }
 
 static void add_percentiles(qm_text *out, const qm_job_request *request, const qm_job_result *result)
@@ -90,20 +168,56 @@ static void add_histogram(qm_text *out, const qm_deviation *deviation)
     qm_text_add_string(out, "]}");
 }
 
+static void add_side(qm_text *out, const char *name, const qm_job_request *request,
+                     const qm_job_result *result, const qm_deviation_side *side)
+{
+    qm_json_open(out, name, "{");
+    qm_json_add_interval(out, "max", side->max, result->diagonal);
+    add_range(out, "size", side->size);
+    if (side->has_witness) {
+        qm_json_open(out, "witness", "{");
+        qm_json_add_surface_point(out, "from", "a", request->a, side->from.face, &side->from);
+        qm_json_add_surface_point(out, "to", "b", request->b, side->to.face, &side->to);
+        qm_text_add_string(out, "}");
+    }
+    qm_text_add_string(out, "}");
+}
+
+static void add_signed(qm_text *out, const qm_job_request *request, const qm_job_result *result)
+{
+    const qm_signed_deviation *sides = &result->deviation.sides;
+    qm_json_open(out, "signed", "{");
+    qm_json_add_string(out, "sign", qm_sign_names[request->sign]);
+    qm_json_add_bool(out, "proven", sides->is_proven);
+    add_range(out, "mean", sides->mean);
+    add_side(out, "outside", request, result, &sides->front);
+    add_side(out, "inside", request, result, &sides->behind);
+    qm_json_add_number(out, "open_size", sides->open_size);
+    qm_json_open(out, "bands", "[");
+    for (size_t i = 0; i < sides->band_count; i++) {
+        qm_json_add_comma(out);
+        qm_text_add_string(out, "{");
+        qm_json_add_number(out, "from", request->bands[i].lower);
+        qm_json_add_number(out, "to", request->bands[i].upper);
+        qm_json_add_number(out, "lower", sides->band[i].lower);
+        qm_json_add_number(out, "upper", sides->band[i].upper);
+        qm_text_add_string(out, "}");
+    }
+    qm_text_add_string(out, "]}");
+}
+
 static void write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
     static const char *const measures[] = {"area", "vertices", "points"};
     const qm_deviation *deviation = &result->deviation;
     qm_json_add_string(out, "over", measures[deviation->measure]);
-    qm_json_open(out, "size", "{");
-    qm_json_add_number(out, "lower", deviation->size.lower);
-    qm_json_add_number(out, "upper", deviation->size.upper);
-    qm_text_add_string(out, "}");
+    add_range(out, "size", deviation->size);
     qm_json_add_interval(out, "mean", deviation->mean, result->diagonal);
     qm_json_add_interval(out, "rms", deviation->rms, result->diagonal);
     qm_json_add_interval(out, "max", deviation->max, result->diagonal);
     add_percentiles(out, request, result);
     add_histogram(out, deviation);
+    if (request->sign != QM_SIGN_NONE) add_signed(out, request, result);
     qm_json_add_count(out, "vertex_count", deviation->vertex_count);
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     qm_json_add_number(out, "accuracy", request->accuracy);
@@ -127,6 +241,9 @@ static const qm_job_field fields[] = {
     {"bins", QM_FIELD_COUNT, QM_FIELD_AT(bins), .max = QM_JOB_MAX_BINS},
     {"percentiles", QM_FIELD_OTHER, .read = read_percentiles,
      .expected = "must be an array of at most 64 numbers above 0 and at most 100"},
+    {"sign", QM_FIELD_CHOICE, QM_FIELD_AT(sign), .names = qm_sign_names},
+    {"bands", QM_FIELD_OTHER, .read = read_bands,
+     .expected = "must be an array of at most 64 pairs of numbers, ascending; null is no limit"},
     {0}};
 
 const qm_job_hooks qm_job_kind_deviation = {

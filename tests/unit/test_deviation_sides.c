@@ -155,7 +155,10 @@ static void points_are_counted_by_side(void **state)
     static const double at[15] = {0, 0, 0, 0.5, 0.9, 0, 3, 0, 0, 0, 0, -1.5, 1, 0.5, 0.25};
     memcpy(a.positions, at, sizeof at);
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, QM_SIGN_OUTSIDE, NULL, 0);
-    qm_deviation found = measure(&a, &b, &options);
+    options.thread_count = 2;
+    qm_context ctx = qm_host_context();
+    qm_deviation found;
+    assert_int_equal(measure_in(&ctx, &a, &b, &options, &found), QM_OK);
     check_holds(found.sides.behind.size, 2.0, 1.0 + 1e-9, "points inside");
     check_holds(found.sides.front.size, 2.0, 1.0 + 1e-9, "points outside");
     check_holds(found.sides.mean, (-1.0 - 0.1 + 2.0 + 0.5) / 5, 1e-9, "mean");
@@ -163,7 +166,7 @@ static void points_are_counted_by_side(void **state)
     check_holds(found.sides.front.max, 2.0, 1e-9, "outside");
     assert_int_equal(found.sides.front.from.face, 2);
     assert_int_equal(found.sides.behind.from.face, 0);
-    release(&found);
+    qm_deviation_reset(&ctx, &found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }

@@ -54,6 +54,8 @@ static qm_status check_options(qm_context *ctx, const qm_deviation_options *opti
         if (!(options->percentile[i] > 0.0 && options->percentile[i] <= 100.0))
             return qm_context_fail(ctx, QM_E_ARGUMENT, "a percentile lies above 0 and at 100 at most, got %g",
                                    options->percentile[i]);
+    if (options->band_count > 0 && options->sign == QM_SIGN_NONE)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "bands are of signed distances: a sign is needed");
     for (size_t i = 0; i < options->band_count; i++)
         if (!(options->band[i].lower <= options->band[i].upper))
             return qm_context_fail(ctx, QM_E_ARGUMENT,

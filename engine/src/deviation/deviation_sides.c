@@ -14,7 +14,7 @@
 #include "core/rounding.h"
 
 #define MAX_ROUNDS 40
-#define OPEN_SHARE 0.25     /* of the accuracy: may be left in open pieces */
+#define OPEN_SHARE 0.5      /* of the accuracy: may be left in open pieces */
 #define NEAR_ROUNDINGS 16.0 /* etas: open pieces no farther than that are not cut */
 #define CHUNK 256           /* pieces that a worker takes at a time */
 #define CANCEL_STRIDE 0x400
@@ -102,7 +102,7 @@ static qm_status find_sides(qm_deviation_sides *sides)
         sides->side = larger;
         sides->capacity = capacity;
     }
-    int threads = ctx->parallel ? pieces->thread_count : 1;
+    int threads = ctx->parallel ? sides->options->thread_count : 1;
     qm_context_parallel_for(ctx, threads, (pieces->count + CHUNK - 1) / CHUNK, find_chunk, sides);
     return qm_context_canceled(ctx) ? qm_context_fail(ctx, QM_E_CANCELED, "deviation canceled") : QM_OK;
 }
@@ -242,7 +242,7 @@ static void set_sums(const qm_deviation_sides *sides, const all_sums *sums, qm_d
     double inverse = pieces->setup.target->frame.inverse_scale;
     const side_sums *front = sums_of(sums, QM_PIECE_FRONT), *behind = sums_of(sums, QM_PIECE_BEHIND),
                     *open = sums_of(sums, QM_PIECE_OPEN);
-    double lower = mean_below(pieces, front, behind, open), upper = -mean_below(pieces, behind, front, open);
+    double lower = mean_below(pieces, front, behind, open), upper = 0.0 - mean_below(pieces, behind, front, open);
     figures->mean.lower = fmax(figures->mean.lower, lower * inverse);
     figures->mean.upper = fmin(figures->mean.upper, upper * inverse);
     figures->front.size = to_unit(sides, out, side_size(pieces, front, open));
@@ -550,6 +550,20 @@ static void face_parameters(const qm_deviation_sides *sides, const qm_deviation_
     uv[1] = qm_clamp(is_half && piece->second ? u + v : v, 0.0, 1.0);
 }
 
+/** A vertex as a point of the first face that has it, or of a point set. */
+static qm_surface_point vertex_point(const qm_mesh *mesh, uint32_t vertex)
+{
+    qm_surface_point out = {.face = mesh->face_count > 0 ? QM_NO_INDEX : vertex};
+    for (size_t i = 0; out.face == QM_NO_INDEX && i < 4 * mesh->face_count; i++) {
+        if (mesh->faces[i] != vertex) continue;
+        bool is_quad = mesh->faces[i | 3] != QM_NO_INDEX;
+        out.face = (uint32_t)(i / 4);
+        out.uv[0] = i % 4 == 1 || (is_quad && i % 4 == 2) ? 1.0 : 0.0;
+        out.uv[1] = i % 4 >= 2 ? 1.0 : 0.0;
+    }
+    return out;
+}
+
 /** The witness as a point of A, and its foot on B. */
 static void set_witness(const side_search *search, qm_deviation_side *out)
 {
@@ -559,7 +573,7 @@ static void set_witness(const side_search *search, qm_deviation_side *out)
     out->has_witness = true;
     out->from = (qm_surface_point){.face = search->at.face};
     if (sides->has_points) {
-        out->from.face = sides->point[search->point];
+        out->from = vertex_point(&setup->source->mesh, sides->point[search->point]);
         p = middle_of(sides, search->point);
     } else {
         p = piece_point(setup, &search->at, search->weight);
