@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/json.h"
 #include "options.h"
@@ -21,9 +22,11 @@ static void print_distance(const qm_json *result)
     printf("  between  face %.0f of a and face %.0f of b\n", qm_json_get_number(result, "witness.from.face"),
            qm_json_get_number(result, "witness.to.face"));
     if (qm_json_is_true(result, "collides")) puts("  the surfaces meet");
+    const char *verdict = qm_json_get_string(result, "verdict");
+    if (verdict) printf("  verdict  %s the limit\n", verdict);
     printf("  search   %.1f ms, %.0f pairs of faces\n", qm_json_get_number(result, "elapsed_ms"),
            qm_json_get_number(result, "face_pairs"));
-    if (!qm_json_is_true(result, "converged"))
+    if (!qm_json_is_true(result, "converged") && !verdict)
         puts("  stopped  before the tolerance was reached; the bounds hold");
 }
 
@@ -59,6 +62,26 @@ static bool fetch_csv(const char *path, const cli_job *job, cli_session *session
     return is_fetched && is_written;
 }
 
+/** With a limit, whether the distance is above it; else whether it was found. */
+static int distance_status(const cli_job *job, const qm_json *result)
+{
+    const char *verdict = qm_json_get_string(result, "verdict");
+    if (verdict) return strcmp(verdict, "above") == 0 ? EXIT_OK : EXIT_COLLIDING;
+    bool is_done = isnan(job->request.threshold) && qm_json_is_true(result, "converged");
+    return is_done ? EXIT_OK : EXIT_NOT_CONVERGED;
+}
+
+static void print_depth(const qm_json *result, const char *name, const char *words)
+{
+    char path[64], low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
+    snprintf(path, sizeof path, "penetration.%s.lower", name);
+    if (!qm_json_has(result, path)) return;
+    double lower = qm_json_get_number(result, path);
+    snprintf(path, sizeof path, "penetration.%s.upper", name);
+    printf("  %s %s to %s deep\n", words, cli_format_bound(lower, false, low),
+           cli_format_bound(qm_json_get_number(result, path), true, high));
+}
+
 /** user is the path of the CSV file, or NULL. */
 static int finish(const void *user, const cli_job *job, const cli_job_output *output)
 {
@@ -70,7 +93,7 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     }
     qm_json *result = qm_json_parse(output->json);
     bool is_distance = job->request.kind == QM_JOB_DISTANCE;
-    int status = is_distance ? (qm_json_is_true(result, "converged") ? EXIT_OK : EXIT_NOT_CONVERGED)
+    int status = is_distance ? distance_status(job, result)
                              : (qm_json_is_true(result, "collides") ? EXIT_COLLIDING : EXIT_OK);
     if (job->as_json)
         puts(output->json);
@@ -100,6 +123,10 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
             }
             puts("");
         }
+        const char *relation = qm_json_get_string(result, "relation");
+        if (relation) printf("  solids   %s\n", relation);
+        print_depth(result, "a_in_b", "A in B  ");
+        print_depth(result, "b_in_a", "B in A  ");
         printf("  search   %.1f ms, %.0f exact tests\n", qm_json_get_number(result, "elapsed_ms"),
                qm_json_get_number(result, "tests"));
     }
@@ -114,8 +141,17 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
     cli_job job = cli_job_make(kind);
     qm_job_request *request = &job.request;
     const char *csv = NULL;
-    /* The first three are for pairs only. */
+    /* The first two are for two meshes, the next three for pairs. */
     const cli_option options[] = {
+        {.name = "solid",
+         .type = CLI_FLAG,
+         .target = &request->solid,
+         .help =
+             "tell whether the solids are apart, meet, or one is inside of the other; both must be closed"},
+        {.name = "penetration",
+         .type = CLI_FLAG,
+         .target = &request->penetration,
+         .help = "and how deep each is in the other"},
         {.name = "csv",
          .letter = 'o',
          .value = "FILE",
@@ -145,12 +181,17 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
         CLI_OPTION_QUADS(&request->quads),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_JSON(&job.as_json),
-        CLI_OPTION_SERVER(&job.server)};
-    size_t skipped = kind == QM_JOB_DISTANCE ? 3 : 0;
+        CLI_OPTION_SERVER(&job.server),
+        {.name = "limit",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &request->threshold,
+         .help = "stop once it is certain whether the distance is above X, in the unit of the meshes"}};
+    bool is_distance = kind == QM_JOB_DISTANCE;
+    size_t skipped = is_distance ? 5 : kind == QM_JOB_COLLISION ? 0 : 2;
+    size_t count = sizeof options / sizeof *options - skipped - (is_distance ? 0 : 1);
     int status;
-    if (!cli_read_options(command, options + skipped, sizeof options / sizeof *options - skipped, argc, argv,
-                          job.path, &status))
-        return status;
+    if (!cli_read_options(command, options + skipped, count, argc, argv, job.path, &status)) return status;
     if (!job.server) request->threads = cli_count_threads(request->threads);
     return cli_run_job(&job, finish, csv);
 }
@@ -191,13 +232,13 @@ const cli_command cmd_self_collide = {
     .exit_status = EXIT_STATUS_OF_PAIRS,
     .run = run_self_collide};
 
-const cli_command cmd_distance = {
-    .name = "distance",
-    .arguments = "A B [options]",
-    .summary = "bounds of the minimum distance between two meshes",
-    .takes = "two files",
-    .path_count = 2,
-    .description = "Bounds of the minimum distance between two surfaces.\n\n",
-    .exit_status =
-        "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 interrupted, or the tolerance was not reached.",
-    .run = run_distance};
+const cli_command cmd_distance = {.name = "distance",
+                                  .arguments = "A B [options]",
+                                  .summary = "bounds of the minimum distance between two meshes",
+                                  .takes = "two files",
+                                  .path_count = 2,
+                                  .description = "Bounds of the minimum distance between two surfaces.\n\n",
+                                  .exit_status = "Exit status: 0 done, or above the limit, 1 bad input, 2 "
+                                                 "wrong usage, 3 interrupted, or neither the tolerance "
+                                                 "was reached nor a verdict, 4 not above the limit.",
+                                  .run = run_distance};

@@ -32,10 +32,11 @@
  *   bins?: number, sign?: "none" | "outside" | "inside" | "normal",
  *   bands?: [number | null, number | null][] }} DeviationRequest */
 /** @typedef {CommonRequest & { type: "distance", a: string, b: string, tolerance?: number,
- *   tolerance_unit?: "relative" | "absolute" }} DistanceRequest */
+ *   tolerance_unit?: "relative" | "absolute", limit?: number | null }} DistanceRequest */
 /** @typedef {CommonRequest & { mode?: "all" | "first" | "any", limit?: number, tolerance?: number,
  *   tolerance_unit?: "relative" | "absolute" }} AnyCollisionRequest */
-/** @typedef {AnyCollisionRequest & { type: "collision", a: string, b: string }} CollisionRequest */
+/** @typedef {AnyCollisionRequest & { type: "collision", a: string, b: string, solid?: boolean,
+ *   penetration?: boolean }} CollisionRequest */
 /** @typedef {AnyCollisionRequest & { type: "self_collision", mesh: string, incremental?: boolean }} SelfCollisionRequest */
 /** @typedef {{ type: "reconstruction_step", reconstruction: string, steps?: number, measure?: boolean, threads?: number,
  *   until?: { hausdorff_relative?: number, max_quads?: number, edge_length?: number }, detach?: boolean }} StepRequest */

@@ -38,6 +38,7 @@ extern const char *const qm_accelerator_names[];    /* qm_accelerator */
 extern const char *const qm_bounds_names[];         /* qm_bounds, then the former name of the first */
 extern const char *const qm_collide_mode_names[];   /* qm_collide_mode */
 extern const char *const qm_sign_names[];           /* qm_sign */
+extern const char *const qm_relation_names[];       /* qm_relation */
 extern const char *const qm_tolerance_unit_names[]; /* qm_job_request.tolerance_is_absolute */
 
 /** XX(suffix, name in "type"). */
@@ -110,9 +111,10 @@ typedef struct qm_job_request {
     double tolerance;
     bool tolerance_is_absolute; /* else a fraction of the diagonal of A's box */
 
+    double threshold; /* hausdorff, distance: NAN: none */
+
     /* hausdorff */
     qm_direction direction;
-    double threshold;    /* NAN: none */
     size_t memory_limit; /* of the queue, bytes; 0: the host decides */
     qm_accelerator accelerator;
     qm_bounds bounds;
@@ -134,6 +136,8 @@ typedef struct qm_job_request {
     /* collision and self_collision */
     qm_collide_mode mode;
     size_t list_limit; /* max pairs in the result object */
+    bool solid;        /* collision: tells how the solids lie; an open mesh is an error */
+    bool penetration;  /* collision: and how deep each is in the other */
     bool incremental;  /* self_collision: search only near vertices moved since the last search, if known */
 
     /* reconstruction_step, whose a is the id of the reconstruction */
@@ -174,6 +178,8 @@ typedef struct qm_job_result {
 
     /* collision and self_collision */
     qm_listed_pairs pairs;
+    qm_relation relation;                     /* with solid */
+    qm_deviation_side a_inside_b, b_inside_a; /* with penetration: of A in B, and of B in A */
 
     /* reconstruction_step */
     qm_refine_stop refine_stop;

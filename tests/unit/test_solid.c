@@ -217,6 +217,38 @@ static void shells_and_cavities_are_told_from_lattice_points(void **state)
     qm_shape_free(&mesh);
 }
 
+static qm_relation relate(const qm_mesh *a, const qm_mesh *b)
+{
+    qm_context ctx = qm_context_make();
+    qm_bvh *tree_a = tree_of(a), *tree_b = tree_of(b);
+    qm_relation found[2];
+    for (int reading = 0; reading < 2; reading++)
+        assert_int_equal(qm_solid_relate(&ctx, tree_a, tree_b, (qm_quad_reading)reading, &found[reading]),
+                         QM_OK);
+    free_tree(tree_a);
+    free_tree(tree_b);
+    assert_int_equal(found[0], found[1]);
+    return found[0];
+}
+
+static void solids_that_do_not_meet_are_told_apart(void **state)
+{
+    (void)state;
+    qm_mesh hollow = joined(box_at(0, 8, false), box_at(2, 6, true)), small = box_at(3, 5, false),
+            whole = box_at(0, 8, false);
+    qm_mesh large = box_at(-1, 9, true), shell = box_at(1, 7, false),
+            two = joined(box_at(3, 5, false), box_at(9, 10, false));
+    assert_int_equal(relate(&small, &hollow), QM_RELATION_APART);
+    assert_int_equal(relate(&small, &whole), QM_RELATION_A_INSIDE_B);
+    assert_int_equal(relate(&whole, &small), QM_RELATION_B_INSIDE_A);
+    assert_int_equal(relate(&hollow, &large), QM_RELATION_A_INSIDE_B);
+    assert_int_equal(relate(&shell, &hollow), QM_RELATION_OVERLAPPING);
+    assert_int_equal(relate(&two, &whole), QM_RELATION_OVERLAPPING);
+    qm_mesh *const all[] = {&hollow, &small, &whole, &large, &shell, &two};
+    for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+        qm_shape_free(all[i]);
+}
+
 /** A closed mesh: a torus of few large quads, shaken, so that its patches are far from their triangles. */
 static qm_mesh random_solid(qm_random *random, int i)
 {
@@ -333,6 +365,7 @@ int main(void)
         cmocka_unit_test(closed_meshes_are_solids_and_faults_are_named),
         cmocka_unit_test(faces_that_repeat_corners_bound_solids_too),
         cmocka_unit_test(shells_and_cavities_are_told_from_lattice_points),
+        cmocka_unit_test(solids_that_do_not_meet_are_told_apart),
         cmocka_unit_test(winding_numbers_are_solid_angles),
         cmocka_unit_test(the_space_between_a_patch_and_its_triangles_is_exact),
     };

@@ -44,6 +44,22 @@ qm_status qm_solid_check(qm_context *ctx, const qm_bvh *bvh, qm_quad_reading rea
 /** QM_OK for a proven solid, else QM_E_NOT_CLOSED with a message that names the mesh and the fault. */
 qm_status qm_solid_require(qm_context *ctx, const qm_solid *solid, const char *mesh_name);
 
+/** How two solids lie whose surfaces do not meet. */
+typedef enum qm_relation {
+    QM_RELATION_MEETING,    /* their surfaces do meet */
+    QM_RELATION_APART,      /* they have no point in common; one may be in a cavity of the other */
+    QM_RELATION_A_INSIDE_B, /* all of A's surface is inside of B, and none of B's inside of A */
+    QM_RELATION_B_INSIDE_A,
+    QM_RELATION_OVERLAPPING /* some shells of one are inside of the other and others are not, or some of each in the other */
+} qm_relation;
+
+/**
+ * Tells how two proven solids lie whose surfaces do not meet, by the winding numbers at one vertex of each component. Returns
+ * QM_OK; QM_E_SCALE; QM_E_NO_MEMORY; QM_E_CANCELED.
+ */
+qm_status qm_solid_relate(qm_context *ctx, const qm_bvh *a, const qm_bvh *b, qm_quad_reading reading,
+                          qm_relation *out);
+
 /** How often a proven solid winds round a point off its surface, in the frame of the mesh: 0 outside. Coordinates are
  * below 2^300. */
 int qm_solid_winding(const qm_bvh *bvh, qm_quad_reading reading, const double point[3]);

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "bvh/winding.h"
+#include "collide_search.h"
 
 #define PATCH_TOLERANCE 1e-9 /* of the diagonal: patches nearer than that may count as meeting */
 #define CANCEL_STRIDE 0x10000
@@ -181,4 +182,58 @@ qm_status qm_solid_require(qm_context *ctx, const qm_solid *solid, const char *m
 int qm_solid_winding(const qm_bvh *bvh, qm_quad_reading reading, const double point[3])
 {
     return qm_winding_number(bvh, reading, QM_WINDING_WORLD, qm_vec_load(point));
+}
+
+/* ---- two solids ---- */
+
+/** The least vertex of the component of a vertex, by links to lesser ones. */
+static uint32_t find_least(uint32_t *link, uint32_t vertex)
+{
+    while (link[vertex] != vertex)
+        vertex = link[vertex] = link[link[vertex]];
+    return vertex;
+}
+
+/** Counts the components of a mesh, by shared vertices, and those that are inside of another one. */
+static qm_status count_inside(qm_context *ctx, const qm_bvh *of, const qm_bvh *other, qm_quad_reading reading,
+                              size_t *components, size_t *inside)
+{
+    const qm_mesh *mesh = &of->mesh;
+    uint32_t *link = qm_context_alloc(ctx, mesh->vertex_count, sizeof *link);
+    if (!link) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the components");
+    memset(link, 0xff, mesh->vertex_count * sizeof *link);
+    for (size_t i = 0; i < 4 * mesh->face_count; i++) {
+        uint32_t vertex = mesh->faces[i], first = mesh->faces[i & ~(size_t)3];
+        if (vertex == QM_NO_INDEX) continue;
+        if (link[vertex] == QM_NO_INDEX) link[vertex] = vertex;
+        uint32_t a = find_least(link, first), b = find_least(link, vertex);
+        link[a > b ? a : b] = a > b ? b : a;
+    }
+    *components = *inside = 0;
+    qm_status status = QM_OK;
+    for (uint32_t v = 0; status == QM_OK && v < mesh->vertex_count; v++) {
+        if (link[v] != v) continue;
+        *components += 1;
+        *inside += qm_solid_winding(other, reading, mesh->positions + 3 * (size_t)v) != 0;
+        if (qm_context_canceled(ctx))
+            status = qm_context_fail(ctx, QM_E_CANCELED, "canceled between two components");
+    }
+    qm_context_free(ctx, link, mesh->vertex_count, sizeof *link);
+    return status;
+}
+
+qm_status qm_solid_relate(qm_context *ctx, const qm_bvh *a, const qm_bvh *b, qm_quad_reading reading,
+                          qm_relation *out)
+{
+    QM_ASSERT(ctx && a && b && out);
+    size_t a_count, a_inside, b_count, b_inside;
+    qm_status status = qm_collide_check_scale(ctx, a, b);
+    if (status == QM_OK) status = count_inside(ctx, a, b, reading, &a_count, &a_inside);
+    if (status == QM_OK) status = count_inside(ctx, b, a, reading, &b_count, &b_inside);
+    if (status != QM_OK) return status;
+    *out = a_inside == 0 && b_inside == 0         ? QM_RELATION_APART
+           : a_inside == a_count && b_inside == 0 ? QM_RELATION_A_INSIDE_B
+           : b_inside == b_count && a_inside == 0 ? QM_RELATION_B_INSIDE_A
+                                                  : QM_RELATION_OVERLAPPING;
+    return QM_OK;
 }

@@ -242,7 +242,8 @@ static void set_sums(const qm_deviation_sides *sides, const all_sums *sums, qm_d
     double inverse = pieces->setup.target->frame.inverse_scale;
     const side_sums *front = sums_of(sums, QM_PIECE_FRONT), *behind = sums_of(sums, QM_PIECE_BEHIND),
                     *open = sums_of(sums, QM_PIECE_OPEN);
-    double lower = mean_below(pieces, front, behind, open), upper = 0.0 - mean_below(pieces, behind, front, open);
+    double lower = mean_below(pieces, front, behind, open),
+           upper = 0.0 - mean_below(pieces, behind, front, open);
     figures->mean.lower = fmax(figures->mean.lower, lower * inverse);
     figures->mean.upper = fmin(figures->mean.upper, upper * inverse);
     figures->front.size = to_unit(sides, out, side_size(pieces, front, open));
