@@ -81,6 +81,35 @@ static void print_signed(const qm_json *result)
     }
 }
 
+enum { PRINTED_REGIONS = 10 };
+
+static void print_limit(const qm_json *result)
+{
+    const char *verdict = qm_json_get_string(result, "verdict");
+    if (verdict) printf("verdict  %s the limit\n", verdict);
+    if (!qm_json_has(result, "region_count")) return;
+    double count = qm_json_get_number(result, "region_count");
+    printf("%.0f region%s of A %s or may be beyond it\n", count, count == 1.0 ? "" : "s",
+           count == 1.0 ? "is" : "are");
+    for (int i = 0; i < PRINTED_REGIONS && i < (int)count; i++) {
+        static const char *const names[] = {"max.lower",  "max.upper",  "area.lower", "area.upper",
+                                            "centroid.0", "centroid.1", "centroid.2", "face_count"};
+        double figure[sizeof names / sizeof *names];
+        char path[64], low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
+        for (size_t k = 0; k < sizeof names / sizeof *names; k++) {
+            snprintf(path, sizeof path, "regions.%d.%s", i, names[k]);
+            figure[k] = qm_json_get_number(result, path);
+        }
+        snprintf(path, sizeof path, "regions.%d.surely", i);
+        printf("  %-8s up to %s to %s", qm_json_is_true(result, path) ? "surely" : "maybe",
+               cli_format_bound(figure[0], false, low), cli_format_bound(figure[1], true, high));
+        printf(", area %s to %s", cli_format_bound(figure[2], false, low),
+               cli_format_bound(figure[3], true, high));
+        printf(", round %.6g %.6g %.6g, %.0f face%s\n", figure[4], figure[5], figure[6], figure[7],
+               figure[7] == 1.0 ? "" : "s");
+    }
+}
+
 static void print_text(const cli_job *job, const qm_json *result)
 {
     const char *over = qm_json_get_string(result, "over");
@@ -100,6 +129,7 @@ static void print_text(const cli_job *job, const qm_json *result)
                cli_format_bound(qm_json_get_number(result, path), true, high));
     }
     if (qm_json_has(result, "signed")) print_signed(result);
+    print_limit(result);
     printf("  search   %.1f ms after %.1f + %.1f ms to prepare, %.0f pieces, %.0f projections\n",
            qm_json_get_number(result, "elapsed_ms"), qm_json_get_number(result, "prepare_ms.a"),
            qm_json_get_number(result, "prepare_ms.b"), qm_json_get_number(result, "pieces"),
@@ -352,6 +382,15 @@ static int run(int argc, char **argv)
          .max = QM_JOB_MAX_BINS,
          .target = &request->bins,
          .help = "bins of the histogram (default 50)"},
+        {.name = "limit",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &request->threshold,
+         .help = "say whether the greatest distance is above X, in the unit of the meshes"},
+        {.name = "regions",
+         .type = CLI_FLAG,
+         .target = &request->regions,
+         .help = "and which connected parts of A are, or may be, beyond it"},
         {.name = "sign",
          .value = "S",
          .type = CLI_CHOICE,

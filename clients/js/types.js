@@ -29,7 +29,7 @@
 /** @typedef {CommonRequest & { type: "project", mesh: string, points: Point[] }} ProjectRequest */
 /** @typedef {CommonRequest & { type: "deviation", a: string, b: string, accuracy?: number, pieces?: number,
  *   tolerance?: number, tolerance_unit?: "relative" | "absolute", percentiles?: number[],
- *   bins?: number, sign?: "none" | "outside" | "inside" | "normal",
+ *   bins?: number, limit?: number | null, regions?: boolean, sign?: "none" | "outside" | "inside" | "normal",
  *   bands?: [number | null, number | null][] }} DeviationRequest */
 /** @typedef {CommonRequest & { type: "distance", a: string, b: string, tolerance?: number,
  *   tolerance_unit?: "relative" | "absolute", limit?: number | null }} DistanceRequest */
@@ -63,9 +63,13 @@
  *   witness?: { from: SurfacePoint, to: SurfacePoint } }} DeviationSide */
 /** @typedef {{ sign: "outside" | "inside" | "normal", proven: boolean, mean: Interval, outside: DeviationSide,
  *   inside: DeviationSide, open_size: number, bands: (Interval & { from: number | null, to: number | null })[] }} SignedDeviation */
+/** @typedef {{ surely: boolean, parts: number, area: Interval, max: LengthInterval,
+ *   witness?: { from: SurfacePoint, to: SurfacePoint }, centroid: Point, box: { min: Point, max: Point },
+ *   face_count: number, faces: number[] }} DeviationRegion */
 /** @typedef {{ over: "area" | "vertices" | "points", size: Interval, mean: LengthInterval, rms: LengthInterval,
  *   max: LengthInterval, percentiles: (LengthInterval & { percent: number })[],
- *   histogram: { bin_width: number, shares: [number, number][] }, signed?: SignedDeviation, vertex_count: number, vertex_distances?: number[],
+ *   histogram: { bin_width: number, shares: [number, number][] }, signed?: SignedDeviation,
+ *   verdict?: "above" | "below" | null, region_count?: number, regions?: DeviationRegion[], vertex_count: number, vertex_distances?: number[],
  *   quads: QuadReading, accuracy: number, tolerance: number, accurate: boolean, pieces: number, projections: number,
  *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} DeviationResult */
 /** @typedef {{ lower: number, upper: number, lower_relative: number | null, upper_relative: number | null,

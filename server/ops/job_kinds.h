@@ -22,6 +22,8 @@
 #define QM_JOB_MAX_THREADS QM_HOST_MAX_THREADS
 #define QM_JOB_MAX_PERCENTILES 64
 #define QM_JOB_MAX_BANDS 64
+#define QM_JOB_LISTED_REGIONS 1000
+#define QM_JOB_LISTED_FACES 1000 /* of each region */
 #define QM_JOB_MAX_STEPS 64
 #define QM_JOB_MAX_PIECES 1e7
 #define QM_JOB_MAX_BINS 1e4
@@ -111,7 +113,7 @@ typedef struct qm_job_request {
     double tolerance;
     bool tolerance_is_absolute; /* else a fraction of the diagonal of A's box */
 
-    double threshold; /* hausdorff, distance: NAN: none */
+    double threshold; /* hausdorff, distance, deviation: the limit; NAN: none */
 
     /* hausdorff */
     qm_direction direction;
@@ -132,6 +134,7 @@ typedef struct qm_job_request {
     qm_sign sign;
     qm_interval bands[QM_JOB_MAX_BANDS]; /* ends may be infinite */
     size_t band_count;
+    bool regions; /* those beyond the limit */
 
     /* collision and self_collision */
     qm_collide_mode mode;

@@ -41,9 +41,13 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     options.sign = request->sign;
     options.band = request->bands;
     options.band_count = request->band_count;
+    options.limit = request->regions ? request->threshold : NAN;
+    options.face_limit = QM_JOB_LISTED_FACES;
     out->tolerance = options.tolerance;
     qm_solid solid;
     qm_status status = QM_OK;
+    if (request->regions && isnan(request->threshold))
+        return qm_context_fail(call->ctx, QM_E_ARGUMENT, "regions are those beyond a limit: limit is needed");
     if (needs_solid(request->sign)) {
         status =
             qm_solids_check(call->b->solids, call->ctx, call->b->bvh, request->quads, call->threads, &solid);
@@ -54,6 +58,12 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     if (status == QM_OK && request->sign != QM_SIGN_NONE) {
         name_faces(call, &out->deviation.sides.front);
         name_faces(call, &out->deviation.sides.behind);
+    }
+    for (size_t i = 0; status == QM_OK && i < out->deviation.region_count; i++) {
+        out->deviation.region[i].from.face =
+            qm_mesh_input_face(&call->a->mesh, out->deviation.region[i].from.face);
+        out->deviation.region[i].to.face =
+            qm_mesh_input_face(&call->b->mesh, out->deviation.region[i].to.face);
     }
     out->is_canceled = status == QM_OK && out->deviation.is_canceled;
     return status;
@@ -125,6 +135,8 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     qm_json_add_count(out, "bins", request->bins);
     qm_json_add_numbers(out, "percentiles", request->percentiles, (int)request->percentile_count);
     if (request->sign != QM_SIGN_NONE) qm_json_add_string(out, "sign", qm_sign_names[request->sign]);
+    if (!isnan(request->threshold)) qm_json_add_number(out, "limit", request->threshold);
+    if (request->regions) qm_json_add_bool(out, "regions", true);
     if (request->band_count == 0) return;
     qm_json_open(out, "bands", "[");
     for (size_t i = 0; i < request->band_count; i++)
@@ -168,18 +180,22 @@ static void add_histogram(qm_text *out, const qm_deviation *deviation)
     qm_text_add_string(out, "]}");
 }
 
+static void add_witness(qm_text *out, const qm_job_request *request, const qm_surface_point *from,
+                        const qm_surface_point *to)
+{
+    qm_json_open(out, "witness", "{");
+    qm_json_add_surface_point(out, "from", "a", request->a, from->face, from);
+    qm_json_add_surface_point(out, "to", "b", request->b, to->face, to);
+    qm_text_add_string(out, "}");
+}
+
 static void add_side(qm_text *out, const char *name, const qm_job_request *request,
                      const qm_job_result *result, const qm_deviation_side *side)
 {
     qm_json_open(out, name, "{");
     qm_json_add_interval(out, "max", side->max, result->diagonal);
     add_range(out, "size", side->size);
-    if (side->has_witness) {
-        qm_json_open(out, "witness", "{");
-        qm_json_add_surface_point(out, "from", "a", request->a, side->from.face, &side->from);
-        qm_json_add_surface_point(out, "to", "b", request->b, side->to.face, &side->to);
-        qm_text_add_string(out, "}");
-    }
+    if (side->has_witness) add_witness(out, request, &side->from, &side->to);
     qm_text_add_string(out, "}");
 }
 
@@ -206,6 +222,48 @@ static void add_signed(qm_text *out, const qm_job_request *request, const qm_job
     qm_text_add_string(out, "]}");
 }
 
+static void add_region(qm_text *out, const qm_job_request *request, const qm_job_result *result,
+                       const qm_deviation_region *region)
+{
+    qm_json_add_comma(out);
+    qm_text_add_string(out, "{");
+    qm_json_add_bool(out, "surely", region->parts > 0 || region->max.lower > request->threshold);
+    qm_json_add_count(out, "parts", region->parts);
+    add_range(out, "area", region->area);
+    qm_json_add_interval(out, "max", region->max, result->diagonal);
+    if (region->has_witness) add_witness(out, request, &region->from, &region->to);
+    qm_json_add_numbers(out, "centroid", region->centroid, 3);
+    qm_json_open(out, "box", "{");
+    qm_json_add_numbers(out, "min", region->box.min, 3);
+    qm_json_add_numbers(out, "max", region->box.max, 3);
+    qm_text_add_string(out, "}");
+    qm_json_add_count(out, "face_count", region->face_count);
+    qm_json_open(out, "faces", "[");
+    for (size_t i = 0; i < region->listed_faces; i++) {
+        qm_json_add_comma(out);
+        qm_text_printf(out, "%u", result->deviation.region_face[region->first_face + i]);
+    }
+    qm_text_add_string(out, "]}");
+}
+
+/** The side of the limit on which the greatest distance is, and the regions beyond it. */
+static void add_limit(qm_text *out, const qm_job_request *request, const qm_job_result *result)
+{
+    const qm_deviation *deviation = &result->deviation;
+    if (deviation->max.lower > request->threshold)
+        qm_json_add_string(out, "verdict", "above");
+    else if (deviation->max.upper <= request->threshold)
+        qm_json_add_string(out, "verdict", "below");
+    else
+        qm_json_add_word(out, "verdict", "null");
+    if (!deviation->has_regions) return;
+    qm_json_add_count(out, "region_count", deviation->region_count);
+    qm_json_open(out, "regions", "[");
+    for (size_t i = 0; i < deviation->region_count && i < QM_JOB_LISTED_REGIONS; i++)
+        add_region(out, request, result, &deviation->region[i]);
+    qm_text_add_string(out, "]");
+}
+
 static void write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
     static const char *const measures[] = {"area", "vertices", "points"};
@@ -218,6 +276,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     add_percentiles(out, request, result);
     add_histogram(out, deviation);
     if (request->sign != QM_SIGN_NONE) add_signed(out, request, result);
+    if (!isnan(request->threshold)) add_limit(out, request, result);
     qm_json_add_count(out, "vertex_count", deviation->vertex_count);
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     qm_json_add_number(out, "accuracy", request->accuracy);
@@ -241,6 +300,8 @@ static const qm_job_field fields[] = {
     {"bins", QM_FIELD_COUNT, QM_FIELD_AT(bins), .max = QM_JOB_MAX_BINS},
     {"percentiles", QM_FIELD_OTHER, .read = read_percentiles,
      .expected = "must be an array of at most 64 numbers above 0 and at most 100"},
+    {"limit", QM_FIELD_LIMIT, QM_FIELD_AT(threshold)},
+    {"regions", QM_FIELD_FLAG, QM_FIELD_AT(regions)},
     {"sign", QM_FIELD_CHOICE, QM_FIELD_AT(sign), .names = qm_sign_names},
     {"bands", QM_FIELD_OTHER, .read = read_bands,
      .expected = "must be an array of at most 64 pairs of numbers, ascending; null is no limit"},

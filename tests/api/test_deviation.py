@@ -259,3 +259,26 @@ def test_bad_signs_are_pointed_at(client, pair, field, value, pointer):
     body = {"type": "deviation", "a": pair[0], "b": pair[1], field: value}
     problem = check_problem(client.post("/v1/jobs", json=body), 400, "invalid_field")
     assert problem["errors"][0]["pointer"].startswith(pointer)
+
+
+def test_regions_beyond_a_limit(client):
+    floor = client.upload(FLOOR)["id"]
+    plates = [([(x, y, z) for x in (at, at + 1) for y in (0, 1)], [(0, 2, 3, 1)]) for at, z in ((0, 0.1), (2, 0.3), (4, 0.2))]
+    a = client.upload(([p for vertices, _ in plates for p in vertices], [tuple(4 * i + k for k in (0, 2, 3, 1)) for i in range(3)]))["id"]
+    job = ask(client, a, floor, limit=0.15, regions=True)
+    assert job["request"]["limit"] == 0.15 and job["request"]["regions"] is True
+    result = job["result"]
+    assert result["verdict"] == "above" and result["region_count"] == 2
+    for region, height, face in zip(result["regions"], (0.3, 0.2), (1, 2), strict=True):
+        assert region["surely"] is True and region["parts"] == 1 and region["faces"] == [face] and region["face_count"] == 1
+        assert region["max"]["lower"] <= height <= region["max"]["upper"] and region["witness"]["from"]["face"] == face
+        check_interval(region["area"], 1, 1e-9)
+        assert region["centroid"] == pytest.approx([2 * face + 0.5, 0.5, height], abs=1e-6)
+        assert all(region["box"]["min"][k] <= region["centroid"][k] <= region["box"]["max"][k] for k in range(3))
+    result = ask(client, a, floor, limit=0.5, regions=True)["result"]
+    assert result["verdict"] == "below" and result["regions"] == [] and result["region_count"] == 0
+    result = ask(client, a, floor, limit=0.5)["result"]
+    assert result["verdict"] == "below" and "regions" not in result
+    assert ask(client, a, floor, regions=True)["problem"]["code"] == "invalid_field"
+    points = client.upload(b"0 0 1\n0 1 2\n", format="xyz")["id"]
+    assert ask(client, points, floor, limit=0.5, regions=True)["problem"]["code"] == "unsupported_feature"

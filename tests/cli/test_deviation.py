@@ -263,3 +263,12 @@ def test_signs_in_words_and_bands(quadmesh, tmp_path, where):
 def test_bands_in_the_wrong_form(quadmesh, ramp, floor, bands):
     done = quadmesh("deviation", ramp, floor, "--sign", "normal", "--bands", bands)
     assert done.returncode == 2 and "--bands" in done.stderr
+
+
+def test_regions_in_words(quadmesh, ramp, floor, where):
+    done = quadmesh("deviation", ramp, floor, "--limit", "1.5", "--regions", *where)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "verdict  above the limit" in done.stdout and "1 region of A is or may be beyond it" in done.stdout
+    line = next(line for line in done.stdout.splitlines() if line.startswith("  surely"))
+    low, high = (float(word.rstrip(",")) for word in line.split("area ")[1].split()[0:3:2])
+    assert low <= math.sqrt(2) / 2 <= high and high - low < 0.02

@@ -57,11 +57,13 @@ typedef struct qm_deviation_options {
     const qm_interval
         *band; /* band_count ranges of signed distances, lower <= upper; either end may be infinite */
     size_t band_count;
+    double limit;                       /* >= 0: regions beyond it are found; NAN: none */
+    size_t face_limit;                  /* faces that are listed of each region */
     qm_hausdorff_progress_fn *progress; /* of the search for the maximum; NULL: none */
     void *progress_user;
 } qm_deviation_options;
 
-/** Triangles, accuracy 1e-2, tolerance 0 (to be set), 2^20 pieces, no percentiles, no bins, one thread, no sign. */
+/** Triangles, accuracy 1e-2, tolerance 0 (to be set), 2^20 pieces, no percentiles, no bins, one thread, no sign, no limit. */
 qm_deviation_options qm_deviation_options_default(void);
 
 typedef enum qm_measure { QM_OVER_AREA, QM_OVER_VERTICES, QM_OVER_POINTS } qm_measure;
@@ -86,6 +88,25 @@ typedef struct qm_signed_deviation {
     size_t band_count;
 } qm_signed_deviation;
 
+/**
+ * A connected part of A that may be farther from B than the limit. Each connected part of A that is farther lies in one region, and
+ * regions are apart. Parts of A are connected where they touch: in a face, or at a corner or an edge that faces share (corners at
+ * equal positions are shared).
+ */
+typedef struct qm_deviation_region {
+    size_t parts;     /* connected parts that are surely beyond the limit; 0: nothing is sure */
+    qm_interval area; /* of what is beyond the limit */
+    qm_interval max;  /* of the distance */
+    bool has_witness; /* from: a point at least max.lower away; to: its foot */
+    qm_surface_point from, to;
+    double centroid[3]; /* of the pieces that may be beyond, rounded */
+    qm_box box;         /* that holds them */
+    size_t
+        face_count; /* faces of A that they are on, in the numbering of the input; the first ones are listed */
+    size_t first_face; /* in region_face */
+    size_t listed_faces;
+} qm_deviation_region;
+
 typedef struct qm_deviation {
     qm_measure measure;
     qm_interval size; /* the measure of A: area in square units, or the count of vertices or points */
@@ -99,6 +120,11 @@ typedef struct qm_deviation {
                                 call was canceled before all were known */
     size_t percentile_count, bin_count, vertex_count;
     qm_signed_deviation sides; /* with a sign only */
+    bool has_regions;
+    qm_deviation_region
+        *region;           /* region_count, the farthest first; with a limit, and NULL when there are none */
+    uint32_t *region_face; /* ascending for each region */
+    size_t region_count, region_face_count;
     size_t pieces;
     uint64_t projections; /* nearest-point searches, with those of the maximum */
     bool is_accurate;     /* the accuracy was reached, up to rounding */
@@ -113,8 +139,9 @@ typedef struct qm_deviation {
  * Threads:   only reads the trees; splits its work with ctx->parallel.
  * Returns:   QM_OK, also when the pieces ran out before the accuracy was reached, or the call was canceled:
  *            its intervals are those that were known, first by the size of both meshes, then by A's vertices,
- *            then by its pieces; QM_E_ARGUMENT (accuracy, tolerance, percentiles, bands, threads);
- *            QM_E_NOT_CLOSED (a sign that B cannot prove; the message names what is in the way); QM_E_NO_MEMORY;
+ *            then by its pieces; QM_E_ARGUMENT (accuracy, tolerance, percentiles, bands, limit, threads);
+ *            QM_E_NOT_CLOSED (a sign that B cannot prove; the message names what is in the way);
+ *            QM_E_UNSUPPORTED (a limit, and A has no area); QM_E_NO_MEMORY;
  *            QM_E_SCALE. After an error *out is all zero.
  */
 qm_status qm_deviation_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,

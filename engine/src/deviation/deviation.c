@@ -15,6 +15,7 @@
 
 #include "core/clock.h"
 #include "core/rounding.h"
+#include "deviation_regions.h"
 #include "deviation_sides.h"
 
 #define SEARCH_WORK 4096 /* steps of the search for the maximum */
@@ -34,7 +35,7 @@ typedef struct deviation_work {
 
 qm_deviation_options qm_deviation_options_default(void)
 {
-    return (qm_deviation_options){.accuracy = 1e-2, .piece_limit = 1u << 20, .thread_count = 1};
+    return (qm_deviation_options){.accuracy = 1e-2, .piece_limit = 1u << 20, .thread_count = 1, .limit = NAN};
 }
 
 /* ---- checks ---- */
@@ -54,6 +55,8 @@ static qm_status check_options(qm_context *ctx, const qm_deviation_options *opti
         if (!(options->percentile[i] > 0.0 && options->percentile[i] <= 100.0))
             return qm_context_fail(ctx, QM_E_ARGUMENT, "a percentile lies above 0 and at 100 at most, got %g",
                                    options->percentile[i]);
+    if (options->limit < 0.0)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "limit must be 0 or more, got %g", options->limit);
     if (options->band_count > 0 && options->sign == QM_SIGN_NONE)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "bands are of signed distances: a sign is needed");
     for (size_t i = 0; i < options->band_count; i++)
@@ -285,6 +288,19 @@ static qm_status measure_sides(deviation_work *work)
     return status;
 }
 
+/* ---- regions ---- */
+
+/** Finds the regions beyond the limit. Those of a call that was canceled before are not known: there are none, and has_regions is
+ * not set. */
+static qm_status find_regions(deviation_work *work)
+{
+    if (work->out->is_canceled) return QM_OK;
+    if (work->out->measure != QM_OVER_AREA)
+        return qm_context_fail(work->ctx, QM_E_UNSUPPORTED,
+                               "regions are parts of a surface, and A has no area");
+    return qm_deviation_regions_find(&work->refinement, work->options, work->out);
+}
+
 /* ---- the stages ---- */
 
 static qm_status measure(deviation_work *work)
@@ -319,6 +335,8 @@ static qm_status run(deviation_work *work)
         status = out->is_canceled ? QM_OK : search_maximum(work);
     }
     if (status == QM_OK && work->options->sign != QM_SIGN_NONE) status = measure_sides(work);
+    out->is_canceled |= status == QM_E_CANCELED;
+    if (status == QM_OK && !isnan(work->options->limit)) status = find_regions(work);
     out->is_canceled |= status == QM_E_CANCELED;
     if (status == QM_OK || status == QM_E_CANCELED) status = set_distribution(work, !out->is_canceled);
     out->is_canceled |= status == QM_E_CANCELED;
@@ -356,5 +374,8 @@ void qm_deviation_reset(qm_context *ctx, qm_deviation *deviation)
     qm_context_free(ctx, deviation->vertex_distance, deviation->vertex_count,
                     sizeof *deviation->vertex_distance);
     qm_context_free(ctx, deviation->sides.band, deviation->sides.band_count, sizeof *deviation->sides.band);
+    qm_context_free(ctx, deviation->region, deviation->region_count, sizeof *deviation->region);
+    qm_context_free(ctx, deviation->region_face, deviation->region_face_count,
+                    sizeof *deviation->region_face);
     *deviation = (qm_deviation){0};
 }

@@ -14,6 +14,7 @@
  *   deviation_quadratic.c  heights over a patch, which are quadratic
  *   deviation_integral.c   integrals of both functions
  *   deviation_sides.c      on which side of the target each piece is, and signed figures
+ *   deviation_regions.c    connected parts of the source beyond a limit
  *   deviation_normals.c    the side by normals, of a target that bounds no solid
  *
  * Words (engine/DEVIATION.md has the whole):
@@ -208,6 +209,10 @@ qm_status qm_deviation_setup_init(qm_context *ctx, const qm_bvh *a, const qm_bvh
 /** The first piece of a triangle of the source: flat, or half of the parameters of a patch; second is the
  * other half of a quad. */
 qm_deviation_piece qm_deviation_piece_first(const qm_deviation_setup *setup, uint32_t face, bool second);
+
+/** Parameters of a face as mesh.h has them, for those of one of its pieces: a triangle of a quad is half of its square. */
+void qm_deviation_piece_parameters(const qm_deviation_setup *setup, const qm_deviation_piece *piece, double u,
+                                   double v, double uv[2]);
 
 /** How much of the upper bound of a piece's area rounding makes. */
 double qm_deviation_piece_area_rounding(const qm_deviation_setup *setup, const qm_deviation_piece *piece);

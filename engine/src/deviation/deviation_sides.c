@@ -536,21 +536,6 @@ static qm_status start_search(side_search *search)
     return status;
 }
 
-/** Parameters of a face as mesh.h has them, for those of a piece: a triangle of a quad is half of its square. */
-static void face_parameters(const qm_deviation_sides *sides, const qm_deviation_piece *piece,
-                            const double weight[3], double uv[2])
-{
-    double u = 0.0, v = 0.0;
-    for (int i = 0; i < 3; i++) {
-        u += weight[i] * piece->u[i];
-        v += weight[i] * piece->v[i];
-    }
-    bool is_quad = sides->pieces->setup.source->mesh.faces[4 * (size_t)piece->face + 3] != QM_NO_INDEX;
-    bool is_half = is_quad && piece->is_flat;
-    uv[0] = qm_clamp(is_half && !piece->second ? u + v : u, 0.0, 1.0);
-    uv[1] = qm_clamp(is_half && piece->second ? u + v : v, 0.0, 1.0);
-}
-
 /** A vertex as a point of the first face that has it, or of a point set. */
 static qm_surface_point vertex_point(const qm_mesh *mesh, uint32_t vertex)
 {
@@ -578,7 +563,12 @@ static void set_witness(const side_search *search, qm_deviation_side *out)
         p = middle_of(sides, search->point);
     } else {
         p = piece_point(setup, &search->at, search->weight);
-        face_parameters(sides, &search->at, search->weight, out->from.uv);
+        double u = 0.0, v = 0.0;
+        for (int i = 0; i < 3; i++) {
+            u += search->weight[i] * search->at.u[i];
+            v += search->weight[i] * search->at.v[i];
+        }
+        qm_deviation_piece_parameters(setup, &search->at, u, v, out->from.uv);
     }
     qm_vec_store(out->from.position, qm_frame_world(&setup->target->frame, p));
     uint32_t hint = 0;
