@@ -9,7 +9,8 @@
 
 #include "ops/json_out.h"
 
-enum { EXIT_OK = 0, EXIT_BAD_INPUT = 1, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3, EXIT_COLLIDING = 4 };
+/** As those of diff, grep and cmp: NO is the other answer, beyond a limit or colliding; 2 is trouble of any kind. */
+enum { EXIT_OK = 0, EXIT_NO = 1, EXIT_BAD_INPUT = 2, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3 };
 
 /** Set by the first SIGINT: searches stop with the bounds reached so far. */
 extern atomic_bool cli_interrupted;
@@ -48,6 +49,10 @@ qm_preparation cli_prepare(bool is_target, qm_quad_reading quads, int threads);
 bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, const qm_preparation *preparation,
                    qm_loaded_mesh *out);
 
+/** Loads two mesh files, for cli_unload_pair. Returns -1, or the index of the first invalid one, with its problem. */
+int cli_try_pair(qm_context *ctx, const char *const path[2], const qm_preparation preparation[2],
+                 qm_loaded_mesh mesh[2], qm_problem *problem);
+
 /** Loads two mesh files, at the same time if there are two threads or more, for cli_unload_pair. False after a report of
  * the first invalid one. */
 bool cli_load_pair(qm_context *ctx, const char *const path[2], bool as_json,
@@ -56,9 +61,14 @@ void cli_unload_pair(qm_context *ctx, qm_loaded_mesh mesh[2]);
 
 /* ---- progress (jobs.c) ---- */
 
-/** A bound in 9 digits, rounded outward, so that the printed interval contains the computed one. Returns out. */
+/** A bound in so many digits, or in 9, rounded outward, so that the printed interval contains the computed one. Returns
+ * out. */
 #define CLI_BOUND_SIZE 32
+char *cli_format_digits(double bound, bool is_upper, int digits, char out[CLI_BOUND_SIZE]);
 char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE]);
+
+/** A bound of a share in percent, in 6 digits, rounded outward. Returns out. */
+char *cli_format_percent(double share, bool is_upper, char out[CLI_BOUND_SIZE]);
 
 /** A progress bar on stderr: on a terminal one line that is redrawn; elsewhere, if is_forced, a line for each step. */
 typedef struct cli_bar {

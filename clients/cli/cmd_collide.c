@@ -27,7 +27,7 @@ static void print_distance(const qm_json *result)
     printf("  search   %.1f ms, %.0f pairs of faces\n", qm_json_get_number(result, "elapsed_ms"),
            qm_json_get_number(result, "face_pairs"));
     if (!qm_json_is_true(result, "converged") && !verdict)
-        puts("  stopped  before the tolerance was reached; the bounds hold");
+        puts("  stopped  before the gap was reached; the bounds hold");
 }
 
 static bool write_csv(const char *path, const cli_job *job, const qm_collision *found)
@@ -66,7 +66,7 @@ static bool fetch_csv(const char *path, const cli_job *job, cli_session *session
 static int distance_status(const cli_job *job, const qm_json *result)
 {
     const char *verdict = qm_json_get_string(result, "verdict");
-    if (verdict) return strcmp(verdict, "above") == 0 ? EXIT_OK : EXIT_COLLIDING;
+    if (verdict) return strcmp(verdict, "above") == 0 ? EXIT_OK : EXIT_NO;
     bool is_done = isnan(job->request.threshold) && qm_json_is_true(result, "converged");
     return is_done ? EXIT_OK : EXIT_NOT_CONVERGED;
 }
@@ -94,7 +94,7 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     qm_json *result = qm_json_parse(output->json);
     bool is_distance = job->request.kind == QM_JOB_DISTANCE;
     int status = is_distance ? distance_status(job, result)
-                             : (qm_json_is_true(result, "collides") ? EXIT_COLLIDING : EXIT_OK);
+                             : (qm_json_is_true(result, "collides") ? EXIT_NO : EXIT_OK);
     if (job->as_json)
         puts(output->json);
     else if (is_distance)
@@ -141,7 +141,7 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
     cli_job job = cli_job_make(kind);
     qm_job_request *request = &job.request;
     const char *csv = NULL;
-    /* The first two are for two meshes, the next three for pairs. */
+    /* The first two are for two meshes, the next four for pairs. */
     const cli_option options[] = {
         {.name = "solid",
          .type = CLI_FLAG,
@@ -164,19 +164,25 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
          .choices = qm_collide_mode_names,
          .target = &request->mode,
          .help = "all pairs (default), the first one, or any"},
-        {.name = "limit",
+        {.name = "list",
          .value = "N",
          .type = CLI_SIZE,
          .max = QM_JOB_MAX_LISTED,
          .target = &request->list_limit,
          .help =
              "pairs listed with their contact in the result object (default 1000; 10 are printed as text)"},
-        CLI_OPTION_TOLERANCE(&request->tolerance,
-                             kind == QM_JOB_DISTANCE
-                                 ? "width of the interval at which to stop, as a fraction of the "
-                                   "diagonal of A's box (default 1e-6)"
-                                 : "of bilinear quads, a fraction of the diagonal of the first box "
-                                   "(default 1e-6):\nnearer pairs may be reported too"),
+        {.name = "limit",
+         .value = "N",
+         .type = CLI_SIZE,
+         .max = QM_JOB_MAX_LISTED,
+         .target = &request->list_limit,
+         .help = "the former name of --list"},
+        CLI_OPTION_GAP(&request->tolerance,
+                       kind == QM_JOB_DISTANCE
+                           ? "width of the interval at which to stop, as a fraction of the "
+                             "diagonal of A's box (default 1e-6)"
+                           : "of bilinear quads, a fraction of the diagonal of the first box "
+                             "(default 1e-6):\nnearer pairs may be reported too"),
         CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
         CLI_OPTION_QUADS(&request->quads),
         CLI_OPTION_THREADS(&request->threads),
@@ -188,7 +194,7 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
          .target = &request->threshold,
          .help = "stop once it is certain whether the distance is above X, in the unit of the meshes"}};
     bool is_distance = kind == QM_JOB_DISTANCE;
-    size_t skipped = is_distance ? 5 : kind == QM_JOB_COLLISION ? 0 : 2;
+    size_t skipped = is_distance ? 6 : kind == QM_JOB_COLLISION ? 0 : 2;
     size_t count = sizeof options / sizeof *options - skipped - (is_distance ? 0 : 1);
     int status;
     if (!cli_read_options(command, options + skipped, count, argc, argv, job.path, &status)) return status;
@@ -211,7 +217,7 @@ static int run_distance(int argc, char **argv)
     return run(&cmd_distance, QM_JOB_DISTANCE, argc, argv);
 }
 
-#define EXIT_STATUS_OF_PAIRS "Exit status: 0 clear, 1 bad input, 2 wrong usage, 3 interrupted, 4 colliding."
+#define EXIT_STATUS_OF_PAIRS "Exit status: 0 clear, 1 colliding, 2 bad input or wrong usage, 3 interrupted."
 
 const cli_command cmd_collide = {.name = "collide",
                                  .arguments = "A B [options]",
@@ -232,13 +238,13 @@ const cli_command cmd_self_collide = {
     .exit_status = EXIT_STATUS_OF_PAIRS,
     .run = run_self_collide};
 
-const cli_command cmd_distance = {.name = "distance",
-                                  .arguments = "A B [options]",
-                                  .summary = "bounds of the minimum distance between two meshes",
-                                  .takes = "two files",
-                                  .path_count = 2,
-                                  .description = "Bounds of the minimum distance between two surfaces.\n\n",
-                                  .exit_status = "Exit status: 0 done, or above the limit, 1 bad input, 2 "
-                                                 "wrong usage, 3 interrupted, or neither the tolerance "
-                                                 "was reached nor a verdict, 4 not above the limit.",
-                                  .run = run_distance};
+const cli_command cmd_distance = {
+    .name = "distance",
+    .arguments = "A B [options]",
+    .summary = "bounds of the minimum distance between two meshes",
+    .takes = "two files",
+    .path_count = 2,
+    .description = "Bounds of the minimum distance between two surfaces.\n\n",
+    .exit_status = "Exit status: 0 done, or above the limit, 1 not above it, 2 bad input "
+                   "or wrong usage, 3 interrupted, or neither the gap was reached nor a verdict.",
+    .run = run_distance};

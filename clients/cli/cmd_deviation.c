@@ -262,6 +262,13 @@ static bool write_fetched(const file_names *names, const cli_job *job, cli_sessi
 
 /* ---- the command ---- */
 
+/** Whether the greatest distance is within the limit. */
+static int limit_status(const qm_json *result)
+{
+    const char *verdict = qm_json_get_string(result, "verdict");
+    return !verdict ? EXIT_NOT_CONVERGED : strcmp(verdict, "below") == 0 ? EXIT_OK : EXIT_NO;
+}
+
 static int finish(const void *user, const cli_job *job, const cli_job_output *output)
 {
     const file_names *names = user;
@@ -279,29 +286,10 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     else
         print_text(job, result);
     bool is_accurate = qm_json_is_true(result, "accurate");
+    int status =
+        isnan(job->request.threshold) ? (is_accurate ? EXIT_OK : EXIT_NOT_CONVERGED) : limit_status(result);
     qm_json_free(result);
-    return !is_written ? EXIT_BAD_INPUT : is_accurate ? EXIT_OK : EXIT_NOT_CONVERGED;
-}
-
-static bool read_percentiles(const char *text, void *target)
-{
-    qm_job_request *request = target;
-    request->percentile_count = 0;
-    for (const char *at = text;; at++) {
-        char *end;
-        double number = strtod(at, &end);
-        bool is_valid = end != at && number > 0.0 && number <= 100.0 &&
-                        request->percentile_count < QM_JOB_MAX_PERCENTILES && (*end == ',' || !*end);
-        if (!is_valid) break;
-        request->percentiles[request->percentile_count++] = number;
-        if (!*end) return true;
-        at = end;
-    }
-    fprintf(stderr,
-            "quadmesh: --percentiles takes up to %d numbers above 0 and up to 100, separated by commas, got "
-            "\"%s\"\n",
-            QM_JOB_MAX_PERCENTILES, text);
-    return false;
+    return is_written ? status : EXIT_BAD_INPUT;
 }
 
 /** Reads an end of a band up to a character: a number, or nothing for none. */
@@ -354,28 +342,12 @@ static int run(int argc, char **argv)
          .target = &names.ply,
          .help = "A with a colour and the distance (as quality) at each vertex"},
         CLI_OPTION_QUADS(&request->quads),
-        {.name = "accuracy",
-         .value = "X",
-         .type = CLI_POSITIVE,
-         .target = &request->accuracy,
-         .help =
-             "width of the intervals of mean and rms at which to stop, as a fraction of them (default 0.01)"},
-        {.name = "pieces",
-         .value = "N",
-         .type = CLI_SIZE,
-         .max = QM_JOB_MAX_PIECES,
-         .target = &request->pieces,
-         .help = "max pieces that A's faces are cut into (default 1048576)"},
-        CLI_OPTION_TOLERANCE(&request->tolerance,
-                             "width of the interval of the maximum, as a fraction of the diagonal "
-                             "of A's box (default 1e-6)"),
+        CLI_OPTION_AVERAGES(request),
+        CLI_OPTION_GAP(&request->tolerance,
+                       "width of the interval of the maximum, as a fraction of the diagonal "
+                       "of A's box (default 1e-6)"),
         CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
-        {.name = "percentiles",
-         .value = "L",
-         .type = CLI_CUSTOM,
-         .read = read_percentiles,
-         .target = request,
-         .help = "numbers separated by commas (default 1,5,25,50,75,90,95,99)"},
+        CLI_OPTION_PERCENTILES(request, "1,5,25,50,75,90,95,99"),
         {.name = "bins",
          .value = "N",
          .type = CLI_SIZE,
@@ -426,6 +398,7 @@ const cli_command cmd_deviation = {
     .description =
         "How far the surface A is from B: mean, rms, percentiles, histogram and maximum, as proven "
         "intervals.\n\n",
-    .exit_status =
-        "Exit status: 0 accurate, 1 bad input, 2 wrong usage, 3 the pieces ran out before, or interrupted.",
+    .exit_status = "Exit status: 0 accurate, or within the limit, 1 beyond it, 2 bad input or wrong usage, 3 "
+                   "the pieces ran out before, no "
+                   "verdict, or interrupted.",
     .run = run};

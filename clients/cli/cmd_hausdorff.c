@@ -3,6 +3,7 @@
  */
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 #include "base/json.h"
 #include "options.h"
@@ -11,6 +12,7 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
 {
     (void)user;
     qm_json *result = qm_json_parse(output->json);
+    const char *verdict = qm_json_get_string(result, "verdict");
     if (job->as_json)
         puts(output->json);
     else {
@@ -30,8 +32,10 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
                    qm_json_get_string(result, "witness.from.mesh"),
                    qm_json_get_number(result, "witness.to.face"),
                    qm_json_get_string(result, "witness.to.mesh"));
-        const char *verdict = qm_json_get_string(result, "verdict");
-        if (verdict) printf("  verdict  %s the threshold\n", verdict);
+        if (verdict)
+            printf("  verdict  %s the limit\n", strcmp(verdict, "above") == 0 ? "beyond" : "within");
+        else if (!isnan(job->request.threshold))
+            puts("  verdict  undecided");
         printf("  search   %.1f ms after %.1f + %.1f ms to prepare, %.0f iterations, %.0f projections\n",
                qm_json_get_number(result, "elapsed_ms"), qm_json_get_number(result, "prepare_ms.a"),
                qm_json_get_number(result, "prepare_ms.b"), qm_json_get_number(result, "iterations"),
@@ -39,9 +43,10 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
         if (!qm_json_is_true(result, "converged"))
             printf("  stopped  by %s; the bounds hold\n", qm_json_get_string(result, "stopped_by"));
     }
-    bool is_decided = qm_json_is_true(result, "converged") || qm_json_has(result, "verdict");
+    bool is_beyond = verdict && strcmp(verdict, "above") == 0;
+    bool is_answered = isnan(job->request.threshold) ? qm_json_is_true(result, "converged") : verdict != NULL;
     qm_json_free(result);
-    return is_decided ? EXIT_OK : EXIT_NOT_CONVERGED;
+    return is_beyond ? EXIT_NO : is_answered ? EXIT_OK : EXIT_NOT_CONVERGED;
 }
 
 static int run(int argc, char **argv)
@@ -56,15 +61,20 @@ static int run(int argc, char **argv)
          .target = &request->direction,
          .help = "a_to_b, b_to_a or two_sided (default)"},
         CLI_OPTION_QUADS(&request->quads),
-        CLI_OPTION_TOLERANCE(&request->tolerance,
-                             "width of the interval at which to stop, as a fraction of the "
-                             "diagonal of A's box (default 1e-6)"),
+        CLI_OPTION_GAP(&request->tolerance, "width of the interval at which to stop, as a fraction of the "
+                                            "diagonal of A's box (default 1e-6)"),
         CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
+        {.name = "limit",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &request->threshold,
+         .help = "the permitted distance, in the unit of the meshes: stop as soon as it is certain\n"
+                 "whether the distance is within it"},
         {.name = "threshold",
          .value = "X",
          .type = CLI_NUMBER,
          .target = &request->threshold,
-         .help = "stop as soon as it is certain whether the distance is above X"},
+         .help = "the former name of --limit"},
         {.name = "deadline-ms",
          .value = "N",
          .type = CLI_POSITIVE,
@@ -104,5 +114,6 @@ const cli_command cmd_hausdorff = {
     .path_count = 2,
     .description = "",
     .exit_status =
-        "Exit status: 0 converged or verdict certain, 1 bad input, 2 wrong usage, 3 stopped before.",
+        "Exit status: 0 converged, or within the limit; 1 beyond the limit; 2 bad input or wrong usage;\n"
+        "3 stopped before, or undecided.",
     .run = run};

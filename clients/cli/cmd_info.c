@@ -63,5 +63,5 @@ const cli_command cmd_info = {.name = "info",
                               .takes = "one file",
                               .path_count = 1,
                               .description = "",
-                              .exit_status = "Exit status: 0 done, 1 bad input, 2 wrong usage.",
+                              .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
                               .run = run};

@@ -78,5 +78,5 @@ const cli_command cmd_patches = {
     .path_count = 1,
     .description =
         "Splits a mesh of quads into regular patches of rows x columns, and prints their number.\n\n",
-    .exit_status = "Exit status: 0 done, 1 bad input, 2 wrong usage.",
+    .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
     .run = run};

@@ -245,5 +245,5 @@ const cli_command cmd_project = {.name = "project",
                                  .path_count = 2,
                                  .description = "",
                                  .exit_status =
-                                     "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 interrupted.",
+                                     "Exit status: 0 done, 2 bad input or wrong usage, 3 interrupted.",
                                  .run = run};

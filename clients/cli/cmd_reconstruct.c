@@ -256,5 +256,5 @@ const cli_command cmd_reconstruct = {
         "Makes a semi-regular quad mesh of a point set or a mesh, from a layout of boundary curves (JSON:\n"
         "nodes, curves and patches; patches are found if the file has none).\n\n",
     .exit_status =
-        "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 the distance was not reached, or interrupted.",
+        "Exit status: 0 done, 2 bad input or wrong usage, 3 the distance was not reached, or interrupted.",
     .run = run};

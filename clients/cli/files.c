@@ -190,8 +190,8 @@ static void share_threads(load_pair *pair)
     }
 }
 
-bool cli_load_pair(qm_context *ctx, const char *const path[2], bool as_json,
-                   const qm_preparation preparation[2], qm_loaded_mesh mesh[2])
+int cli_try_pair(qm_context *ctx, const char *const path[2], const qm_preparation preparation[2],
+                 qm_loaded_mesh mesh[2], qm_problem *problem)
 {
     load_pair pair = {
         .ctx = ctx, .path = path, .preparation = {preparation[0], preparation[1]}, .mesh = mesh};
@@ -206,11 +206,20 @@ bool cli_load_pair(qm_context *ctx, const char *const path[2], bool as_json,
     }
     for (int i = 0; i < 2; i++) {
         if (pair.is_loaded[i]) continue;
-        cli_report(path[i], &pair.problem[i], as_json);
+        *problem = pair.problem[i];
         cli_unload_pair(ctx, mesh);
-        return false;
+        return i;
     }
-    return true;
+    return -1;
+}
+
+bool cli_load_pair(qm_context *ctx, const char *const path[2], bool as_json,
+                   const qm_preparation preparation[2], qm_loaded_mesh mesh[2])
+{
+    qm_problem problem;
+    int failed = cli_try_pair(ctx, path, preparation, mesh, &problem);
+    if (failed >= 0) cli_report(path[failed], &problem, as_json);
+    return failed < 0;
 }
 
 void cli_unload_pair(qm_context *ctx, qm_loaded_mesh mesh[2])

@@ -20,16 +20,28 @@ cli_bar cli_bar_make(double tolerance, bool is_forced)
         .is_terminal = isatty(STDERR_FILENO) == 1, .is_forced = is_forced, .tolerance = tolerance};
 }
 
-char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE])
+char *cli_format_digits(double bound, bool is_upper, int digits, char out[CLI_BOUND_SIZE])
 {
-    snprintf(out, CLI_BOUND_SIZE, "%.9g", bound);
+    snprintf(out, CLI_BOUND_SIZE, "%.*g", digits, bound);
     double printed = strtod(out, NULL);
     if (!isfinite(bound) || (is_upper ? printed >= bound : printed <= bound)) return out;
-    /* One unit of the ninth digit outward. Near a power of ten log10 may round to the next digit, which widens the
+    /* One unit of the last digit outward. Near a power of ten log10 may round to the next digit, which widens the
      * interval and is safe. */
-    double unit = pow(10.0, floor(log10(fabs(bound))) - 8.0);
-    snprintf(out, CLI_BOUND_SIZE, "%.9g", is_upper ? printed + unit : printed - unit);
+    double unit = pow(10.0, floor(log10(fabs(bound))) - (digits - 1));
+    snprintf(out, CLI_BOUND_SIZE, "%.*g", digits, is_upper ? printed + unit : printed - unit);
     return out;
+}
+
+char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE])
+{
+    return cli_format_digits(bound, is_upper, 9, out);
+}
+
+char *cli_format_percent(double share, bool is_upper, char out[CLI_BOUND_SIZE])
+{
+    double percent = 100.0 * share, rest = fma(100.0, share, -percent); /* what the product lost */
+    if (is_upper ? rest > 0.0 : rest < 0.0) percent = nextafter(percent, is_upper ? INFINITY : 0.0);
+    return cli_format_digits(percent, is_upper, 6, out);
 }
 
 void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations)
@@ -112,7 +124,8 @@ static int run_here(const cli_job *job, cli_finish_fn *finish, const void *user)
     for (int side = 0; side < 2; side++) {
         /* Only the kinds that search for nearest points need targets. */
         const qm_job_request *request = &job->request;
-        const bool is_target = request->kind == QM_JOB_HAUSDORFF
+        const bool is_target = request->kind == QM_JOB_COMPARISON ? true
+                               : request->kind == QM_JOB_HAUSDORFF
                                    ? request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A)
                                    : request->kind == QM_JOB_DEVIATION && side == 1;
         preparation[side] = cli_prepare(is_target, request->quads, request->threads);

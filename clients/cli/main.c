@@ -10,9 +10,9 @@
 
 atomic_bool cli_interrupted;
 
-static const cli_command *const commands[] = {&cmd_hausdorff, &cmd_deviation, &cmd_project,
-                                              &cmd_distance,  &cmd_collide,   &cmd_self_collide,
-                                              &cmd_info,      &cmd_patches,   &cmd_reconstruct};
+static const cli_command *const commands[] = {&cmd_compare, &cmd_check,    &cmd_hausdorff,  &cmd_deviation,
+                                              &cmd_project, &cmd_distance, &cmd_collide,    &cmd_self_collide,
+                                              &cmd_info,    &cmd_patches,  &cmd_reconstruct};
 enum { COMMAND_COUNT = sizeof commands / sizeof commands[0] };
 
 static void print_help(FILE *file)
@@ -23,12 +23,13 @@ static void print_help(FILE *file)
         snprintf(line, sizeof line, "%s %s", commands[i]->name, commands[i]->arguments);
         fprintf(file, "%s quadmesh %-47s %s\n", i == 0 ? "usage:" : "      ", line, commands[i]->summary);
     }
-    fputs("       quadmesh --help | --version\n\n"
-          "`quadmesh COMMAND --help` prints the options of a command.\n"
-          "Files, by extension or content:" QM_FORMAT_NAMES ".\n"
-          "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 stopped before the tolerance was reached,\n"
-          "4 colliding (collide and self-collide).\n",
-          file);
+    fputs(
+        "       quadmesh --help | --version\n\n"
+        "`quadmesh COMMAND --help` prints the options of a command.\n"
+        "Files, by extension or content:" QM_FORMAT_NAMES ".\n"
+        "Exit status: 0 done, within the limit, or clear; 1 beyond the limit, or colliding; 2 bad input or\n"
+        "wrong usage; 3 stopped before the answer was certain.\n",
+        file);
 }
 
 static void on_interrupt(int number)

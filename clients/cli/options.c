@@ -3,6 +3,7 @@
  */
 #include "options.h"
 
+#include <float.h>
 #include <getopt.h>
 #include <math.h>
 #include <stdio.h>
@@ -133,7 +134,8 @@ bool cli_read_options(const cli_command *command, const cli_option *options, siz
             return false;
         }
     }
-    bool is_complete = argc - optind == command->path_count;
+    int given = argc - optind;
+    bool is_complete = given <= command->path_count && given >= command->path_count - command->optional_paths;
     for (size_t i = 0; i < count; i++)
         if (options[i].is_required && !*(const char **)options[i].target) is_complete = false;
     if (!is_complete) {
@@ -142,8 +144,36 @@ bool cli_read_options(const cli_command *command, const cli_option *options, siz
         return false;
     }
     for (int i = 0; i < command->path_count; i++)
-        paths[i] = argv[optind + i];
+        paths[i] = i < given ? argv[optind + i] : NULL;
     return true;
+}
+
+bool cli_read_list(const char *option, const char *text, double above, double max, size_t room, double *out,
+                   size_t *count)
+{
+    for (const char *at = text;; at++) {
+        char *end;
+        double number = strtod(at, &end);
+        bool is_valid = end != at && number > above && number >= 0.0 && number <= max && *count < room &&
+                        (*end == ',' || !*end);
+        if (!is_valid) break;
+        out[(*count)++] = number;
+        if (!*end) return true;
+        at = end;
+    }
+    fprintf(stderr, "quadmesh: --%s takes up to %zu numbers %s", option, room,
+            above < 0.0 ? "of 0 or more" : "above 0");
+    if (isfinite(max) && max < DBL_MAX) fprintf(stderr, " and up to %.9g", max);
+    fprintf(stderr, ", separated by commas, got \"%s\"\n", text);
+    return false;
+}
+
+bool cli_read_percentiles(const char *text, void *target)
+{
+    qm_job_request *request = target;
+    request->percentile_count = 0;
+    return cli_read_list("percentiles", text, 0.0, 100.0, QM_JOB_MAX_PERCENTILES, request->percentiles,
+                         &request->percentile_count);
 }
 
 int cli_count_threads(int given)

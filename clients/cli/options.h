@@ -8,17 +8,17 @@
 
 typedef struct cli_command {
     const char *name;
-    const char *arguments; /* after the name in the usage line */
-    const char *summary;   /* for `quadmesh --help` */
-    const char *takes;     /* "two files" */
-    int path_count;
-    const char *description; /* of the usage text; "" for none */
-    const char *exit_status; /* its last line */
+    const char *arguments;          /* after the name in the usage line */
+    const char *summary;            /* for `quadmesh --help` */
+    const char *takes;              /* "two files" */
+    int path_count, optional_paths; /* of path_count; those that are not given are NULL */
+    const char *description;        /* of the usage text; "" for none */
+    const char *exit_status;        /* its last line */
     int (*run)(int argc, char **argv);
 } cli_command;
 
 extern const cli_command cmd_hausdorff, cmd_deviation, cmd_project, cmd_distance, cmd_collide,
-    cmd_self_collide, cmd_info, cmd_patches, cmd_reconstruct;
+    cmd_self_collide, cmd_info, cmd_patches, cmd_reconstruct, cmd_compare, cmd_check;
 
 typedef enum cli_option_type {
     CLI_FLAG,     /* bool: set */
@@ -55,14 +55,17 @@ typedef struct cli_option {
         .name = "accelerator", .value = "A", .type = CLI_CHOICE, .choices = qm_accelerator_names,            \
         .target = (address), .help = "of nearest points: auto (default), boxes, tetra or grid"               \
     }
-#define CLI_OPTION_TOLERANCE(address, text)                                                                  \
+/* Of two options: the second is the name of the version before. */
+#define CLI_OPTION_GAP(address, text)                                                                        \
+    {.name = "gap", .value = "X", .type = CLI_POSITIVE, .target = (address), .help = (text)},                \
     {                                                                                                        \
-        .name = "tolerance", .value = "X", .type = CLI_POSITIVE, .target = (address), .help = (text)         \
+        .name = "tolerance", .value = "X", .type = CLI_POSITIVE, .target = (address),                        \
+        .help = "the former name of --gap"                                                                   \
     }
 #define CLI_OPTION_ABSOLUTE(address)                                                                         \
     {                                                                                                        \
         .name = "absolute", .type = CLI_FLAG, .target = (address),                                           \
-        .help = "the tolerance is in the unit of the meshes"                                                 \
+        .help = "the gap is in the unit of the meshes"                                                       \
     }
 #define CLI_OPTION_THREADS(address)                                                                          \
     {                                                                                                        \
@@ -86,7 +89,25 @@ typedef struct cli_option {
         .help = "run on a daemon instead of in this process"                                                 \
     }
 
-#define CLI_MAX_OPTIONS 20
+/** Of two options: how closely averages over a surface are known. */
+#define CLI_OPTION_AVERAGES(request)                                                                         \
+    {.name = "accuracy",                                                                                     \
+     .value = "X",                                                                                           \
+     .type = CLI_POSITIVE,                                                                                   \
+     .target = &(request)->accuracy,                                                                         \
+     .help =                                                                                                 \
+         "width of the intervals of mean and rms at which to stop, as a fraction of them (default 0.01)"},   \
+    {                                                                                                        \
+        .name = "pieces", .value = "N", .type = CLI_SIZE, .max = QM_JOB_MAX_PIECES,                          \
+        .target = &(request)->pieces, .help = "max pieces that faces are cut into (default 1048576)"         \
+    }
+#define CLI_OPTION_PERCENTILES(request, list)                                                                \
+    {                                                                                                        \
+        .name = "percentiles", .value = "L", .type = CLI_CUSTOM, .read = cli_read_percentiles,               \
+        .target = (request), .help = "numbers separated by commas (default " list ")"                        \
+    }
+
+#define CLI_MAX_OPTIONS 28
 
 /**
  * Reads the arguments of a command: options into their targets, and its paths. Returns true; or false with the exit
@@ -94,6 +115,16 @@ typedef struct cli_option {
  */
 bool cli_read_options(const cli_command *command, const cli_option *options, size_t count, int argc,
                       char **argv, const char **paths, int *status);
+
+/**
+ * Reads numbers separated by commas and adds them to those that there are, as many as room at most; each lies in (above,
+ * max], or in [0, max] where above is negative. False after a message that names the option.
+ */
+bool cli_read_list(const char *option, const char *text, double above, double max, size_t room, double *out,
+                   size_t *count);
+
+/** The percentiles of a request, in place of the default ones. */
+bool cli_read_percentiles(const char *text, void *request);
 
 /** The number of threads that was given, or else one for each processor. */
 int cli_count_threads(int given);

@@ -23,25 +23,28 @@
 /** @typedef {{ patch_count: number, irregular_vertices: number, patches: Patch[] }} Patches */
 
 /** @typedef {{ quads?: QuadReading, threads?: number, accelerator?: Accelerator, detach?: boolean }} CommonRequest */
-/** @typedef {CommonRequest & { type: "hausdorff", a: string, b: string, direction?: Direction, tolerance?: number,
- *   tolerance_unit?: "relative" | "absolute", threshold?: number | null, deadline_ms?: number, memory_limit?: number,
+/** How closely an interval is searched; `tolerance` and `tolerance_unit` are the former names.
+ * @typedef {{ gap?: number, gap_unit?: "relative" | "absolute", tolerance?: number,
+ *   tolerance_unit?: "relative" | "absolute" }} Gap */
+/** `threshold` is the former name of `limit`.
+ * @typedef {CommonRequest & Gap & { type: "hausdorff", a: string, b: string, direction?: Direction,
+ *   limit?: number | null, threshold?: number | null, deadline_ms?: number, memory_limit?: number,
  *   bounds?: "cover" | "matching" }} HausdorffRequest */
 /** @typedef {CommonRequest & { type: "project", mesh: string, points: Point[] }} ProjectRequest */
-/** @typedef {CommonRequest & { type: "deviation", a: string, b: string, accuracy?: number, pieces?: number,
- *   tolerance?: number, tolerance_unit?: "relative" | "absolute", percentiles?: number[],
- *   bins?: number, limit?: number | null, regions?: boolean, sign?: "none" | "outside" | "inside" | "normal",
- *   bands?: [number | null, number | null][] }} DeviationRequest */
-/** @typedef {CommonRequest & { type: "distance", a: string, b: string, tolerance?: number,
- *   tolerance_unit?: "relative" | "absolute", limit?: number | null }} DistanceRequest */
-/** @typedef {CommonRequest & { mode?: "all" | "first" | "any", limit?: number, tolerance?: number,
- *   tolerance_unit?: "relative" | "absolute" }} AnyCollisionRequest */
+/** @typedef {CommonRequest & Gap & { type: "deviation", a: string, b: string, accuracy?: number, pieces?: number,
+ *   percentiles?: number[], bins?: number, limit?: number | null, regions?: boolean,
+ *   sign?: "none" | "outside" | "inside" | "normal", bands?: [number | null, number | null][] }} DeviationRequest */
+/** @typedef {CommonRequest & Gap & { type: "comparison", a: string, b: string, limits?: number[], percentiles?: number[],
+ *   accuracy?: number, pieces?: number, worst?: { count: number, radius?: number } | null }} ComparisonRequest */
+/** @typedef {CommonRequest & Gap & { type: "distance", a: string, b: string, limit?: number | null }} DistanceRequest */
+/** @typedef {CommonRequest & Gap & { mode?: "all" | "first" | "any", limit?: number }} AnyCollisionRequest */
 /** @typedef {AnyCollisionRequest & { type: "collision", a: string, b: string, solid?: boolean,
  *   penetration?: boolean }} CollisionRequest */
 /** @typedef {AnyCollisionRequest & { type: "self_collision", mesh: string, incremental?: boolean }} SelfCollisionRequest */
 /** @typedef {{ type: "reconstruction_step", reconstruction: string, steps?: number, measure?: boolean, threads?: number,
  *   until?: { hausdorff_relative?: number, max_quads?: number, edge_length?: number }, detach?: boolean }} StepRequest */
-/** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | DistanceRequest | CollisionRequest
- *   | SelfCollisionRequest | StepRequest} JobRequest */
+/** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | ComparisonRequest | DistanceRequest
+ *   | CollisionRequest | SelfCollisionRequest | StepRequest} JobRequest */
 
 /** @typedef {{ elapsed_ms: number, lower: number, upper: number | null, lower_relative: number | null,
  *   upper_relative: number | null, gap_relative: number | null, iterations: number, projections: number,
@@ -72,6 +75,18 @@
  *   verdict?: "above" | "below" | null, region_count?: number, regions?: DeviationRegion[], vertex_count: number, vertex_distances?: number[],
  *   quads: QuadReading, accuracy: number, tolerance: number, accurate: boolean, pieces: number, projections: number,
  *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} DeviationResult */
+/** @typedef {{ from: SurfacePoint, to: SurfacePoint }} Witness */
+/** One direction of a comparison: of the points of one surface from the other one.
+ * @typedef {{ over: "area" | "vertices" | "points", size: Interval, hausdorff: LengthInterval, mean: LengthInterval,
+ *   rms: LengthInterval, std: LengthInterval, percentiles: (LengthInterval & { percent: number })[],
+ *   shares: (Interval & { limit: number })[], witness?: Witness, worst?: (LengthInterval & Witness)[],
+ *   accurate: boolean }} ComparisonDirection */
+/** @typedef {{ limit: number, precision: Interval, recall: Interval, f: Interval }} FScore */
+/** @typedef {{ a_to_b: ComparisonDirection, b_to_a: ComparisonDirection,
+ *   symmetric: { hausdorff: LengthInterval, hd95: LengthInterval, mean: LengthInterval, rms: LengthInterval,
+ *     chamfer: { l1: Interval, l1_half: Interval, l2: Interval, l2_half: Interval }, f_score: FScore[] },
+ *   quads: QuadReading, accuracy: number, gap: number, accurate: boolean, pieces: number, projections: number,
+ *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} ComparisonResult */
 /** @typedef {{ lower: number, upper: number, lower_relative: number | null, upper_relative: number | null,
  *   witness: { from: SurfacePoint, to: SurfacePoint }, collides: boolean, quads: QuadReading, tolerance: number,
  *   converged: boolean, face_pairs: number, prepare_ms: { a: number, b: number }, elapsed_ms: number }} DistanceResult */
@@ -88,7 +103,8 @@
 /** @typedef {{ reconstruction: string, mesh: string, quads: number, step_count: number,
  *   stopped_by: "steps" | "max_quads" | "edge_length" | "hausdorff" | "canceled", steps: StepRecord[],
  *   elapsed_ms: number }} StepResult */
-/** @typedef {HausdorffResult | ProjectResult | DeviationResult | DistanceResult | CollisionResult | StepResult} JobResult */
+/** @typedef {HausdorffResult | ProjectResult | DeviationResult | ComparisonResult | DistanceResult | CollisionResult
+ *   | StepResult} JobResult */
 
 /** @typedef {{ id: number, from: number, to: number, points: Point[] }} Curve */
 /** @typedef {{ mesh: string, nodes?: Point[], curves?: Curve[], patches?: number[][] }} LayoutRequest */

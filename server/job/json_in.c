@@ -107,6 +107,13 @@ static void report_value(const qm_job_field *field, const qm_json_location *at, 
 
 #define MAX_FIELDS 32 /* of one kind */
 
+/** True for fields that read the same member of the request: one, or two names of one. */
+static bool is_same(const qm_job_field *a, const qm_job_field *b)
+{
+    bool have_members = a->type != QM_FIELD_OTHER && b->type != QM_FIELD_OTHER;
+    return a == b || (have_members && a->offset == b->offset);
+}
+
 /** Reports the required fields of a table that were not seen. */
 static void report_missing(const qm_job_field *fields, const qm_job_field *const *seen, size_t count,
                            qm_problem *problem)
@@ -133,7 +140,7 @@ static void read_members(const cJSON *object, qm_job_request *out, qm_problem *p
         if (!known) known = qm_job_find_field(own, member->string);
         qm_json_location at = {0};
         size_t i = 0;
-        while (i < count && seen[i] != known)
+        while (known && i < count && !is_same(seen[i], known))
             i++;
         if (!known)
             qm_json_report(problem, member->string, "is not a field of this job");

@@ -32,6 +32,7 @@ qm_job_request qm_job_request_default(void)
         .bins = 50,
         .percentiles = {1, 5, 25, 50, 75, 90, 95, 99},
         .percentile_count = 8,
+        .worst_radius = NAN,
         .mode = QM_COLLIDE_ALL,
         .list_limit = 1000,
         .goal = {.measures = true},

@@ -13,7 +13,7 @@
 #include "base/scheduler.h"
 #include "listed_pairs.h"
 #include "projections.h"
-#include "qm/deviation.h"
+#include "qm/comparison.h"
 #include "qm/distance.h"
 #include "qm/hausdorff.h"
 #include "refine.h"
@@ -24,6 +24,8 @@
 #define QM_JOB_MAX_BANDS 64
 #define QM_JOB_LISTED_REGIONS 1000
 #define QM_JOB_LISTED_FACES 1000 /* of each region */
+#define QM_JOB_MAX_LIMITS 64
+#define QM_JOB_MAX_PLACES 100.0
 #define QM_JOB_MAX_STEPS 64
 #define QM_JOB_MAX_PIECES 1e7
 #define QM_JOB_MAX_BINS 1e4
@@ -48,6 +50,7 @@ extern const char *const qm_tolerance_unit_names[]; /* qm_job_request.tolerance_
     XX(HAUSDORFF, hausdorff)                                                                                 \
     XX(PROJECT, project)                                                                                     \
     XX(DEVIATION, deviation)                                                                                 \
+    XX(COMPARISON, comparison)                                                                               \
     XX(DISTANCE, distance)                                                                                   \
     XX(COLLISION, collision)                                                                                 \
     XX(SELF_COLLISION, self_collision)                                                                       \
@@ -109,7 +112,7 @@ typedef struct qm_job_request {
     qm_priority priority;
     double deadline_ms; /* from submission on; 0: none */
 
-    /* hausdorff, deviation for its maximum, distance, and collisions of bilinear quads */
+    /* hausdorff, deviation and comparison for their maxima, distance, and collisions of bilinear quads */
     double tolerance;
     bool tolerance_is_absolute; /* else a fraction of the diagonal of A's box */
 
@@ -126,7 +129,7 @@ typedef struct qm_job_request {
     double *points; /* x y z of each point; malloc'ed, owned by the request */
     size_t point_count;
 
-    /* deviation */
+    /* deviation and comparison */
     double accuracy;
     size_t pieces, bins;
     double percentiles[QM_JOB_MAX_PERCENTILES];
@@ -135,6 +138,12 @@ typedef struct qm_job_request {
     qm_interval bands[QM_JOB_MAX_BANDS]; /* ends may be infinite */
     size_t band_count;
     bool regions; /* those beyond the limit */
+
+    /* comparison; lengths in the unit of the meshes */
+    double limits[QM_JOB_MAX_LIMITS];
+    size_t limit_count;
+    size_t worst_count;  /* places in the result; 0: none */
+    double worst_radius; /* NAN: a share of the diagonal */
 
     /* collision and self_collision */
     qm_collide_mode mode;
@@ -150,7 +159,8 @@ typedef struct qm_job_request {
 } qm_job_request;
 
 /** The defaults: a Hausdorff job, two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points.
- * Deviation: accuracy 1e-2, 2^20 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99; no sign, no bands.
+ * Deviation and comparison: accuracy 1e-2, 2^20 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99, no limits;
+ * no sign, no bands.
  * Collisions: all pairs, 1000 of them listed. */
 qm_job_request qm_job_request_default(void);
 
@@ -175,6 +185,9 @@ typedef struct qm_job_result {
 
     /* deviation */
     qm_deviation deviation;
+
+    /* comparison; the faces of its places are indices of the input files */
+    qm_comparison comparison;
 
     /* distance; its faces are from_face and to_face */
     qm_distance distance;

@@ -55,11 +55,22 @@ typedef struct qm_job_field {
     {                                                                                                        \
         "quads", QM_FIELD_CHOICE, QM_FIELD_AT(quads), .names = qm_quads_names                                \
     }
+/** The width of an interval; tolerance is its name of the version before. */
 #define QM_JOB_FIELDS_TOLERANCE                                                                              \
-    {"tolerance", QM_FIELD_POSITIVE, QM_FIELD_AT(tolerance)},                                                \
+    {"gap", QM_FIELD_POSITIVE, QM_FIELD_AT(tolerance)},                                                      \
+        {"gap_unit", QM_FIELD_SWITCH, QM_FIELD_AT(tolerance_is_absolute), .names = qm_tolerance_unit_names}, \
+        {"tolerance", QM_FIELD_POSITIVE, QM_FIELD_AT(tolerance)},                                            \
     {                                                                                                        \
         "tolerance_unit", QM_FIELD_SWITCH, QM_FIELD_AT(tolerance_is_absolute),                               \
             .names = qm_tolerance_unit_names                                                                 \
+    }
+#define QM_JOB_FIELDS_AVERAGES                                                                               \
+    {"accuracy", QM_FIELD_POSITIVE, QM_FIELD_AT(accuracy)},                                                  \
+        {"pieces", QM_FIELD_COUNT, QM_FIELD_AT(pieces), .max = QM_JOB_MAX_PIECES},                           \
+    {                                                                                                        \
+        "percentiles", QM_FIELD_OTHER,                                                                       \
+            .read = qm_averages_read_percentiles,                                                            \
+            .expected = "must be an array of at most 64 numbers above 0 and at most 100"                     \
     }
 #define QM_JOB_FIELD_ACCELERATOR                                                                             \
     {                                                                                                        \
@@ -122,5 +133,12 @@ double qm_job_tolerance(const qm_job_call *call);
 /** Adds the members tolerance and tolerance_unit; and accelerator, unless it is the default. */
 void qm_job_add_tolerance(qm_text *out, const qm_job_request *request);
 void qm_job_add_accelerator(qm_text *out, const qm_job_request *request);
+
+/* Of kinds with averages over a surface (kind_averages.c). */
+bool qm_averages_read_percentiles(const struct cJSON *value, qm_job_request *out,
+                                  struct qm_json_location *at);
+void qm_averages_add_percentiles(qm_text *out, const double *percent, const qm_interval *percentile,
+                                 size_t count, double diagonal);
+void qm_averages_add_measure(qm_text *out, const qm_deviation *deviation);
 
 #endif

@@ -41,7 +41,7 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     options.sign = request->sign;
     options.band = request->bands;
     options.band_count = request->band_count;
-    options.limit = request->regions ? request->threshold : NAN;
+    options.region_limit = request->regions ? request->threshold : NAN;
     options.face_limit = QM_JOB_LISTED_FACES;
     out->tolerance = options.tolerance;
     qm_solid solid;
@@ -79,21 +79,6 @@ static void reset(qm_context *ctx, qm_job_result *result)
 {
     qm_deviation_reset(ctx, &result->deviation);
 }
-
-static bool read_percentiles(const cJSON *value, qm_job_request *out, qm_json_location *at)
-{
-    if (!cJSON_IsArray(value) || cJSON_GetArraySize(value) > QM_JOB_MAX_PERCENTILES) return false;
-    out->percentile_count = 0;
-    at->depth = 1;
-    for (const cJSON *number = value->child; number; number = number->next, at->index[0]++) {
-        double *percentile = &out->percentiles[out->percentile_count];
-        if (!qm_json_read_number(number, percentile) || !(*percentile > 0.0 && *percentile <= 100.0))
-            return false;
-        out->percentile_count++;
-    }
-    return true;
-}
-_Static_assert(QM_JOB_MAX_PERCENTILES == 64, "the text of percentiles names the limit");
 
 /** An end of a band: a number, or null for none. */
 static bool read_end(const cJSON *value, double none, double *out)
@@ -151,20 +136,6 @@ static void add_range(qm_text *out, const char *name, qm_interval range)
     qm_json_add_number(out, "lower", range.lower);
     qm_json_add_number(out, "upper", range.upper);
     qm_text_add_string(out, "}");
-}
-
-static void add_percentiles(qm_text *out, const qm_job_request *request, const qm_job_result *result)
-{
-    qm_json_open(out, "percentiles", "[");
-    for (size_t i = 0; i < result->deviation.percentile_count; i++) {
-        qm_json_add_comma(out);
-        qm_text_add_string(out, "{");
-        qm_json_add_number(out, "percent", request->percentiles[i]);
-        qm_json_add_lower_upper(out, result->deviation.percentile[i].lower,
-                                result->deviation.percentile[i].upper, result->diagonal);
-        qm_text_add_string(out, "}");
-    }
-    qm_text_add_string(out, "]");
 }
 
 /** Bins as pairs [lower, upper], because they are many. */
@@ -266,14 +237,13 @@ static void add_limit(qm_text *out, const qm_job_request *request, const qm_job_
 
 static void write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
-    static const char *const measures[] = {"area", "vertices", "points"};
     const qm_deviation *deviation = &result->deviation;
-    qm_json_add_string(out, "over", measures[deviation->measure]);
-    add_range(out, "size", deviation->size);
+    qm_averages_add_measure(out, deviation);
     qm_json_add_interval(out, "mean", deviation->mean, result->diagonal);
     qm_json_add_interval(out, "rms", deviation->rms, result->diagonal);
     qm_json_add_interval(out, "max", deviation->max, result->diagonal);
-    add_percentiles(out, request, result);
+    qm_averages_add_percentiles(out, request->percentiles, deviation->percentile, deviation->percentile_count,
+                                result->diagonal);
     add_histogram(out, deviation);
     if (request->sign != QM_SIGN_NONE) add_signed(out, request, result);
     if (!isnan(request->threshold)) add_limit(out, request, result);
@@ -295,11 +265,8 @@ static const qm_job_field fields[] = {
     QM_JOB_FIELD_QUADS,
     QM_JOB_FIELDS_TOLERANCE,
     QM_JOB_FIELD_BOXES,
-    {"accuracy", QM_FIELD_POSITIVE, QM_FIELD_AT(accuracy)},
-    {"pieces", QM_FIELD_COUNT, QM_FIELD_AT(pieces), .max = QM_JOB_MAX_PIECES},
+    QM_JOB_FIELDS_AVERAGES,
     {"bins", QM_FIELD_COUNT, QM_FIELD_AT(bins), .max = QM_JOB_MAX_BINS},
-    {"percentiles", QM_FIELD_OTHER, .read = read_percentiles,
-     .expected = "must be an array of at most 64 numbers above 0 and at most 100"},
     {"limit", QM_FIELD_LIMIT, QM_FIELD_AT(threshold)},
     {"regions", QM_FIELD_FLAG, QM_FIELD_AT(regions)},
     {"sign", QM_FIELD_CHOICE, QM_FIELD_AT(sign), .names = qm_sign_names},

@@ -93,7 +93,8 @@ static const qm_job_field fields[] = {
     QM_JOB_FIELDS_TOLERANCE,
     QM_JOB_FIELD_ACCELERATOR,
     {"direction", QM_FIELD_CHOICE, QM_FIELD_AT(direction), .names = qm_direction_names},
-    {"threshold", QM_FIELD_LIMIT, QM_FIELD_AT(threshold)},
+    {"limit", QM_FIELD_LIMIT, QM_FIELD_AT(threshold)},
+    {"threshold", QM_FIELD_LIMIT, QM_FIELD_AT(threshold)}, /* the name of the version before */
     {"memory_limit", QM_FIELD_COUNT, QM_FIELD_AT(memory_limit), .min = QM_JOB_MIN_MEMORY,
      .max = QM_JOB_MAX_MEMORY},
     {"bounds", QM_FIELD_CHOICE, QM_FIELD_AT(bounds), .names = qm_bounds_names,

@@ -54,7 +54,7 @@ def test_of_two_bad_files_the_first_is_told(quadmesh, square, tmp_path, command,
     for a, b, name in ((bad, "missing.obj", "bad.obj:1:"), ("missing.obj", bad, "missing.obj: cannot be read"),
                        (square, bad, "bad.obj:1:"), (bad, square, "bad.obj:1:")):
         done = quadmesh(command, a, b, "--threads", threads)
-        assert (done.returncode, done.stdout) == (1, "")
+        assert (done.returncode, done.stdout) == (2, "")
         assert name in done.stderr
         assert done.stderr.count("\n") == 1
 
@@ -66,15 +66,18 @@ def test_one_file_is_standard_input(quadmesh, square, raised, threads):
         assert done.returncode == 0
         assert bracket_holds(json.loads(done.stdout), 1.0)
     done = quadmesh("hausdorff", "-", "-", "--threads", threads, input=square.read_text())
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "-: the file is empty" in done.stderr or "-:1: the file is empty" in done.stderr
 
 
-@pytest.mark.parametrize("threshold, verdict", [("0.5", "above"), ("1.5", "below")])
-def test_a_threshold_gives_a_verdict(quadmesh, square, raised, threshold, verdict):
-    done = quadmesh("hausdorff", square, raised, "--threshold", threshold, "--json")
-    assert done.returncode == 0
+@pytest.mark.parametrize("option", ["--limit", "--threshold"])
+@pytest.mark.parametrize("limit, verdict, status", [("0.5", "above", 1), ("1.5", "below", 0)])
+def test_a_limit_gives_a_verdict(quadmesh, square, raised, option, limit, verdict, status):
+    done = quadmesh("hausdorff", square, raised, option, limit, "--json")
+    assert done.returncode == status
     assert json.loads(done.stdout)["verdict"] == verdict
+    done = quadmesh("hausdorff", square, raised, option, limit)
+    assert done.returncode == status and ("beyond" if status else "within") + " the limit" in done.stdout
 
 
 def test_a_queue_out_of_memory_leaves_a_bracket(quadmesh, slow_pair):
@@ -146,10 +149,10 @@ def test_a_bad_file_names_its_line(quadmesh, tmp_path, square, server, where):
     bad.write_text("v 0 0 0\nv 1 0 nan\n")
     options = ["--server", server] if where == "there" else []
     words = quadmesh("hausdorff", square, bad, *options)
-    assert (words.returncode, words.stdout) == (1, "")
+    assert (words.returncode, words.stdout) == (2, "")
     assert "bad.obj:2: " in words.stderr
     done = quadmesh("hausdorff", square, bad, "--json", *options)
-    assert (done.returncode, done.stderr) == (1, "")
+    assert (done.returncode, done.stderr) == (2, "")
     problem = json.loads(done.stdout)
     assert (problem["status"], problem["code"]) == (422, "not_finite")
     assert problem["errors"][0]["line"] == 2
@@ -157,7 +160,7 @@ def test_a_bad_file_names_its_line(quadmesh, tmp_path, square, server, where):
 
 def test_no_daemon_is_a_problem(quadmesh, square, raised):
     done = quadmesh("hausdorff", square, raised, "--json", "--server", "http://127.0.0.1:9")
-    assert (done.returncode, json.loads(done.stdout)["code"]) == (1, "unavailable")
+    assert (done.returncode, json.loads(done.stdout)["code"]) == (2, "unavailable")
 
 
 def test_no_libcurl_is_a_problem_only_where_a_daemon_is_asked(quadmesh, square, raised, tmp_path):
@@ -165,7 +168,7 @@ def test_no_libcurl_is_a_problem_only_where_a_daemon_is_asked(quadmesh, square, 
     without = os.environ | {"LD_LIBRARY_PATH": str(tmp_path)}
     done = quadmesh("hausdorff", square, raised, "--json", "--server", "http://127.0.0.1:9", env=without)
     problem = json.loads(done.stdout)
-    assert (done.returncode, problem["code"]) == (1, "unavailable")
+    assert (done.returncode, problem["code"]) == (2, "unavailable")
     assert "libcurl.so.4" in problem["detail"]
     assert quadmesh("hausdorff", square, raised, env=without).returncode == 0
 
@@ -206,10 +209,10 @@ def test_a_gltf_file_has_its_buffers_beside_it(quadmesh, tmp_path):
     for uri, words in (("none.bin", "the file none.bin cannot be read"), ("../triangle.bin", "not in a file beside"),
                        ("/etc/hostname", "not in a file beside"), ("https://a.b/c.bin", "not in a file beside")):
         told = quadmesh("info", write_gltf(folder / "other.gltf", uri))
-        assert told.returncode == 1 and words in told.stderr, told.stderr
+        assert told.returncode == 2 and words in told.stderr, told.stderr
     (folder / "short.bin").write_bytes(bytes(35))
     told = quadmesh("info", write_gltf(folder / "other.gltf", "short.bin"))
-    assert told.returncode == 1 and "buffer view 0 reaches past its buffer" in told.stderr
+    assert told.returncode == 2 and "buffer view 0 reaches past its buffer" in told.stderr
 
 
 def test_info_inflates_gzip_data(quadmesh, square, tmp_path):
@@ -233,13 +236,13 @@ def test_info_reads_standard_input(quadmesh, square):
 def test_an_empty_file_is_refused(quadmesh, tmp_path):
     (tmp_path / "empty.obj").touch()
     done = quadmesh("info", "empty.obj", "--json")
-    assert (done.returncode, json.loads(done.stdout)["code"]) == (1, "empty_mesh")
+    assert (done.returncode, json.loads(done.stdout)["code"]) == (2, "empty_mesh")
 
 
 @pytest.mark.parametrize("path", ["missing.obj", ".", "/dev/zero"])
 def test_what_is_no_file_is_refused(quadmesh, path):
     done = quadmesh("info", path)
-    assert (done.returncode, done.stdout) == (1, "")
+    assert (done.returncode, done.stdout) == (2, "")
     assert "cannot be read" in done.stderr
 
 
@@ -292,5 +295,5 @@ def test_version(quadmesh):
 def test_a_full_disk_is_no_success(quadmesh, square):
     with open("/dev/full", "w") as full:
         done = quadmesh("info", square, "--json", capture_output=False, stdout=full, stderr=subprocess.PIPE)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "could not be written" in done.stderr

@@ -33,7 +33,7 @@ def fold(tmp_path):
 
 def test_colliding_has_a_status_of_its_own(quadmesh, square, wall, raised, where):
     done = quadmesh("collide", square, wall, *where)
-    assert done.returncode == 4 and "1 pair of faces meets" in done.stdout
+    assert done.returncode == 1 and "1 pair of faces meets" in done.stdout
     assert "0 and 0: segment at 1 " in done.stdout
     done = quadmesh("collide", square, raised, *where)
     assert done.returncode == 0 and "0 pairs of faces meet" in done.stdout
@@ -41,7 +41,7 @@ def test_colliding_has_a_status_of_its_own(quadmesh, square, wall, raised, where
 
 def test_json_is_the_result_object(quadmesh, square, wall, where):
     done = quadmesh("collide", square, wall, "--json", "--mode", "first", "--quads", "bilinear", *where)
-    assert done.returncode == 4
+    assert done.returncode == 1
     result = json.loads(done.stdout)
     assert result["count"] == 1 and result["pairs"][0]["faces"] == [0, 0] and result["elapsed_ms"] >= 0
     assert result["mode"] == "first" and result["quads"] == "bilinear"
@@ -50,7 +50,7 @@ def test_json_is_the_result_object(quadmesh, square, wall, where):
 def test_self_collision(quadmesh, fold, square, where):
     assert quadmesh("self-collide", square, *where).returncode == 0
     done = quadmesh("self-collide", fold, "--json", "--limit", "0", *where)
-    assert done.returncode == 4
+    assert done.returncode == 1
     result = json.loads(done.stdout)
     assert result["count"] == 1 and result["pairs"] == []
 
@@ -60,7 +60,7 @@ def test_pairs_as_rows(quadmesh, tmp_path, where):
     b = write_torus(tmp_path / "b.obj", 40, 20, 0.4, 0.25)
     write_torus(tmp_path / "c.obj", 40, 20, 0.3, 0.5)
     done = quadmesh("collide", a, "c.obj", "--csv", "pairs.csv", "--json", *where)
-    assert done.returncode == 4, done.stderr
+    assert done.returncode == 1, done.stderr
     rows = (tmp_path / "pairs.csv").read_text().splitlines()
     assert rows[0] == "face_a,face_b" and len(rows) == json.loads(done.stdout)["count"] + 1 > 100
     pairs = [tuple(map(int, row.split(","))) for row in rows[1:]]
@@ -85,9 +85,9 @@ def test_faults_are_told(quadmesh, square, tmp_path):
     assert quadmesh("collide", square, square, "--mode", "some").returncode == 2
     assert quadmesh("collide", square, square, "--limit", "0.5").returncode == 2
     done = quadmesh("collide", square, tmp_path / "nowhere.obj")
-    assert done.returncode == 1 and "nowhere.obj" in done.stderr
+    assert done.returncode == 2 and "nowhere.obj" in done.stderr
     done = quadmesh("collide", square, square, "--csv", tmp_path / "no" / "folder.csv")
-    assert done.returncode == 1 and "cannot be written" in done.stderr
+    assert done.returncode == 2 and "cannot be written" in done.stderr
 
 
 def write_cube(path, side, at):
@@ -104,12 +104,12 @@ def test_solids(quadmesh, tmp_path, square, where):
     done = quadmesh("collide", small, cube, "--solid", *where)
     assert done.returncode == 0 and "solids   a_inside_b" in done.stdout, done.stderr
     done = quadmesh("collide", cube, through, "--penetration", *where)
-    assert done.returncode == 4 and "solids   meeting" in done.stdout and "deep" in done.stdout
+    assert done.returncode == 1 and "solids   meeting" in done.stdout and "deep" in done.stdout
     done = quadmesh("collide", cube, square, "--solid", *where)
-    assert done.returncode == 1 and "boundary edge" in done.stderr and "mesh B" in done.stderr
+    assert done.returncode == 2 and "boundary edge" in done.stderr and "mesh B" in done.stderr
 
 
 def test_a_clearance(quadmesh, square, raised, where):
     assert "verdict  above the limit" in quadmesh("distance", square, raised, "--limit", "0.5", *where).stdout
     done = quadmesh("distance", square, raised, "--limit", "1.5", *where)
-    assert done.returncode == 4 and "verdict  below the limit" in done.stdout
+    assert done.returncode == 1 and "verdict  below the limit" in done.stdout

@@ -27,7 +27,7 @@ def test_faces_as_json_and_csv(quadmesh, tmp_path):
 
 def test_faults_are_told(quadmesh, tmp_path):
     assert quadmesh("patches").returncode == 2
-    assert quadmesh("patches", "nowhere.obj").returncode == 1
+    assert quadmesh("patches", "nowhere.obj").returncode == 2
     torus = write_torus(tmp_path / "torus.obj", 4, 4, 0.3)
     run = quadmesh("patches", torus, "-o", tmp_path / "no" / "out.csv")
-    assert run.returncode == 1 and "cannot be written" in run.stderr
+    assert run.returncode == 2 and "cannot be written" in run.stderr

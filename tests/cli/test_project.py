@@ -115,25 +115,25 @@ def test_no_points_have_no_rows(quadmesh, square, tmp_path, where, name, options
 def test_bad_points_are_named(quadmesh, square, tmp_path, where, name, content, code, words):
     (tmp_path / name).write_bytes(content)
     done = quadmesh("project", square, name, "-o", "out", *where)
-    assert (done.returncode, done.stdout) == (1, "")
+    assert (done.returncode, done.stdout) == (2, "")
     assert words in done.stderr
     assert not (tmp_path / "out").exists()
     done = quadmesh("project", square, name, "-o", "out", "--json", *where)
-    assert (done.returncode, done.stderr) == (1, "")
+    assert (done.returncode, done.stderr) == (2, "")
     assert json.loads(done.stdout)["code"] == code
 
 
 def test_a_bad_mesh_leaves_no_output(quadmesh, points, tmp_path, where):
     (tmp_path / "bad.obj").write_text("v 0 0 0\nv 1 0 nan\n")
     done = quadmesh("project", "bad.obj", points, "-o", "out.csv", *where)
-    assert (done.returncode, done.stdout) == (1, "")
+    assert (done.returncode, done.stdout) == (2, "")
     assert "bad.obj:2: " in done.stderr
     assert not (tmp_path / "out.csv").exists()
 
 
 def test_an_output_that_cannot_be_written(quadmesh, square, points, where):
     done = quadmesh("project", square, points, "-o", "no/such/folder", *where)
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert "cannot be written" in done.stderr
 
 

@@ -82,7 +82,7 @@ def test_no_libspng_is_a_problem_only_where_a_picture_is_written(quadmesh, surfa
     words = ["reconstruct", surface, layout, "-o", "out.obj", "--quads", 300]
     assert quadmesh(*words, env=without).returncode == 0
     done = quadmesh(*words, "--picture", "out.png", env=without)
-    assert done.returncode == 1 and "out.png: cannot be written: Can not access a needed shared library" in done.stderr
+    assert done.returncode == 2 and "out.png: cannot be written: Can not access a needed shared library" in done.stderr
     assert not (tmp_path / "out.png").exists()
 
 
@@ -123,22 +123,22 @@ def test_threads_do_not_change_the_mesh(quadmesh, surface, layout, tmp_path):
 def test_bad_layouts_are_told_of(quadmesh, surface, tmp_path, change, words):
     path = write_layout(tmp_path / "bad.json", change)
     done = quadmesh("reconstruct", surface, path, "-o", "out.obj")
-    assert done.returncode == 1 and words in done.stderr and "bad.json" in done.stderr
+    assert done.returncode == 2 and words in done.stderr and "bad.json" in done.stderr
     assert not (tmp_path / "out.obj").exists()
     done = quadmesh("reconstruct", surface, path, "-o", "out.obj", "--json")
-    assert done.returncode == 1 and words in json.loads(done.stdout)["detail"]
+    assert done.returncode == 2 and words in json.loads(done.stdout)["detail"]
 
 
 def test_bad_files_and_usage(quadmesh, surface, layout, tmp_path):
     (tmp_path / "broken.json").write_text('{"nodes": [')
     done = quadmesh("reconstruct", surface, "broken.json", "-o", "out.obj")
-    assert done.returncode == 1 and "cannot be read" in done.stderr
-    assert quadmesh("reconstruct", surface, "nowhere.json", "-o", "out.obj").returncode == 1
-    assert quadmesh("reconstruct", "nowhere.obj", layout, "-o", "out.obj").returncode == 1
+    assert done.returncode == 2 and "cannot be read" in done.stderr
+    assert quadmesh("reconstruct", surface, "nowhere.json", "-o", "out.obj").returncode == 2
+    assert quadmesh("reconstruct", "nowhere.obj", layout, "-o", "out.obj").returncode == 2
     done = quadmesh("reconstruct", surface, layout, "-o", "no/such/folder.obj")
-    assert done.returncode == 1 and "cannot be written" in done.stderr and done.stdout == ""
+    assert done.returncode == 2 and "cannot be written" in done.stderr and done.stdout == ""
     done = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--picture", "no/such/picture.png")
-    assert done.returncode == 1 and "picture.png: cannot be written" in done.stderr and done.stdout == ""
+    assert done.returncode == 2 and "picture.png: cannot be written" in done.stderr and done.stdout == ""
     assert not (tmp_path / "out.obj").exists()
     for arguments in ((surface, layout), (surface, "-o", "x"), (surface, layout, "-o", "x", "--quads", "0"),
                       (surface, layout, "-o", "x", "--quads", "1.5"), (surface, layout, "-o", "x", "--edge", "-1"),

@@ -18,7 +18,7 @@ static qm_status measure_in(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
     options.quads = quads;
     options.tolerance = 1e-6;
     options.piece_limit = 1 << 16;
-    options.limit = limit;
+    options.region_limit = limit;
     options.face_limit = 100;
     options.thread_count = threads;
     qm_bvh *tree_a = NULL, *tree_b = NULL;

@@ -3,10 +3,10 @@
 import { count, length } from "../core/format.js";
 import { nameOf } from "../core/state.js";
 
-/** @import { CollisionResult, DeviationResult, Job, StepResult } from "../../js/types.js" */
+/** @import { CollisionResult, ComparisonResult, DeviationResult, Job, StepResult } from "../../js/types.js" */
 
 const KINDS = /** @type {Record<string, string>} */ ({
-  hausdorff: "Hausdorff distance", deviation: "Deviation", project: "Nearest points", collision: "Collisions",
+  hausdorff: "Hausdorff distance", deviation: "Deviation", comparison: "Comparison", project: "Nearest points", collision: "Collisions",
   self_collision: "Self-collisions", distance: "Least distance", reconstruction_step: "Remeshing" });
 
 /** @param {Job} job */
@@ -30,6 +30,10 @@ export function answerOf(job) {
     const { mean } = /** @type {DeviationResult} */ (job.result);
     return `mean ${length(mean.lower, 5)} to ${length(mean.upper, 5)}`;
   }
+  if (job.type === "comparison" && job.result) {
+    const { hausdorff } = /** @type {ComparisonResult} */ (job.result).symmetric;
+    return `${length(hausdorff.lower, 7)} to ${length(hausdorff.upper, 7)}`;
+  }
   if (job.type.endsWith("collision") && job.result) {
     const { count: pairs } = /** @type {CollisionResult} */ (job.result);
     return pairs === 0 ? "no faces meet" : `${count(pairs)} pair${pairs === 1 ? "" : "s"} of faces meet`;
@@ -44,7 +48,7 @@ export function viewOf({ id, type, request }) {
   const { a, b, mesh, quads, reconstruction } = request;
   const address = /** @type {Record<string, string>} */ ({
     hausdorff: `#compare?a=${a}&b=${b}&job=${id}`, deviation: `#compare?a=${a}&b=${b}&quads=${quads}&heat=1`,
-    collision: `#collide?a=${a}&b=${b}&quads=${quads}`, distance: `#collide?a=${a}&b=${b}&quads=${quads}`,
+    comparison: `#compare?a=${a}&b=${b}&quads=${quads}`, collision: `#collide?a=${a}&b=${b}&quads=${quads}`, distance: `#collide?a=${a}&b=${b}&quads=${quads}`,
     self_collision: `#collide?a=${mesh}&b=${mesh}&quads=${quads}`, reconstruction_step: `#remesh?reconstruction=${reconstruction}` });
   return address[type] ?? null;
 }

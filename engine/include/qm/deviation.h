@@ -49,15 +49,19 @@ typedef struct qm_deviation_options {
     size_t piece_limit;       /* pieces besides the initial ones, A's faces; 0: nothing is cut */
     const double *percentile; /* percentile_count numbers above 0, at most 100 */
     size_t percentile_count;
-    size_t bin_count; /* of the histogram */
-    int thread_count; /* 1 or more */
+    size_t bin_count;    /* of the histogram */
+    const double *limit; /* limit_count numbers of 0 or more, unit of the meshes */
+    size_t limit_count;
+    size_t worst_count;  /* worst places that are searched; 0: none */
+    double worst_radius; /* >= 0, unit of the meshes: they are farther apart than this */
+    int thread_count;    /* 1 or more */
     qm_sign sign;
     const qm_solid
         *solid; /* what qm_solid_check says of B with this reading of quads; NULL: the call checks B itself */
     const qm_interval
         *band; /* band_count ranges of signed distances, lower <= upper; either end may be infinite */
     size_t band_count;
-    double limit;                       /* >= 0: regions beyond it are found; NAN: none */
+    double region_limit;                /* >= 0: regions beyond it are found; NAN: none */
     size_t face_limit;                  /* faces that are listed of each region */
     qm_hausdorff_progress_fn *progress; /* of the search for the maximum; NULL: none */
     void *progress_user;
@@ -65,6 +69,13 @@ typedef struct qm_deviation_options {
 
 /** Triangles, accuracy 1e-2, tolerance 0 (to be set), 2^20 pieces, no percentiles, no bins, one thread, no sign, no limit. */
 qm_deviation_options qm_deviation_options_default(void);
+
+/** A place of A that is far from B. No point of A farther than the radius from the places before it is farther from B
+ * than upper; from is farther than lower, to within the rounding of its coordinates. */
+typedef struct qm_deviation_place {
+    double lower, upper;
+    qm_surface_point from, to; /* on A; the nearest point of B */
+} qm_deviation_place;
 
 typedef enum qm_measure { QM_OVER_AREA, QM_OVER_VERTICES, QM_OVER_POINTS } qm_measure;
 
@@ -115,6 +126,12 @@ typedef struct qm_deviation {
     qm_interval *percentile; /* smallest x such that at least this percentage of A is within x */
     qm_interval *bin;        /* fractions of A, 0 to 1: bin i is [i, i + 1) * bin_width, the last closed */
     double bin_width;        /* max.upper / bin_count */
+    qm_interval *share;      /* of A, within each limit, that distance included: 0 to 1 */
+    double least;            /* no point of A is nearer to B than this */
+    /* the worst places, the first one the witness of the maximum; fewer than requested where there are no more, and none
+       after a cancelation */
+    qm_deviation_place *worst;
+    size_t limit_count, worst_count;
     double
         *vertex_distance; /* vertex_count: at every vertex of A, used by a face or not; NULL and 0 where the
                                 call was canceled before all were known */
@@ -139,7 +156,7 @@ typedef struct qm_deviation {
  * Threads:   only reads the trees; splits its work with ctx->parallel.
  * Returns:   QM_OK, also when the pieces ran out before the accuracy was reached, or the call was canceled:
  *            its intervals are those that were known, first by the size of both meshes, then by A's vertices,
- *            then by its pieces; QM_E_ARGUMENT (accuracy, tolerance, percentiles, bands, limit, threads);
+ *            then by its pieces; QM_E_ARGUMENT (accuracy, tolerance, percentiles, bands, limits, radius, threads);
  *            QM_E_NOT_CLOSED (a sign that B cannot prove; the message names what is in the way);
  *            QM_E_UNSUPPORTED (a limit, and A has no area); QM_E_NO_MEMORY;
  *            QM_E_SCALE. After an error *out is all zero.

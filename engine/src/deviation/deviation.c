@@ -15,8 +15,11 @@
 
 #include "core/clock.h"
 #include "core/rounding.h"
+#include "deviation_limits.h"
 #include "deviation_regions.h"
 #include "deviation_sides.h"
+#include "deviation_worst.h"
+#include "hausdorff/hausdorff_exact.h"
 
 #define SEARCH_WORK 4096 /* steps of the search for the maximum */
 #define SEARCH_SHARE 0.5 /* further steps for each vertex and each piece */
@@ -35,7 +38,8 @@ typedef struct deviation_work {
 
 qm_deviation_options qm_deviation_options_default(void)
 {
-    return (qm_deviation_options){.accuracy = 1e-2, .piece_limit = 1u << 20, .thread_count = 1, .limit = NAN};
+    return (qm_deviation_options){
+        .accuracy = 1e-2, .piece_limit = 1u << 20, .thread_count = 1, .region_limit = NAN};
 }
 
 /* ---- checks ---- */
@@ -55,8 +59,8 @@ static qm_status check_options(qm_context *ctx, const qm_deviation_options *opti
         if (!(options->percentile[i] > 0.0 && options->percentile[i] <= 100.0))
             return qm_context_fail(ctx, QM_E_ARGUMENT, "a percentile lies above 0 and at 100 at most, got %g",
                                    options->percentile[i]);
-    if (options->limit < 0.0)
-        return qm_context_fail(ctx, QM_E_ARGUMENT, "limit must be 0 or more, got %g", options->limit);
+    if (options->region_limit < 0.0)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "limit must be 0 or more, got %g", options->region_limit);
     if (options->band_count > 0 && options->sign == QM_SIGN_NONE)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "bands are of signed distances: a sign is needed");
     for (size_t i = 0; i < options->band_count; i++)
@@ -64,6 +68,13 @@ static qm_status check_options(qm_context *ctx, const qm_deviation_options *opti
             return qm_context_fail(ctx, QM_E_ARGUMENT,
                                    "a band goes from a number to one no less, got %g to %g",
                                    options->band[i].lower, options->band[i].upper);
+    for (size_t i = 0; i < options->limit_count; i++)
+        if (!(options->limit[i] >= 0.0) || !isfinite(options->limit[i]))
+            return qm_context_fail(ctx, QM_E_ARGUMENT, "a limit must be 0 or more, got %g",
+                                   options->limit[i]);
+    if (!(options->worst_radius >= 0.0) || !isfinite(options->worst_radius))
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the radius between places must be 0 or more, got %g",
+                               options->worst_radius);
     return QM_OK;
 }
 
@@ -170,6 +181,47 @@ static void bound_maximum(deviation_work *work)
     qm_interval greatest = pieces->survey.max;
     work->out->max = (qm_interval){fmax(0.0, greatest.lower - crack) * inverse_scale,
                                    (greatest.upper + crack) * inverse_scale};
+    /* As for the maximum: a point beside all pieces may be nearer by the crack. */
+    double least = fmax(0.0, pieces->survey.least - crack) * inverse_scale;
+    work->out->least = least < DBL_MIN ? 0.0 : least;
+}
+
+/** Lists the worst places from the witness of the maximum on. */
+static qm_status find_worst(deviation_work *work, const qm_hausdorff_result *found)
+{
+    const qm_deviation_options *options = work->options;
+    qm_deviation *out = work->out;
+    const qm_mesh *mesh = &work->a->mesh;
+    if (options->worst_count == 0 || !found->has_witness) return QM_OK;
+    if (out->measure == QM_OVER_AREA)
+        return qm_deviation_find_worst(&work->refinement, options, NULL, found, out);
+    uint8_t *is_used = qm_context_alloc(work->ctx, mesh->vertex_count, 1);
+    if (!is_used) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the points");
+    mark_points(mesh, is_used);
+    qm_status status = qm_deviation_find_worst(&work->refinement, options, is_used, found, out);
+    qm_context_free(work->ctx, is_used, mesh->vertex_count, 1);
+    return status;
+}
+
+/** Takes a number for the upper bound of the maximum if no point is farther, by a proof without rounding. */
+static qm_status prove_maximum(deviation_work *work, double x)
+{
+    qm_interval *max = &work->out->max;
+    bool is_proven = false;
+    if (!(max->lower <= x && x < max->upper)) return QM_OK;
+    qm_status status =
+        qm_hausdorff_prove_within(work->ctx, work->a, work->b, work->options->quads, x, &is_proven);
+    if (is_proven) max->upper = x;
+    return status;
+}
+
+/** A maximum that is 0, or a limit itself, stays open by rounding alone. */
+static qm_status prove_maxima(deviation_work *work)
+{
+    qm_status status = prove_maximum(work, 0.0);
+    for (size_t i = 0; status == QM_OK && i < work->options->limit_count; i++)
+        status = prove_maximum(work, work->options->limit[i]);
+    return status;
 }
 
 /** Narrows the maximum by a search. */
@@ -193,7 +245,10 @@ static qm_status search_maximum(deviation_work *work)
     out->max.lower = fmax(out->max.lower, found.lower);
     out->max.upper = fmin(out->max.upper, found.upper);
     out->projections += found.projections;
-    return QM_OK;
+    status = out->is_canceled ? QM_OK : prove_maxima(work);
+    if (status == QM_OK && !out->is_canceled) status = find_worst(work, &found);
+    out->is_canceled |= status == QM_E_CANCELED;
+    return status == QM_E_CANCELED ? QM_OK : status;
 }
 
 /* ---- the result ---- */
@@ -230,8 +285,19 @@ static qm_status set_distribution(deviation_work *work, bool from_pieces)
             qm_deviation_histogram(ctx, used, &pieces->survey, greatest, out->bin_count, out->bin);
         if (status == QM_OK || bins == QM_E_NO_MEMORY) status = bins;
     }
-    for (size_t i = 0; i < out->percentile_count; i++)
+    out->limit_count = options->limit_count;
+    out->share = qm_context_alloc(ctx, out->limit_count, sizeof *out->share);
+    if (out->limit_count > 0 && !out->share)
+        return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the shares");
+    if (status != QM_E_NO_MEMORY) {
+        qm_status shares = qm_deviation_limit_shares(ctx, status == QM_OK ? used : NULL, &pieces->survey,
+                                                     work->b->frame.scale, options->limit, out);
+        if (status == QM_OK || shares == QM_E_NO_MEMORY) status = shares;
+    }
+    for (size_t i = 0; i < out->percentile_count; i++) {
         scale_interval(&out->percentile[i], inverse_scale);
+        out->percentile[i].upper = fmin(out->percentile[i].upper, out->max.upper);
+    }
     if (out->bin_count > 0) out->bin_width = out->max.upper / (double)out->bin_count;
     return status;
 }
@@ -314,10 +380,12 @@ static qm_status measure(deviation_work *work)
     qm_status status = find_vertex_distances(work);
     if (status == QM_OK) status = has_faces ? refine(work) : take_points(work, QM_OVER_POINTS);
     if (status == QM_OK && has_faces && !work->refinement.has_area) {
-        /* The maximum is that over the faces, which are more than their corners. */
+        /* The maximum is that over the faces, which are more than their corners; so is the minimum. */
         qm_interval max = work->refinement.survey.max;
+        double least = work->refinement.survey.least;
         status = take_points(work, QM_OVER_VERTICES);
         work->refinement.survey.max = max;
+        work->refinement.survey.least = least;
     }
     return status;
 }
@@ -336,7 +404,7 @@ static qm_status run(deviation_work *work)
     }
     if (status == QM_OK && work->options->sign != QM_SIGN_NONE) status = measure_sides(work);
     out->is_canceled |= status == QM_E_CANCELED;
-    if (status == QM_OK && !isnan(work->options->limit)) status = find_regions(work);
+    if (status == QM_OK && !isnan(work->options->region_limit)) status = find_regions(work);
     out->is_canceled |= status == QM_E_CANCELED;
     if (status == QM_OK || status == QM_E_CANCELED) status = set_distribution(work, !out->is_canceled);
     out->is_canceled |= status == QM_E_CANCELED;
@@ -377,5 +445,7 @@ void qm_deviation_reset(qm_context *ctx, qm_deviation *deviation)
     qm_context_free(ctx, deviation->region, deviation->region_count, sizeof *deviation->region);
     qm_context_free(ctx, deviation->region_face, deviation->region_face_count,
                     sizeof *deviation->region_face);
+    qm_context_free(ctx, deviation->share, deviation->limit_count, sizeof *deviation->share);
+    qm_context_free(ctx, deviation->worst, deviation->worst_count, sizeof *deviation->worst);
     *deviation = (qm_deviation){0};
 }

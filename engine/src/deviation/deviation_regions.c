@@ -556,7 +556,7 @@ qm_status qm_deviation_regions_find(qm_refinement *pieces, const qm_deviation_op
     region_work work = {.pieces = pieces,
                         .options = options,
                         .out = out,
-                        .limit = options->limit * pieces->setup.target->frame.scale,
+                        .limit = options->region_limit * pieces->setup.target->frame.scale,
                         .joint = JOINT_CRACKS * crack / qm_max(pieces->setup.extent, 1.0),
                         .crack = crack};
     qm_status status = cut_open(&work);

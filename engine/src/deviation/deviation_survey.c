@@ -114,6 +114,7 @@ static void begin(const qm_deviation_survey *levels, size_t count, double leak, 
     memset(survey, 0, sizeof *survey);
     survey->first_level = levels->first_level;
     survey->max = (qm_interval){-INFINITY, -INFINITY};
+    survey->least = count > 0 ? INFINITY : 0.0;
     survey->leak = leak;
     survey->error = qm_deviation_sum_error(count);
 }
@@ -187,6 +188,7 @@ qm_status qm_deviation_survey_vertices(qm_context *ctx, const qm_deviation_setup
         double high = setup->area_unit * (area.upper + rest.upper);
         add_levels(&here, least, most, low, high);
         here.max.upper = fmax(here.max.upper, most);
+        here.least = fmin(here.least, least);
         sums.area[0] += (long double)low;
         sums.area[1] += (long double)high;
         sums.mean[0] += (long double)(low * least);
@@ -226,7 +228,9 @@ qm_status qm_deviation_survey_pieces(qm_context *ctx, qm_deviation_piece_list pi
         qm_interval max = qm_deviation_piece_max(piece);
         here.max.lower = fmax(here.max.lower, max.lower);
         here.max.upper = fmax(here.max.upper, max.upper);
-        add_levels(&here, fmin(piece->least, max.upper), max.upper, piece->area_low, piece->area_high);
+        double least = fmin(piece->least, max.upper);
+        here.least = fmin(here.least, least);
+        add_levels(&here, least, max.upper, piece->area_low, piece->area_high);
         sums.area[0] += (long double)piece->area_low;
         sums.area[1] += (long double)piece->area_high;
         sums.mean[0] += (long double)piece->mean_low;

@@ -30,6 +30,7 @@ typedef struct qm_deviation_survey {
     qm_interval max;             /* of the greatest distance, over the pieces; both ends may be negative */
     qm_interval area, mean, rms; /* mean and rms have an upper bound of INFINITY where no area is certain */
     double blur;                 /* mean blur of all pieces: percentiles are about as wide */
+    double least;                /* no point of a piece is nearer */
     uint64_t first_level;        /* the leading bits of the distances of level 0 */
     double leak, error;          /* of the sums below: absolute, relative */
     long double certain[QM_SURVEY_LEVELS], possible[QM_SURVEY_LEVELS];

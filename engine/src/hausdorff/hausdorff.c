@@ -13,6 +13,7 @@
 
 #include "bvh/surface.h"
 #include "core/rounding.h"
+#include "hausdorff_exact.h"
 #include "hausdorff_parts.h"
 #include "hausdorff_sample.h"
 
@@ -286,6 +287,27 @@ static bool set_same(const qm_search *search, qm_hausdorff_result *out)
     return true;
 }
 
+/** A distance that is the threshold itself, or less by rounding alone, stays open however the bounds narrow: it is decided
+ * without rounding where that can be. A search in parts is left as it is, as its bounds are about parts. */
+static qm_status decide_exactly(qm_context *ctx, const qm_search *search, qm_hausdorff_result *out)
+{
+    const qm_hausdorff_options *options = search->options;
+    bool is_narrow =
+        out->stop == QM_STOP_CONVERGED || out->stop == QM_STOP_PRECISION || out->stop == QM_STOP_WORK;
+    bool is_open = options->threshold >= out->lower && options->threshold < out->upper;
+    bool is_proven = is_narrow && is_open && !options->parts;
+    qm_status status = QM_OK;
+    for (int i = 0; status == QM_OK && is_proven && i < search->side_count; i++)
+        status = qm_hausdorff_prove_within(ctx, search->side[i].source, search->side[i].target,
+                                           options->quads, options->threshold, &is_proven);
+    if (status == QM_E_CANCELED) out->stop = QM_STOP_CANCELED;
+    if (status != QM_OK || !is_proven) return status == QM_E_CANCELED ? QM_OK : status;
+    out->upper = options->threshold;
+    out->verdict = QM_VERDICT_BELOW;
+    out->stop = QM_STOP_THRESHOLD;
+    return QM_OK;
+}
+
 qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                                const qm_hausdorff_options *options, qm_hausdorff_result *out)
 {
@@ -309,6 +331,7 @@ qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b
     if (status == QM_OK && set_same(&search, out)) return QM_OK;
     if (status == QM_OK) status = build_locators(ctx, &search);
     if (status == QM_OK) status = run_search(ctx, &search, out);
+    if (status == QM_OK) status = decide_exactly(ctx, &search, out);
     for (int i = 0; i < search.side_count; i++)
         qm_locator_reset(ctx, &search.side[i].nearest);
     return status;

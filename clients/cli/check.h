@@ -1,0 +1,54 @@
+/**
+ * check.h: the stages of `quadmesh check`: the pairs (check_pairs.c), the answer to each (check_run.c), and what is
+ * written about them (check_report.c).
+ */
+#ifndef QM_CLI_CHECK_H
+#define QM_CLI_CHECK_H
+
+#include "cli.h"
+#include "ops/json_checks.h"
+
+/** Of a pair, and of all pairs together: the later one counts more. */
+typedef enum cli_outcome { CLI_WITHIN, CLI_UNDECIDED, CLI_BEYOND, CLI_TROUBLE } cli_outcome;
+extern const char *const cli_outcome_names[];
+
+enum { CLI_DETAIL_SIZE = 512 };
+
+/** The answer to one check. */
+typedef struct cli_verdict {
+    cli_outcome outcome;
+    char detail[CLI_DETAIL_SIZE]; /* a sentence: the figures, or the reason */
+    qm_interval distance; /* the Hausdorff distance as far as it was needed; upper is NAN where it was not */
+    qm_interval share[2]; /* of each surface within the limit; upper is NAN where it was not asked for */
+    int collides, self_collides; /* -1: not asked */
+    double elapsed_ms;
+} cli_verdict;
+
+/** How checks are run. */
+typedef struct cli_check_settings {
+    double gap; /* of the diagonal: nearer to the limit than this a distance is undecided */
+    int threads;
+} cli_check_settings;
+
+/**
+ * Lists the pairs of two files, of two folders by the names of the files in them, or of a manifest where the second
+ * path is NULL. A file without a counterpart is a pair with one path. False after a report.
+ */
+bool cli_find_checks(const char *const path[2], const qm_check_rule *rule, qm_check_list *list);
+
+/** Answers a check, and stops as soon as the answer is certain. */
+cli_verdict cli_run_check(const qm_check *check, const cli_check_settings *settings);
+
+/** Writes the verdicts as a document of JUnit; false with errno. */
+bool cli_write_junit(const char *path, const qm_check_list *list, const cli_verdict *verdicts);
+
+/** Prints a command of GitHub's workflows for each pair that is not within. */
+void cli_print_github(FILE *file, const qm_check_list *list, const cli_verdict *verdicts);
+
+/** Prints all verdicts as one JSON object. */
+void cli_print_checks(const qm_check_list *list, const cli_verdict *verdicts);
+
+/** The outcome of all pairs, and how many there are of each. */
+cli_outcome cli_count_outcomes(const qm_check_list *list, const cli_verdict *verdicts, size_t count[4]);
+
+#endif

@@ -1,0 +1,151 @@
+/**
+ * cmd_check.c: whether meshes are within a limit of others, for pipelines: a line for each pair and an exit status.
+ */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "check.h"
+#include "options.h"
+
+typedef struct check_options {
+    const char *path[2];
+    qm_check_rule rule;
+    cli_check_settings settings;
+    const char *junit;
+    bool as_json, as_github;
+} check_options;
+
+static int exit_status(cli_outcome outcome)
+{
+    static const int status[] = {[CLI_WITHIN] = EXIT_OK,
+                                 [CLI_UNDECIDED] = EXIT_NOT_CONVERGED,
+                                 [CLI_BEYOND] = EXIT_NO,
+                                 [CLI_TROUBLE] = EXIT_BAD_INPUT};
+    return status[outcome];
+}
+
+/** Runs all checks of a list and reports them. */
+static int run_list(const check_options *options, const qm_check_list *list)
+{
+    cli_verdict *verdicts = calloc(list->count, sizeof *verdicts);
+    if (!verdicts) {
+        cli_print_problem(options->path[0], NAN, NAN, "out of memory for the checks");
+        return EXIT_BAD_INPUT;
+    }
+    bool is_quiet = options->as_json || (options->junit && options->junit[0] == '-');
+    for (size_t i = 0; i < list->count; i++) {
+        verdicts[i] = cli_run_check(&list->checks[i], &options->settings);
+        if (is_quiet) continue;
+        printf("%-9s  %s: %s\n", cli_outcome_names[verdicts[i].outcome], list->checks[i].name,
+               verdicts[i].detail);
+        fflush(stdout);
+    }
+    size_t count[4];
+    int status = exit_status(cli_count_outcomes(list, verdicts, count));
+    if (list->count > 1 && !is_quiet)
+        printf("%zu pairs: %zu within, %zu beyond, %zu undecided, %zu trouble\n", list->count,
+               count[CLI_WITHIN], count[CLI_BEYOND], count[CLI_UNDECIDED], count[CLI_TROUBLE]);
+    if (options->as_json) cli_print_checks(list, verdicts);
+    if (options->as_github) cli_print_github(is_quiet ? stderr : stdout, list, verdicts);
+    if (options->junit && !cli_write_junit(options->junit, list, verdicts)) {
+        cli_report_unwritable(options->junit, false);
+        status = EXIT_BAD_INPUT;
+    }
+    free(verdicts);
+    return status;
+}
+
+static bool read_percent(const char *text, void *target)
+{
+    size_t count = 0;
+    return cli_read_list("percent", text, 0.0, 100.0, 1, target, &count);
+}
+
+static int run(int argc, char **argv)
+{
+    check_options o = {.rule = qm_check_rule_default(), .settings = {.gap = 1e-9}};
+    const cli_option options[] = {
+        {.name = "limit",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &o.rule.limit,
+         .help = "the permitted distance, in the unit of the meshes"},
+        {.name = "percent",
+         .value = "P",
+         .type = CLI_CUSTOM,
+         .read = read_percent,
+         .target = &o.rule.percent,
+         .help = "how much of each surface must be within the limit, in percent of its area (default 100)"},
+        {.name = "direction",
+         .value = "D",
+         .type = CLI_CHOICE,
+         .choices = qm_direction_names,
+         .target = &o.rule.direction,
+         .help = "which distances count: a_to_b, of NEW from GOLDEN; b_to_a, of GOLDEN from NEW;\n"
+                 "or two_sided (default)"},
+        {.name = "collides",
+         .value = "C",
+         .type = CLI_CHOICE,
+         .choices = qm_check_meeting_names,
+         .target = &o.rule.collides,
+         .help = "whether NEW and GOLDEN may meet: no, yes or any (default)"},
+        {.name = "self-collides",
+         .value = "C",
+         .type = CLI_CHOICE,
+         .choices = qm_check_meeting_names,
+         .target = &o.rule.self_collides,
+         .help = "whether NEW may meet itself: no, yes or any (default)"},
+        CLI_OPTION_QUADS(&o.rule.quads),
+        {.name = "gap",
+         .value = "X",
+         .type = CLI_POSITIVE,
+         .target = &o.settings.gap,
+         .help = "how near to the limit a distance may be left undecided, as a fraction of the diagonal\n"
+                 "of NEW's box (default 1e-9)"},
+        {.name = "junit",
+         .value = "FILE",
+         .type = CLI_TEXT,
+         .target = &o.junit,
+         .help = "a report in JUnit's XML"},
+        {.name = "github",
+         .type = CLI_FLAG,
+         .target = &o.as_github,
+         .help = "::error commands for GitHub's workflows"},
+        {.name = "json",
+         .type = CLI_FLAG,
+         .target = &o.as_json,
+         .help = "one JSON object on standard output"},
+        CLI_OPTION_THREADS(&o.settings.threads)};
+    int status;
+    if (!cli_read_options(&cmd_check, options, sizeof options / sizeof *options, argc, argv, o.path, &status))
+        return status;
+    bool has_rule = !isnan(o.rule.limit) || o.rule.collides != QM_CHECK_MAY_MEET ||
+                    o.rule.self_collides != QM_CHECK_MAY_MEET;
+    if (o.path[1] && !has_rule) {
+        fputs("quadmesh: check takes --limit, --collides or --self-collides\n", stderr);
+        return EXIT_USAGE;
+    }
+    if (o.junit && !cli_check_writable(o.junit, false)) return EXIT_BAD_INPUT;
+    o.settings.threads = cli_count_threads(o.settings.threads);
+    qm_check_list list = {0};
+    status = cli_find_checks(o.path, &o.rule, &list) ? run_list(&o, &list) : EXIT_BAD_INPUT;
+    qm_check_list_reset(&list);
+    return status;
+}
+
+const cli_command cmd_check = {
+    .name = "check",
+    .arguments = "NEW GOLDEN --limit X [options]",
+    .summary = "whether meshes are within a limit, for pipelines",
+    .takes = "two files, two folders, or a manifest",
+    .path_count = 2,
+    .optional_paths = 1,
+    .description =
+        "Whether NEW is within a limit of GOLDEN: two files; two folders, whose files are paired by name;\n"
+        "or one manifest in JSON: {\"limit\": 0.05, \"checks\": [{\"new\": \"a.stl\", \"golden\": "
+        "\"b.stl\"}]}.\n"
+        "Each pair ends as soon as its answer is certain.\n\n",
+    .exit_status = "Exit status: 0 all within; 1 some beyond; 2 bad input, wrong usage, or files without a\n"
+                   "counterpart; 3 undecided, or interrupted.",
+    .run = run};

@@ -1,0 +1,79 @@
+"""`quadmesh compare`: a table that fits a terminal, JSON, in this process and by a daemon."""
+
+import json
+import re
+
+import pytest
+
+from conftest import write_torus
+
+
+@pytest.fixture(params=["here", "there"])
+def where(request):
+    """The options that ask this process or a daemon."""
+    if request.param == "here":
+        return []
+    return ["--server", request.getfixturevalue("server")]
+
+
+def test_a_table_of_both_directions(quadmesh, square, raised, where):
+    done = quadmesh("compare", square, raised, "--limit", "0.5", "--limit", "2,3e-7", "--worst", "2", "--percentiles",
+                    "50", *where)
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
+    assert max(map(len, lines)) <= 80 + len(str(square)) - len("square.obj")
+    assert all(len(line) <= 80 for line in lines[2:])
+    for name in ("hausdorff", "mean", "rms", "std", "50 %", "hd95", "chamfer l1", "chamfer l2", "within", "0.5", "3e-07",
+                 "worst of A", "worst of B"):
+        assert any(line.startswith("  " + name) for line in lines), name
+    assert re.search(r"^  2 +100 +100$", done.stdout, re.M) and re.search(r"^  0.5 +0 +0$", done.stdout, re.M)
+    assert "within      F-score" in done.stdout
+
+
+def test_intervals_are_rounded_outward(quadmesh, tmp_path):
+    a = write_torus(tmp_path / "a.obj", 30, 15, 0.3)
+    b = write_torus(tmp_path / "b.obj", 31, 16, 0.31, 0.37)
+    result = json.loads(quadmesh("compare", a, b, "--json", "--limit", "0.01").stdout)
+    table = quadmesh("compare", a, b, "--limit", "0.01").stdout
+    number = r"([-+.e\d]+)"
+    rows = re.findall(rf"^  (\S+) +{number} to {number}  +{number} to {number}$", table, re.M)
+    assert {"hausdorff", "mean", "rms", "std", "0.01"} <= {row[0] for row in rows}
+    for name, *ends in rows:
+        for side, low, high in (("a_to_b", *ends[:2]), ("b_to_a", *ends[2:])):
+            if name in result[side]:
+                assert float(low) <= result[side][name]["lower"] and float(high) >= result[side][name]["upper"]
+            elif name == "0.01":
+                share = result[side]["shares"][0]
+                assert float(low) <= 100 * share["lower"] and float(high) >= 100 * share["upper"]
+
+
+@pytest.mark.parametrize("quads", ["triangles", "bilinear"])
+def test_a_mesh_against_itself(quadmesh, square, where, quads):
+    done = quadmesh("compare", square, square, "--json", "--limit", "0", "--quads", quads, *where)
+    assert done.returncode == 0
+    symmetric = json.loads(done.stdout)["symmetric"]
+    assert symmetric["chamfer"]["l1"] == {"lower": 0, "upper": 0}
+    assert symmetric["f_score"][0]["f"] == {"lower": 1, "upper": 1}
+
+
+def test_pieces_that_run_out_are_told(quadmesh, tmp_path, where):
+    a = write_torus(tmp_path / "a.obj", 12, 6, 0.3)
+    b = write_torus(tmp_path / "b.obj", 13, 7, 0.31, 0.37)
+    done = quadmesh("compare", a, b, "--pieces", "0", "--accuracy", "1e-6", *where)
+    assert done.returncode == 3 and "the intervals hold" in done.stdout
+
+
+def test_point_sets_are_told(quadmesh, square, tmp_path):
+    (tmp_path / "p.xyz").write_text("0 0 1\n1 1 2\n")
+    done = quadmesh("compare", "p.xyz", square)
+    assert done.returncode == 0 and "A is measured over its points" in done.stdout
+
+
+@pytest.mark.parametrize("arguments", [
+    [], ["a"], ["a", "b", "c"], ["a", "b", "--limit", "-1"], ["a", "b", "--limit", "1,"], ["a", "b", "--limit", "x"],
+    ["a", "b", "--worst", "0"], ["a", "b", "--radius", "-1"], ["a", "b", "--gap", "0"], ["a", "b", "--percentiles", "101"],
+    ["a", "b", "--limit", "nan"], ["a", "b", "--limit", "inf"], ["a", "b", "--limit", ",".join(["1"] * 65)]])
+def test_wrong_usage(quadmesh, arguments):
+    done = quadmesh("compare", *arguments)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "usage:" in done.stderr
