@@ -218,28 +218,6 @@ static bool write_files(const file_names *names, const qm_mesh *mesh, const dist
     return is_written && (!names->ply || write_file(names->ply, mesh, distances, true));
 }
 
-/** Fetches the distances of the job that ran on a daemon; false after a report. */
-static bool fetch_distances(const cli_job *job, cli_session *session, distance_list *out)
-{
-    char path[300];
-    FILE *file = tmpfile();
-    *out = (distance_list){0};
-    if (!file) {
-        perror("quadmesh: no temporary file");
-        return false;
-    }
-    snprintf(path, sizeof path, "%s/result", cli_session_job_path(session));
-    bool is_read = cli_session_fetch(session, path, NULL, 0, "application/octet-stream", job->server, file);
-    long size = is_read ? ftell(file) : 0;
-    rewind(file);
-    out->count = (size_t)size / sizeof(double);
-    out->values = malloc((size_t)size + 1);
-    is_read = is_read && out->values && fread(out->values, sizeof(double), out->count, file) == out->count;
-    fclose(file);
-    if (is_read) qm_text_swap_bytes(out->values, out->count);
-    return is_read;
-}
-
 /** Writes the files of a job that ran on a daemon. Positions are read from the input file again. */
 static bool write_fetched(const file_names *names, const cli_job *job, cli_session *session)
 {
@@ -248,7 +226,7 @@ static bool write_fetched(const file_names *names, const cli_job *job, cli_sessi
     qm_loaded_mesh mesh;
     qm_preparation positions_only = cli_prepare(false, job->request.quads, 1);
     bool is_written = false;
-    if (fetch_distances(job, session, &distances) &&
+    if (cli_session_fetch_numbers(session, job->server, &distances.values, &distances.count) &&
         cli_load_mesh(&ctx, job->path[0], job->as_json, &positions_only, &mesh)) {
         if (mesh.mesh.vertex_count == distances.count)
             is_written = write_files(names, &mesh.mesh, &distances);

@@ -124,10 +124,11 @@ static int run_here(const cli_job *job, cli_finish_fn *finish, const void *user)
     for (int side = 0; side < 2; side++) {
         /* Only the kinds that search for nearest points need targets. */
         const qm_job_request *request = &job->request;
-        const bool is_target = request->kind == QM_JOB_COMPARISON ? true
-                               : request->kind == QM_JOB_HAUSDORFF
-                                   ? request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A)
-                                   : request->kind == QM_JOB_DEVIATION && side == 1;
+        const bool is_target =
+            request->kind == QM_JOB_COMPARISON ? true
+            : request->kind == QM_JOB_HAUSDORFF
+                ? request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A)
+                : (request->kind == QM_JOB_DEVIATION || request->kind == QM_JOB_HEATMAP) && side == 1;
         preparation[side] = cli_prepare(is_target, request->quads, request->threads);
         preparation[side].has_no_tree = job->request.kind == QM_JOB_COLLISION;
     }

@@ -36,6 +36,7 @@
  *   sign?: "none" | "outside" | "inside" | "normal", bands?: [number | null, number | null][] }} DeviationRequest */
 /** @typedef {CommonRequest & Gap & { type: "comparison", a: string, b: string, limits?: number[], percentiles?: number[],
  *   accuracy?: number, pieces?: number, worst?: { count: number, radius?: number } | null }} ComparisonRequest */
+/** @typedef {CommonRequest & { type: "heatmap", a: string, b: string, error?: number, pieces?: number }} HeatmapRequest */
 /** @typedef {CommonRequest & Gap & { type: "distance", a: string, b: string, limit?: number | null }} DistanceRequest */
 /** @typedef {CommonRequest & Gap & { mode?: "all" | "first" | "any", limit?: number }} AnyCollisionRequest */
 /** @typedef {AnyCollisionRequest & { type: "collision", a: string, b: string, solid?: boolean,
@@ -43,7 +44,7 @@
 /** @typedef {AnyCollisionRequest & { type: "self_collision", mesh: string, incremental?: boolean }} SelfCollisionRequest */
 /** @typedef {{ type: "reconstruction_step", reconstruction: string, steps?: number, measure?: boolean, threads?: number,
  *   until?: { hausdorff_relative?: number, max_quads?: number, edge_length?: number }, detach?: boolean }} StepRequest */
-/** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | ComparisonRequest | DistanceRequest
+/** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | ComparisonRequest | HeatmapRequest | DistanceRequest
  *   | CollisionRequest | SelfCollisionRequest | StepRequest} JobRequest */
 
 /** @typedef {{ elapsed_ms: number, lower: number, upper: number | null, lower_relative: number | null,
@@ -87,6 +88,9 @@
  *     chamfer: { l1: Interval, l1_half: Interval, l2: Interval, l2_half: Interval }, f_score: FScore[] },
  *   quads: QuadReading, accuracy: number, gap: number, accurate: boolean, pieces: number, projections: number,
  *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} ComparisonResult */
+/** Fourteen numbers a triangle: x, y, z and distance of each corner, the face, the error.
+ * @typedef {{ count: number, error: number, requested_error: number, accurate: boolean, triangles?: number[][], quads: QuadReading,
+ *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} HeatmapResult */
 /** @typedef {{ lower: number, upper: number, lower_relative: number | null, upper_relative: number | null,
  *   witness: { from: SurfacePoint, to: SurfacePoint }, collides: boolean, quads: QuadReading, tolerance: number,
  *   converged: boolean, face_pairs: number, prepare_ms: { a: number, b: number }, elapsed_ms: number }} DistanceResult */
@@ -103,7 +107,7 @@
 /** @typedef {{ reconstruction: string, mesh: string, quads: number, step_count: number,
  *   stopped_by: "steps" | "max_quads" | "edge_length" | "hausdorff" | "canceled", steps: StepRecord[],
  *   elapsed_ms: number }} StepResult */
-/** @typedef {HausdorffResult | ProjectResult | DeviationResult | ComparisonResult | DistanceResult | CollisionResult
+/** @typedef {HausdorffResult | ProjectResult | DeviationResult | ComparisonResult | HeatmapResult | DistanceResult | CollisionResult
  *   | StepResult} JobResult */
 
 /** @typedef {{ id: number, from: number, to: number, points: Point[] }} Curve */

@@ -16,6 +16,7 @@
 #include "qm/comparison.h"
 #include "qm/distance.h"
 #include "qm/hausdorff.h"
+#include "qm/heatmap.h"
 #include "refine.h"
 
 /** Limits of requests. */
@@ -51,6 +52,7 @@ extern const char *const qm_tolerance_unit_names[]; /* qm_job_request.tolerance_
     XX(PROJECT, project)                                                                                     \
     XX(DEVIATION, deviation)                                                                                 \
     XX(COMPARISON, comparison)                                                                               \
+    XX(HEATMAP, heatmap)                                                                                     \
     XX(DISTANCE, distance)                                                                                   \
     XX(COLLISION, collision)                                                                                 \
     XX(SELF_COLLISION, self_collision)                                                                       \
@@ -129,7 +131,7 @@ typedef struct qm_job_request {
     double *points; /* x y z of each point; malloc'ed, owned by the request */
     size_t point_count;
 
-    /* deviation and comparison */
+    /* deviation and comparison; pieces of heatmap as well */
     double accuracy;
     size_t pieces, bins;
     double percentiles[QM_JOB_MAX_PERCENTILES];
@@ -138,6 +140,8 @@ typedef struct qm_job_request {
     qm_interval bands[QM_JOB_MAX_BANDS]; /* ends may be infinite */
     size_t band_count;
     bool regions; /* those beyond the limit */
+
+    double error; /* heatmap: 0: a share of the diagonal */
 
     /* comparison; lengths in the unit of the meshes */
     double limits[QM_JOB_MAX_LIMITS];
@@ -188,6 +192,9 @@ typedef struct qm_job_result {
 
     /* comparison; the faces of its places are indices of the input files */
     qm_comparison comparison;
+
+    /* heatmap */
+    qm_heatmap heatmap;
 
     /* distance; its faces are from_face and to_face */
     qm_distance distance;

@@ -14,6 +14,7 @@
  *   deviation_quadratic.c  heights over a patch, which are quadratic
  *   deviation_integral.c   integrals of both functions
  *   deviation_sides.c      on which side of the target each piece is, and signed figures
+ *   heatmap.c              pieces with the distance at their corners
  *   deviation_regions.c    connected parts of the source beyond a limit
  *   deviation_normals.c    the side by normals, of a target that bounds no solid
  *
@@ -220,6 +221,10 @@ double qm_deviation_piece_area_rounding(const qm_deviation_setup *setup, const q
 /** Bounds a piece. */
 void qm_deviation_piece_bound(const qm_deviation_setup *setup, const qm_deviation_piece *piece,
                               qm_deviation_workspace *workspace, qm_deviation_bounds *out);
+
+/** The values at the corners of two linear functions between which the distance lies everywhere on a piece; low may be negative. */
+void qm_deviation_piece_envelope(const qm_deviation_setup *setup, const qm_deviation_piece *piece,
+                                 qm_deviation_workspace *workspace, double low[3], double high[3]);
 
 /** Bounds of a single point of weight 1 whose distance to the target is no more than this; or, to a target
  * without patches, is this to within eta. */
