@@ -51,7 +51,9 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     if (needs_solid(request->sign)) {
         status =
             qm_solids_check(call->b->solids, call->ctx, call->b->bvh, request->quads, call->threads, &solid);
-        options.solid = &solid;
+        /* A call that is stopped here has intervals all the same. */
+        if (status == QM_OK) options.solid = &solid;
+        if (status == QM_E_CANCELED) status = QM_OK;
     }
     if (status == QM_OK)
         status = qm_deviation_measure(call->ctx, call->a->bvh, call->b->bvh, &options, &out->deviation);

@@ -3,6 +3,7 @@
  * twin and sides by solid angles.
  */
 #include <math.h>
+#include <stdatomic.h>
 #include <string.h>
 
 #include "base/host.h"
@@ -407,6 +408,51 @@ static void threads_do_not_change_the_result(void **state)
     qm_shape_free(&b);
 }
 
+/** A call that is canceled, whenever that is, has intervals that hold the truth. */
+typedef struct cancel_after {
+    int calls;
+    atomic_bool flag;
+} cancel_after;
+
+static void *count_and_cancel(void *user, void *block, size_t old_size, size_t new_size)
+{
+    cancel_after *state = user;
+    if (new_size > 0 && --state->calls == 0) atomic_store(&state->flag, true);
+    return qm_allocator_default.resize(qm_allocator_default.user, block, old_size, new_size);
+}
+
+static void a_canceled_call_has_intervals(void **state)
+{
+    (void)state;
+    qm_mesh a = box_of(0.9), b = box_of(1.0);
+    const qm_interval band = {-0.11, -0.09};
+    int canceled = 0;
+    for (int calls = 15; calls < 80; calls += 3) {
+        cancel_after cancel = {.calls = calls};
+        qm_context ctx = qm_context_make();
+        ctx.allocator = (qm_allocator){count_and_cancel, &cancel};
+        ctx.cancel = &cancel.flag;
+        qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, QM_SIGN_OUTSIDE, &band, 1);
+        options.region_limit = 0.05;
+        qm_deviation out;
+        qm_status status = measure_in(&ctx, &a, &b, &options, &out);
+        if (status == QM_E_CANCELED) continue; /* before there were trees */
+        assert_int_equal(status, QM_OK);
+        canceled += out.is_canceled;
+        assert_int_equal(out.sides.band_count, 1);
+        check_holds(out.sides.mean, -0.1, 100.0, "mean");
+        check_holds(out.sides.behind.max, 0.1, 100.0, "inside");
+        check_holds(out.sides.behind.size, 6 * 1.8 * 1.8, 1e3, "area inside");
+        check_holds(out.sides.front.size, 0.0, 1e3, "area outside");
+        check_holds(out.sides.band[0], 1.0, 1.0, "band");
+        assert_true(!out.has_regions || out.region_count == 1);
+        qm_deviation_reset(&ctx, &out);
+    }
+    assert_true(canceled > 3);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
 static void out_of_memory_is_reported_and_leaves_nothing(void **state)
 {
     (void)state;
@@ -443,6 +489,7 @@ int main(void)
         cmocka_unit_test(only_solids_prove_a_sign),
         cmocka_unit_test(figures_hold_what_a_subdivision_finds),
         cmocka_unit_test(threads_do_not_change_the_result),
+        cmocka_unit_test(a_canceled_call_has_intervals),
         cmocka_unit_test(out_of_memory_is_reported_and_leaves_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

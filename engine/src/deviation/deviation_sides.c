@@ -209,7 +209,7 @@ static double mean_below(const qm_refinement *pieces, const side_sums *front, co
         (double)(behind->mean[1] + open->mean[1]) * (1.0 + error) + 2.0 * pieces->leak * pieces->farthest;
     double sum = up - down;
     sum -= 4.0 * QM_UNIT_ROUNDING * (up + down);
-    return divide(sum, pieces->survey.area, true) - 8.0 * DBL_MIN;
+    return divide(sum, pieces->survey.area, true);
 }
 
 static qm_interval side_size(const qm_refinement *pieces, const side_sums *side, const side_sums *open)
@@ -235,6 +235,14 @@ static qm_interval to_unit(const qm_deviation_sides *sides, const qm_deviation *
     return size;
 }
 
+/** A lower bound times a power of two, which is exact but below the least normal number. */
+static double scale_below(double value, double scale)
+{
+    double scaled = value * scale;
+    if (value < 0.0) return scaled > -DBL_MIN ? -DBL_MIN : scaled;
+    return scaled < DBL_MIN ? 0.0 : scaled;
+}
+
 static void set_sums(const qm_deviation_sides *sides, const all_sums *sums, qm_deviation *out)
 {
     const qm_refinement *pieces = sides->pieces;
@@ -244,8 +252,8 @@ static void set_sums(const qm_deviation_sides *sides, const all_sums *sums, qm_d
                     *open = sums_of(sums, QM_PIECE_OPEN);
     double lower = mean_below(pieces, front, behind, open),
            upper = 0.0 - mean_below(pieces, behind, front, open);
-    figures->mean.lower = fmax(figures->mean.lower, lower * inverse);
-    figures->mean.upper = fmin(figures->mean.upper, upper * inverse);
+    figures->mean.lower = fmax(figures->mean.lower, scale_below(lower, inverse));
+    figures->mean.upper = fmin(figures->mean.upper, 0.0 - scale_below(-upper, inverse));
     figures->front.size = to_unit(sides, out, side_size(pieces, front, open));
     figures->behind.size = to_unit(sides, out, side_size(pieces, behind, open));
     const side_sums none = {0};
