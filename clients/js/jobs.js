@@ -145,6 +145,15 @@ export class Jobs {
   }
 
   /**
+   * The triangles of a heat map, fourteen numbers each: x, y, z and distance of each corner, the face, the error.
+   * @param {string} id
+   * @param {Options} [options]
+   */
+  triangles(id, options = {}) {
+    return this.distances(id, options);
+  }
+
+  /**
    * Asks many questions; their answers come in the order in which they end.
    * @param {Iterable<JobRequest & { key?: string | number }>} requests
    * @param {Options} [options]
