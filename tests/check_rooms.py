@@ -24,6 +24,7 @@ ROOMS = {
     'engine/src/hausdorff': 'core prim bvh',
     'engine/src/deviation': 'core prim bvh hausdorff',
     'engine/src/collide': 'core prim bvh',
+    'engine/src/matrix': 'core',
     'engine/src/layout': 'core bvh mesh',
     'engine/src/reconstruct': 'core bvh mesh layout',
     'server/base': '',

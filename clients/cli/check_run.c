@@ -17,6 +17,8 @@
 
 const char *const cli_outcome_names[] = {"within", "undecided", "beyond", "trouble"};
 
+#define MAX_GAP 1e-4 /* of the diagonal: the maximum decides nothing here, and is searched no closer */
+
 /** One check while it runs. */
 typedef struct check_run {
     const qm_check *check;
@@ -131,6 +133,7 @@ static void ask_percent(check_run *run)
          i++) {
         qm_job_request request = make_request(run, QM_JOB_COMPARISON);
         request.accuracy = accuracies[i];
+        request.tolerance = fmax(request.tolerance, MAX_GAP);
         request.percentile_count = 0;
         request.limits[0] = rule->limit;
         request.limit_count = 1;

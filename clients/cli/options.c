@@ -134,8 +134,9 @@ bool cli_read_options(const cli_command *command, const cli_option *options, siz
             return false;
         }
     }
-    int given = argc - optind;
-    bool is_complete = given <= command->path_count && given >= command->path_count - command->optional_paths;
+    int given = argc - optind, least = command->path_count - command->optional_paths;
+    int most = command->most_paths > 0 ? command->most_paths : command->path_count;
+    bool is_complete = given >= least && given <= most;
     for (size_t i = 0; i < count; i++)
         if (options[i].is_required && !*(const char **)options[i].target) is_complete = false;
     if (!is_complete) {
@@ -143,7 +144,7 @@ bool cli_read_options(const cli_command *command, const cli_option *options, siz
         print_usage(stderr, command, options, count);
         return false;
     }
-    for (int i = 0; i < command->path_count; i++)
+    for (int i = 0; i < given || i < command->path_count; i++)
         paths[i] = i < given ? argv[optind + i] : NULL;
     return true;
 }

@@ -12,13 +12,14 @@ typedef struct cli_command {
     const char *summary;            /* for `quadmesh --help` */
     const char *takes;              /* "two files" */
     int path_count, optional_paths; /* of path_count; those that are not given are NULL */
+    int most_paths;                 /* of a command that takes more than path_count; 0: it does not */
     const char *description;        /* of the usage text; "" for none */
     const char *exit_status;        /* its last line */
     int (*run)(int argc, char **argv);
 } cli_command;
 
 extern const cli_command cmd_hausdorff, cmd_deviation, cmd_project, cmd_distance, cmd_collide,
-    cmd_self_collide, cmd_info, cmd_patches, cmd_reconstruct, cmd_compare, cmd_check, cmd_heatmap;
+    cmd_self_collide, cmd_info, cmd_patches, cmd_reconstruct, cmd_compare, cmd_check, cmd_matrix, cmd_heatmap;
 
 typedef enum cli_option_type {
     CLI_FLAG,     /* bool: set */
@@ -110,8 +111,8 @@ typedef struct cli_option {
 #define CLI_MAX_OPTIONS 28
 
 /**
- * Reads the arguments of a command: options into their targets, and its paths. Returns true; or false with the exit
- * status after --help or wrong usage.
+ * Reads the arguments of a command: options into their targets, and its paths; a command with most_paths has room for argc, of
+ * which those after the paths stay as they are. Returns true; or false with the exit status after --help or wrong usage.
  */
 bool cli_read_options(const cli_command *command, const cli_option *options, size_t count, int argc,
                       char **argv, const char **paths, int *status);

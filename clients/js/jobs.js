@@ -136,7 +136,7 @@ export class Jobs {
   }
 
   /**
-   * All pairs of faces of a collision, two numbers each.
+   * All pairs of faces of a collision, two numbers each; or of meshes of a matrix, four: two places and two bounds.
    * @param {string} id
    * @param {Options} [options]
    */
@@ -151,6 +151,23 @@ export class Jobs {
    */
   triangles(id, options = {}) {
     return this.distances(id, options);
+  }
+
+  /**
+   * Asks about two files, of which nothing is kept.
+   * @param {Blob} a with its name if it is a File
+   * @param {Blob} b
+   * @param {Record<string, unknown>} [request] a request of a job of two meshes, without them; a comparison without a
+   *   type
+   * @param {Options} [options]
+   * @returns {Promise<JobResult>}
+   */
+  compare(a, b, request = {}, { signal } = {}) {
+    const body = new FormData();
+    body.append("a", a);
+    body.append("b", b);
+    body.append("options", JSON.stringify(request));
+    return this.transport.json("/v1/compare", { method: "POST", body, signal });
   }
 
   /**

@@ -42,10 +42,13 @@
 /** @typedef {AnyCollisionRequest & { type: "collision", a: string, b: string, solid?: boolean,
  *   penetration?: boolean }} CollisionRequest */
 /** @typedef {AnyCollisionRequest & { type: "self_collision", mesh: string, incremental?: boolean }} SelfCollisionRequest */
+/** @typedef {"all" | { nearest: number } | { within: number }} MatrixWant */
+/** @typedef {Gap & { type: "matrix", meshes: string[], want?: MatrixWant, measure?: "hausdorff", quads?: QuadReading,
+ *   threads?: number, detach?: boolean, deadline_ms?: number }} MatrixRequest */
 /** @typedef {{ type: "reconstruction_step", reconstruction: string, steps?: number, measure?: boolean, threads?: number,
  *   until?: { hausdorff_relative?: number, max_quads?: number, edge_length?: number }, detach?: boolean }} StepRequest */
 /** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | ComparisonRequest | HeatmapRequest | DistanceRequest
- *   | CollisionRequest | SelfCollisionRequest | StepRequest} JobRequest */
+ *   | CollisionRequest | SelfCollisionRequest | MatrixRequest | StepRequest} JobRequest */
 
 /** @typedef {{ elapsed_ms: number, lower: number, upper: number | null, lower_relative: number | null,
  *   upper_relative: number | null, gap_relative: number | null, iterations: number, projections: number,
@@ -98,6 +101,13 @@
 /** @typedef {{ collides: boolean, count: number, pairs: CollisionPair[], all_pairs?: [number, number][],
  *   mode: "all" | "first" | "any", quads: QuadReading, tests: number, elapsed_ms: number,
  *   incremental?: boolean }} CollisionResult */
+/** A pair of meshes by their places, with the bounds of its distance. @typedef {[number, number, number, number | null]} PairRow */
+/** @typedef {{ measure: "hausdorff", mesh_count: number, meshes: string[], pair_count: number, searched_pairs: number,
+ *   bounded_pairs: number, searches: number, pivots: number, want: MatrixWant,
+ *   nearest?: ({ mesh: number, lower: number, upper: number | null, place: "proven" | "tied" | "open" })[][],
+ *   verdicts?: { within: number, beyond: number, undecided: number }, open: number, pairs?: PairRow[],
+ *   quads: QuadReading, gap: number, converged: boolean,
+ *   stopped_by: "converged" | "precision" | "deadline" | "canceled", elapsed_ms: number }} MatrixResult */
 /** @typedef {{ folded_quads: number, turned_quads: number, least_jacobian: number, mean_angle_deviation_deg: number,
  *   max_angle_deviation_deg: number, mean_edge_ratio: number, max_edge_ratio: number, mean_warp: number,
  *   max_warp: number }} QuadQuality */
@@ -108,7 +118,7 @@
  *   stopped_by: "steps" | "max_quads" | "edge_length" | "hausdorff" | "canceled", steps: StepRecord[],
  *   elapsed_ms: number }} StepResult */
 /** @typedef {HausdorffResult | ProjectResult | DeviationResult | ComparisonResult | HeatmapResult | DistanceResult | CollisionResult
- *   | StepResult} JobResult */
+ *   | MatrixResult | StepResult} JobResult */
 
 /** @typedef {{ id: number, from: number, to: number, points: Point[] }} Curve */
 /** @typedef {{ mesh: string, nodes?: Point[], curves?: Curve[], patches?: number[][] }} LayoutRequest */
@@ -137,7 +147,9 @@
 /** @typedef {{ event: "result", seq: number, state: "succeeded" | "canceled", result: JobResult }} ResultEvent */
 /** @typedef {{ event: "error", seq: number, state: "failed" | "canceled", problem: Problem }} ErrorEvent */
 /** @typedef {StepRecord & { event: "step", seq: number }} StepEvent */
-/** @typedef {BoundsEvent | StepEvent | ResultEvent | ErrorEvent} JobEvent */
+/** @typedef {{ event: "pairs", seq: number, elapsed_ms: number, pair_count: number, searched_pairs: number,
+ *   bounded_pairs: number, searches: number, pairs: PairRow[] }} PairsEvent */
+/** @typedef {BoundsEvent | StepEvent | PairsEvent | ResultEvent | ErrorEvent} JobEvent */
 
 /** @typedef {{ key: string | number | null, line: number, state: "succeeded" | "failed" | "canceled",
  *   cached?: true, result?: JobResult, problem?: Problem }} BatchAnswer */

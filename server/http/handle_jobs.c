@@ -316,8 +316,20 @@ static const qm_job_array *find_array(qm_jobs *jobs, qm_job *job)
     return array;
 }
 
+/** Reads ?format=, which goes before the Accept header. */
+static bool read_result_format(qm_request *request)
+{
+    static const char *const names[] = {"json", "binary", "csv", NULL};
+    static const char *const media[] = {QM_MEDIA_JSON, QM_MEDIA_BINARY, QM_MEDIA_CSV};
+    int format;
+    if (!qm_request_choice(request, "format", names, &format)) return false;
+    if (qm_request_query(request, "format")) qm_request_set_media(request, media[format]);
+    return true;
+}
+
 void qm_handle_job_result(qm_request *request)
 {
+    if (!read_result_format(request)) return;
     qm_app *app = qm_request_app(request);
     const char *id = qm_request_id(request);
     qm_problem problem;

@@ -47,6 +47,7 @@ void qm_handle_reconstruction_mesh(qm_request *request);
 void qm_handle_reconstruction_patches(qm_request *request);
 
 void qm_handle_batch_create(qm_request *request);
+void qm_handle_compare(qm_request *request);
 
 void qm_handle_health(qm_request *request);
 void qm_handle_ready(qm_request *request);

@@ -218,6 +218,7 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
     if (request->stage == RECEIVING) return handle(request);
     if (request->stage != WAITING) return MHD_YES;
     if (request->awaited && !qm_reply_check_awaited(request)) return MHD_YES;
+    if (request->once && !qm_reply_check_once(request)) return MHD_YES;
     return qm_reply_send(request);
 }
 
@@ -256,6 +257,7 @@ static void on_completed(void *cls, struct MHD_Connection *connection, void **st
         qm_job_unsubscribe(request->app->jobs, request->awaited, &request->subscriber);
         qm_jobs_release(request->app->jobs, request->awaited);
     }
+    if (request->once) qm_reply_end_once(request);
     drop_upload(request);
     if (request->reply.response) MHD_destroy_response(request->reply.response);
     qm_text_reset(&request->body);

@@ -72,6 +72,9 @@ void qm_request_client(const qm_request *request, char out[QM_CLIENT_SIZE]);
 #define QM_MEDIA_SSE "text/event-stream"
 const char *qm_request_media(const qm_request *request);
 
+/** Sets it to one that the route offers, which the query asks for. */
+void qm_request_set_media(qm_request *request, const char *media);
+
 /** The rows of that type; JSON for every other. */
 qm_array_format qm_request_rows(const qm_request *request);
 
@@ -111,6 +114,12 @@ void qm_reply_batch(qm_request *request, qm_blob_writer *upload);
  * reference.
  */
 void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms, int status_before);
+
+/**
+ * Replies with the result of a job of two meshes that no store has, or with its problem; takes over the references and what the
+ * job's request owns. A client that leaves cancels the job.
+ */
+void qm_reply_once(qm_request *request, qm_job_request *job, qm_mesh_ref *const mesh[2]);
 
 /** State of a source of blocks after each one. */
 typedef enum qm_block { QM_BLOCK_MORE, QM_BLOCK_LAST, QM_BLOCK_FAILED } qm_block;

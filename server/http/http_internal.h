@@ -104,8 +104,9 @@ struct qm_request {
     enum { RECEIVING, HANDLING, WAITING, DONE } stage;
     qm_job *awaited; /* qm_reply_when_done */
     int status_before;
-    qm_subscriber subscriber;
-    qm_problem problem; /* found before the body was received, sent after it; set with has_problem */
+    struct qm_job_once *once; /* qm_reply_once */
+    qm_subscriber subscriber; /* of either */
+    qm_problem problem;       /* found before the body was received, sent after it; set with has_problem */
     qm_reply reply;
 };
 
@@ -134,6 +135,12 @@ void qm_reply_options(qm_request *request);
 
 /** Makes the reply when the awaited job is over; else suspends the connection and returns false. */
 bool qm_reply_check_awaited(qm_request *request);
+
+/** The same for a job that is not stored. */
+bool qm_reply_check_once(qm_request *request);
+
+/** Ends such a job, whose client has left. */
+void qm_reply_end_once(qm_request *request);
 
 /** Makes the response of a whole body, which is malloc'ed and taken over. */
 void qm_reply_set_buffer(qm_request *request, int status, char *body, size_t size);

@@ -1,6 +1,6 @@
 /**
  * http_reply_stream.c: replies that are sent while they are made: those that wait for jobs (the stream of one's events or
- * of a batch's answers, or the document of a job once it has ended), and long ones that are made a block at a time.
+ * of a batch's answers, or the document or answer of a job once it has ended), and long ones that are made a block at a time.
  *
  * Waiting: a connection with nothing to send is suspended under the lock of the jobs (job.h), and its subscriber is
  * marked as no longer waiting under the lock before the connection is resumed: no wake-up is lost, and no connection is
@@ -14,9 +14,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/json.h"
 #include "base/log.h"
 #include "http_internal.h"
 #include "job/job_batch.h"
+#include "job/job_once.h"
 
 #define BLOCK_SIZE 16384
 #define PIECE_SIZE 65536 /* bytes that the library asks for at a time */
@@ -264,6 +266,66 @@ bool qm_reply_check_awaited(qm_request *request)
     char *document = qm_job_document_now(jobs, job, &ended);
     qm_jobs_release(jobs, job);
     qm_reply_text(request, ended ? 200 : request->status_before, "application/json", document);
+    return true;
+}
+
+/* ---- the answer of a job that is not stored ---- */
+
+void qm_reply_once(qm_request *request, qm_job_request *job, qm_mesh_ref *const mesh[2])
+{
+    char client[QM_CLIENT_SIZE];
+    qm_problem problem;
+    qm_request_client(request, client);
+    request->subscriber = (qm_subscriber){.wake = resume_request, .user = request};
+    request->once = qm_job_once_start(request->app->jobs, job, mesh, client, &request->subscriber, &problem);
+    if (!request->once) qm_reply_problem(request, &problem);
+}
+
+void qm_reply_end_once(qm_request *request)
+{
+    qm_job_once_close(request->once);
+    request->once = NULL;
+}
+
+/** The library does not look at a connection that is suspended. */
+static bool has_left(const qm_request *request)
+{
+    char byte;
+    return request->guarded && recv(request->guarded->socket, &byte, 1, MSG_PEEK | MSG_DONTWAIT) == 0;
+}
+
+/** Replies with a problem document, which lacks the instance. */
+static void reply_document(qm_request *request, const char *document)
+{
+    qm_json *problem = qm_json_parse(document);
+    double status = problem ? qm_json_get_number(problem, "status") : 500.0;
+    qm_json_free(problem);
+    qm_text out = {0};
+    qm_text_add_string(&out, "{");
+    qm_json_add_members(&out, document);
+    qm_text_printf(&out, ",\"instance\":\"urn:request:%s\"}", request->name);
+    qm_reply_text(request, (int)status, "application/problem+json", qm_text_take(&out));
+}
+
+bool qm_reply_check_once(qm_request *request)
+{
+    bool has_result, has_ended = false, is_gone = false;
+    char *object = NULL;
+    while (!has_ended && !is_gone) {
+        if (!qm_job_once_await(request->once, suspend_request)) return false;
+        has_ended = qm_job_once_take(request->once, &has_result, &object);
+        is_gone = !has_ended && has_left(request);
+    }
+    qm_reply_end_once(request);
+    if (has_ended && object && !has_result) {
+        reply_document(request, object);
+        free(object);
+    } else if (has_ended) {
+        qm_reply_text(request, 200, "application/json", object);
+    } else {
+        qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the client has left");
+        qm_reply_problem(request, &problem);
+    }
     return true;
 }
 

@@ -96,6 +96,11 @@ const char *qm_request_media(const qm_request *request)
     return request->media;
 }
 
+void qm_request_set_media(qm_request *request, const char *media)
+{
+    request->media = media;
+}
+
 qm_array_format qm_request_rows(const qm_request *request)
 {
     if (strcmp(request->media, QM_MEDIA_BINARY) == 0) return QM_ARRAY_BINARY;

@@ -2,7 +2,8 @@
  * job_internal.h: what the files of the job table share: jobs.c (table, submission, start and stop), job_events.c (event
  * log, subscribers, notifier), job_mirrors.c and job_pulse.c (jobs of other nodes, and the node among them), jobs_list.c
  * (resources and lists), job_run.c (what a worker does with a job on meshes, and how jobs end), job_steps.c (the same
- * for reconstruction steps), job_help.c (parts of searches of other nodes), job_batch.c (jobs that are lines of a file).
+ * for reconstruction steps), job_matrix.c (the same for a set of meshes), job_help.c (parts of searches of other nodes), job_batch.c (jobs that are lines of a file), job_once.c (jobs about meshes that
+ * are not stored).
  *
  * "The lock" is qm_jobs.lock. A job is either stored, with a row, events and a document, or it lives in
  * memory alone and its end goes to on_end.
@@ -66,12 +67,14 @@ struct qm_job {
     uint64_t seq_base;     /* events up to this number belong to them */
     qm_job_event **events; /* by seq */
     size_t event_count, event_capacity;
-    size_t saved_count;    /* the first ones, which the store has taken */
-    size_t durable_count;  /* the first of these, which no failure of a server takes away any more */
-    bool is_from_row;      /* made of a row of the store, without events until qm_job_fetch_events */
-    char *last_bounds;     /* the newest bounds event's own members, for the document */
-    char *document;        /* members of the resource but for the result, once the job has ended */
-    char *result;          /* the result object, or NULL */
+    size_t saved_count;   /* the first ones, which the store has taken */
+    size_t durable_count; /* the first of these, which no failure of a server takes away any more */
+    bool is_from_row;     /* made of a row of the store, without events until qm_job_fetch_events */
+    char *last_bounds;    /* the newest bounds event's own members, for the document */
+    char *document;       /* members of the resource but for the result, once the job has ended */
+    char *result;         /* the result object, or NULL */
+    qm_mesh_ref
+        *given[2]; /* meshes that no store has, in place of those that the request names; NULL: none */
     qm_job_end_fn *on_end; /* of a job that is not stored; NULL for stored ones */
     void *end_user;
     char revisions[QM_REVISIONS_SIZE]; /* of the meshes that it runs on; "" before */
@@ -174,7 +177,7 @@ typedef struct qm_job_runner {
     /** Runs a job that is marked as running to its end. */
     void (*run)(qm_job *job);
 } qm_job_runner;
-extern const qm_job_runner qm_job_steps_runner;
+extern const qm_job_runner qm_job_steps_runner, qm_job_matrix_runner;
 const qm_job_runner *qm_job_runner_of(qm_job_kind kind);
 
 /** True for a job in memory, one that runs here or a mirror. */
@@ -299,6 +302,17 @@ void qm_job_set_limits(const qm_job *job, qm_job_request *request);
 
 /** Lets the engine poll the job's flags, and use the host's threads. */
 void qm_job_set_context(qm_job *job, qm_context *ctx);
+
+/** Begins the run of a job on meshes: fills the context, and returns the request with what is left of its time. */
+qm_job_request qm_job_begin_run(qm_job *job, qm_context *ctx);
+
+/** Ends it with a result or a status; fault is the problem behind the status, or NULL. Frees the result. */
+void qm_job_end_run(qm_job *job, qm_context *ctx, qm_status status, qm_job_result *result,
+                    const qm_problem *fault);
+
+/** Finds the revision of a mesh; false with a problem, which names the field of the request. */
+bool qm_job_check_mesh(qm_jobs *jobs, const char *id, const char *field, uint64_t *revision,
+                       qm_problem *problem);
 
 /** Ends a job that is marked as running with a problem. */
 void qm_job_finish_with_problem(qm_job *job, qm_job_state state, const qm_problem *problem);

@@ -390,7 +390,7 @@ static void write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE])
     snprintf(out, QM_REVISIONS_SIZE, "%llu %llu", (unsigned long long)a, (unsigned long long)b);
 }
 
-static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, uint64_t *revision,
+bool qm_job_check_mesh(qm_jobs *jobs, const char *id, const char *field, uint64_t *revision,
                        qm_problem *problem)
 {
     qm_store_mesh row;
@@ -412,8 +412,8 @@ static bool check_meshes(qm_jobs *jobs, const qm_job_request *request, char revi
 {
     const char *const *field = qm_job_type_of(request->kind)->mesh_field;
     uint64_t a = 0, b = 0;
-    bool exist = check_mesh(jobs, request->a, field[0], &a, problem) &&
-                 (!field[1] || check_mesh(jobs, request->b, field[1], &b, problem));
+    bool exist = qm_job_check_mesh(jobs, request->a, field[0], &a, problem) &&
+                 (!field[1] || qm_job_check_mesh(jobs, request->b, field[1], &b, problem));
     write_revisions(a, b, revisions);
     return exist;
 }
@@ -436,17 +436,75 @@ static bool may_split(const qm_job *job)
     return request->kind == QM_JOB_HAUSDORFF && has_boxes && !job->on_end;
 }
 
-/** b is NULL for a kind of one mesh. */
-static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
+qm_job_request qm_job_begin_run(qm_job *job, qm_context *ctx)
 {
-    qm_context ctx = qm_meshes_context(job->jobs->meshes);
-    qm_job_set_context(job, &ctx);
+    *ctx = qm_meshes_context(job->jobs->meshes);
+    qm_job_set_context(job, ctx);
     qm_job_request request = job->request;
     /* At least a moment is left, in which the search finds its first bounds. */
     if (request.deadline_ms > 0.0)
         request.deadline_ms = fmax(request.deadline_ms - (qm_clock_now_ms() - job->submitted_ms), 1.0);
-    write_revisions(a->revision, b ? b->revision : 0, job->revisions);
     qm_job_set_limits(job, &request);
+    return request;
+}
+
+/** True for a search that its deadline has stopped. */
+static bool is_late(const qm_job_result *result)
+{
+    return (result->kind == QM_JOB_HAUSDORFF && result->hausdorff.stop == QM_STOP_DEADLINE) ||
+           (result->kind == QM_JOB_MATRIX && result->matrix.stop == QM_MATRIX_DEADLINE);
+}
+
+/** Makes a search that was canceled one that its deadline has stopped. */
+static void mark_late(qm_job_result *result)
+{
+    result->is_canceled = false;
+    if (result->kind == QM_JOB_HAUSDORFF) result->hausdorff.stop = QM_STOP_DEADLINE;
+    if (result->kind == QM_JOB_MATRIX) result->matrix.stop = QM_MATRIX_DEADLINE;
+}
+
+void qm_job_end_run(qm_job *job, qm_context *ctx, qm_status status, qm_job_result *result,
+                    const qm_problem *fault)
+{
+    bool canceled = status == QM_E_CANCELED || (status == QM_OK && result->is_canceled);
+    qm_job_expiry expiry = canceled ? qm_job_get_expiry(job) : QM_JOB_IN_TIME;
+    qm_scheduler_leave(job->turn);
+    if (expiry != QM_JOB_IN_TIME || (status == QM_OK && is_late(result)))
+        job->revisions[0] = '\0'; /* no answer for a later request */
+    if (expiry != QM_JOB_IN_TIME && status == QM_OK) {
+        mark_late(result);
+        canceled = false;
+    }
+    qm_problem problem;
+    if (expiry != QM_JOB_IN_TIME && status != QM_OK) {
+        problem = qm_job_expiry_problem(job, expiry);
+        qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
+    } else if (canceled && !qm_job_is_canceled(job)) {
+        qm_job_interrupt(job);
+    } else if (status == QM_OK) {
+        qm_stored stored = store_array(job, result, &problem);
+        if (stored == QM_STORED)
+            qm_job_finish_with_result(job, canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED, result);
+        else if (qm_job_runs_again(job, &problem))
+            qm_job_interrupt(job);
+        else
+            qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
+    } else {
+        problem = fault ? *fault : qm_problem_from_status(status, ctx->message);
+        if (fault && qm_job_runs_again(job, fault))
+            qm_job_interrupt(job);
+        else
+            qm_job_finish_with_problem(job, canceled ? QM_JOB_CANCELED : QM_JOB_FAILED, &problem);
+    }
+    if (status == QM_OK) qm_job_result_reset(ctx, result);
+}
+
+/** b is NULL for a kind of one mesh. */
+static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
+{
+    qm_context ctx;
+    qm_job_request request = qm_job_begin_run(job, &ctx);
+    write_revisions(a->revision, b ? b->revision : 0, job->revisions);
     qm_split split = {.store = job->jobs->store,
                       .job = job->id,
                       .restarts = job->restarts,
@@ -460,35 +518,7 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
     qm_job_result result;
     qm_status status = qm_job_execute(&ctx, &request, a, b, progress, &target, &result);
     if (split.is_lost) mark_lost(job);
-    bool canceled = status == QM_E_CANCELED || (status == QM_OK && result.is_canceled);
-    qm_job_expiry expiry = canceled ? qm_job_get_expiry(job) : QM_JOB_IN_TIME;
-    qm_scheduler_leave(job->turn);
-    if (expiry != QM_JOB_IN_TIME ||
-        (status == QM_OK && result.kind == QM_JOB_HAUSDORFF && result.hausdorff.stop == QM_STOP_DEADLINE))
-        job->revisions[0] = '\0'; /* no answer for a later request */
-    if (expiry != QM_JOB_IN_TIME && status == QM_OK) {
-        result.is_canceled = canceled = false;
-        if (result.kind == QM_JOB_HAUSDORFF) result.hausdorff.stop = QM_STOP_DEADLINE;
-    }
-    if (expiry != QM_JOB_IN_TIME && status != QM_OK) {
-        qm_problem problem = qm_job_expiry_problem(job, expiry);
-        qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
-    } else if (canceled && !qm_job_is_canceled(job)) {
-        qm_job_interrupt(job);
-    } else if (status == QM_OK) {
-        qm_problem problem;
-        qm_stored stored = store_array(job, &result, &problem);
-        if (stored == QM_STORED)
-            qm_job_finish_with_result(job, canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED, &result);
-        else if (qm_job_runs_again(job, &problem))
-            qm_job_interrupt(job);
-        else
-            qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
-    } else {
-        qm_problem problem = qm_problem_from_status(status, ctx.message);
-        qm_job_finish_with_problem(job, canceled ? QM_JOB_CANCELED : QM_JOB_FAILED, &problem);
-    }
-    if (status == QM_OK) qm_job_result_reset(&ctx, &result);
+    qm_job_end_run(job, &ctx, status, &result, NULL);
 }
 
 void qm_job_mark_running(qm_job *job)
@@ -530,6 +560,11 @@ typedef struct mesh_pair {
 
 static bool acquire(qm_job *job, mesh_pair *pair, qm_problem *problem)
 {
+    if (job->given[0]) {
+        *pair = (mesh_pair){job->given[0], job->given[1]};
+        job->given[0] = job->given[1] = NULL;
+        return true;
+    }
     qm_meshes *meshes = job->jobs->meshes;
     const qm_job_request *request = &job->request;
     bool has_b = qm_job_type_of(request->kind)->mesh_field[1] && strcmp(request->a, request->b) != 0;
@@ -544,6 +579,7 @@ static bool acquire(qm_job *job, mesh_pair *pair, qm_problem *problem)
 static bool has_loaded(const qm_job *job)
 {
     const qm_job_request *request = &job->request;
+    if (job->given[0]) return true;
     return qm_meshes_has_loaded(job->jobs->meshes, request->a) &&
            (!qm_job_type_of(request->kind)->mesh_field[1] ||
             qm_meshes_has_loaded(job->jobs->meshes, request->b));
@@ -587,6 +623,7 @@ const qm_job_runner *qm_job_runner_of(qm_job_kind kind)
     static const qm_job_runner on_meshes = {check_meshes, run_on_meshes};
     static const qm_job_runner *const others[QM_JOB_KIND_COUNT] = {
         [QM_JOB_RECONSTRUCTION_STEP] = &qm_job_steps_runner,
+        [QM_JOB_MATRIX] = &qm_job_matrix_runner,
     };
     return others[kind] ? others[kind] : &on_meshes;
 }

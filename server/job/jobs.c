@@ -32,6 +32,8 @@ static void free_job(qm_job *job)
     free(job->result);
     free(job->key);
     qm_job_request_reset(&job->request);
+    for (int i = 0; i < 2; i++) /* of a job that has not run */
+        qm_meshes_release(job->jobs->meshes, job->given[i]);
     free(job);
 }
 
@@ -89,9 +91,7 @@ qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request, const char *client
     if (!job) return NULL;
     job->jobs = jobs;
     job->key = qm_job_make_key(request);
-    job->request = *request;
-    request->points = NULL;
-    request->point_count = 0;
+    job->request = qm_job_request_take(request);
     qm_id_make('j', job->id);
     qm_clock_format(job->created);
     job->submitted_ms = qm_clock_now_ms();
@@ -303,6 +303,16 @@ static qm_problem problem_from_submission(qm_jobs *jobs, qm_stored stored)
     return qm_store_write_problem(stored == QM_STORED ? QM_STORED_FAULT : stored, "the job");
 }
 
+/** The ids that a request names, separated by blanks; NULL: out of memory. */
+static char *list_subjects(const qm_job_request *request)
+{
+    qm_text out = {0};
+    qm_text_printf(&out, "%s %s", request->a, request->b);
+    for (size_t i = 1; i < request->mesh_count; i++)
+        qm_text_printf(&out, "%s%s", i > 1 ? " " : "", request->meshes[i]);
+    return qm_text_take(&out);
+}
+
 /**
  * Creates a job: stored before it is queued, so that a job which was accepted with 202 survives the daemon,
  * and listed before it is stored, so that an unfinished job of an embedded store is always in the table. One that waits
@@ -321,11 +331,12 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, co
     char home[QM_NODE_NAME_SIZE] = "";
     job->is_mirror = qm_store_is_shared(jobs->store) && !claims_at_once(jobs, job, may_follow, home);
     if (!job->is_mirror) qm_job_enlist(jobs, job);
+    char *subjects = list_subjects(&job->request);
     qm_store_job row = {.key = job->key,
                         .idempotency_key = (char *)submission->idempotency_key,
                         .body = (char *)submission->body,
                         .type = qm_job_type_of(job->request.kind)->name,
-                        .subjects = {job->request.a, job->request.b},
+                        .subjects = subjects,
                         .created = job->created,
                         .state = QM_JOB_QUEUED};
     memcpy(row.id, job->id, sizeof row.id);
@@ -334,7 +345,8 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, co
                                                    .limit = (size_t)jobs->limits.queue,
                                                    .is_claimed = !job->is_mirror,
                                                    .is_kept = !submission->owns_job};
-    qm_stored stored = qm_store_submit_job(jobs->store, &stored_submission);
+    qm_stored stored = subjects ? qm_store_submit_job(jobs->store, &stored_submission) : QM_STORED_NO_MEMORY;
+    free(subjects);
     bool is_stored = stored == QM_STORED;
     if (is_stored && (job->is_mirror || (may_follow && follow(jobs, job)) || qm_job_enqueue(jobs, job)))
         return job;

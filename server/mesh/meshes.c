@@ -433,6 +433,24 @@ const qm_loaded_mesh *qm_mesh_ref_get(const qm_mesh_ref *ref)
     return &ref->mesh;
 }
 
+bool qm_meshes_load_apart(qm_meshes *meshes, const uint8_t *bytes, size_t size, qm_format format,
+                          qm_mesh_ref **out, qm_problem *problem)
+{
+    qm_mesh_ref *ref = calloc(1, sizeof *ref);
+    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
+    bool is_loaded = ref && load_bytes(meshes, (mapped_bytes){bytes, size}, (mapped_bytes){0}, format,
+                                       &ref->mesh, problem);
+    if (!is_loaded) {
+        free(ref);
+        return false;
+    }
+    ref->meshes = meshes;
+    ref->references = 1;
+    ref->state = QM_MESH_READY;
+    *out = ref;
+    return true;
+}
+
 void qm_meshes_release(qm_meshes *meshes, qm_mesh_ref *ref)
 {
     if (!ref) return;

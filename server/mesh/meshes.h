@@ -68,6 +68,10 @@ bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm
 /** Takes a reference; reads the mesh from its blob when needed. NULL with a problem. */
 qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem);
 
+/** Makes a mesh of bytes that is in no list and no store, and lives as long as its reference. False with a problem. */
+bool qm_meshes_load_apart(qm_meshes *meshes, const uint8_t *bytes, size_t size, qm_format format,
+                          qm_mesh_ref **out, qm_problem *problem);
+
 /** True when the mesh is in memory at this moment, so that the call above need not wait. */
 bool qm_meshes_has_loaded(qm_meshes *meshes, const char *id);
 const qm_loaded_mesh *qm_mesh_ref_get(const qm_mesh_ref *ref);

@@ -3,6 +3,7 @@
  */
 #include "job_kinds_internal.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -35,6 +36,7 @@ qm_job_request qm_job_request_default(void)
         .worst_radius = NAN,
         .mode = QM_COLLIDE_ALL,
         .list_limit = 1000,
+        .within = NAN,
         .goal = {.measures = true},
     };
 }
@@ -44,6 +46,18 @@ void qm_job_request_reset(qm_job_request *request)
     free(request->points);
     request->points = NULL;
     request->point_count = 0;
+    free(request->meshes);
+    request->meshes = NULL;
+    request->mesh_count = 0;
+}
+
+qm_job_request qm_job_request_take(qm_job_request *request)
+{
+    qm_job_request taken = *request;
+    request->points = NULL;
+    request->meshes = NULL;
+    request->point_count = request->mesh_count = 0;
+    return taken;
 }
 
 const qm_job_hooks *qm_job_hooks_of(qm_job_kind kind)
@@ -84,10 +98,16 @@ const qm_job_field *qm_job_find_field(const qm_job_field *fields, const char *na
     return NULL;
 }
 
+double qm_job_tolerance_of(const qm_job_request *request, double diagonal)
+{
+    bool is_absolute = request->tolerance_is_absolute || diagonal == 0.0;
+    double tolerance = is_absolute ? request->tolerance : request->tolerance * diagonal;
+    return fmin(fmax(tolerance, DBL_TRUE_MIN), DBL_MAX); /* the product may be no number above 0 */
+}
+
 double qm_job_tolerance(const qm_job_call *call)
 {
-    bool is_absolute = call->request->tolerance_is_absolute || call->a->diagonal == 0.0;
-    return is_absolute ? call->request->tolerance : call->request->tolerance * call->a->diagonal;
+    return qm_job_tolerance_of(call->request, call->a->diagonal);
 }
 
 void qm_job_add_tolerance(qm_text *out, const qm_job_request *request)
@@ -112,10 +132,10 @@ qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const q
                          qm_job_result *out)
 {
     *out = (qm_job_result){.kind = request->kind,
-                           .diagonal = a->diagonal,
+                           .diagonal = a ? a->diagonal : 0.0,
                            .prepare_a_ms = prepare_ms(a),
                            .prepare_b_ms = prepare_ms(b)};
-    QM_ASSERT(ctx && a && request->kind < QM_JOB_KIND_COUNT);
+    QM_ASSERT(ctx && (a || request->set) && request->kind < QM_JOB_KIND_COUNT);
     const qm_job_call call = {
         ctx, request, a, b, progress, progress_user, request->threads > 0 ? request->threads : 1};
     double start_ms = qm_clock_now_ms();

@@ -17,6 +17,7 @@
 #include "qm/distance.h"
 #include "qm/hausdorff.h"
 #include "qm/heatmap.h"
+#include "qm/matrix.h"
 #include "refine.h"
 
 /** Limits of requests. */
@@ -26,11 +27,13 @@
 #define QM_JOB_LISTED_REGIONS 1000
 #define QM_JOB_LISTED_FACES 1000 /* of each region */
 #define QM_JOB_MAX_LIMITS 64
-#define QM_JOB_MAX_PLACES 100.0
+#define QM_JOB_MAX_PLACES 100
 #define QM_JOB_MAX_STEPS 64
 #define QM_JOB_MAX_PIECES 1e7
 #define QM_JOB_MAX_BINS 1e4
-#define QM_JOB_MAX_LISTED 1e5 /* pairs */
+#define QM_JOB_MAX_LISTED 1e5    /* pairs */
+#define QM_JOB_MAX_MESHES 1000.0 /* of a matrix */
+#define QM_JOB_MAX_NEAREST 100.0
 #define QM_JOB_MIN_MEMORY 65536.0
 #define QM_JOB_MAX_MEMORY 1099511627776.0
 
@@ -56,6 +59,7 @@ extern const char *const qm_tolerance_unit_names[]; /* qm_job_request.tolerance_
     XX(DISTANCE, distance)                                                                                   \
     XX(COLLISION, collision)                                                                                 \
     XX(SELF_COLLISION, self_collision)                                                                       \
+    XX(MATRIX, matrix)                                                                                       \
     XX(RECONSTRUCTION_STEP, reconstruction_step)
 
 typedef enum qm_job_kind {
@@ -69,7 +73,8 @@ typedef enum qm_job_kind {
 typedef struct qm_job_type {
     const char *name;
     const char
-        *mesh_field[2]; /* fields of the request that name its meshes; [1] is NULL for a kind of one mesh */
+        *mesh_field[2]; /* fields of the request that name its meshes; [1] is NULL for a kind of one mesh, and
+                           both are for one of any number */
     bool is_pure;       /* the result depends on the request alone: that of an earlier job may be reused */
     bool is_anytime;    /* a search that is stopped has a result: the bounds that it has so far */
 } qm_job_type;
@@ -103,6 +108,17 @@ typedef struct qm_job_search {
                          const qm_hausdorff_options *options, qm_hausdorff_result *out);
     void *user;
 } qm_job_search;
+
+/** Who has the meshes of a matrix; set by the caller of qm_job_execute. A mesh stays in memory between the two calls, of
+ * which two or more may be open. A status other than QM_OK ends the job with it. */
+typedef struct qm_job_set {
+    qm_status (*acquire)(void *user, size_t index, const qm_loaded_mesh **out);
+    void (*release)(void *user, size_t index);
+    qm_matrix_progress_fn *progress; /* NULL: none */
+    const size_t
+        *same; /* of each mesh the first one with the same surface, or itself; NULL: none is known to */
+    void *user;
+} qm_job_set;
 
 /** A request; fields of other kinds keep their defaults. */
 typedef struct qm_job_request {
@@ -156,6 +172,14 @@ typedef struct qm_job_request {
     bool penetration;  /* collision: and how deep each is in the other */
     bool incremental;  /* self_collision: search only near vertices moved since the last search, if known */
 
+    /* matrix, whose a is the first of its meshes */
+    char (*meshes)[QM_ID_SIZE]; /* malloc'ed, owned by the request */
+    size_t mesh_count;
+    qm_matrix_want want;
+    size_t nearest;
+    double within;
+    const qm_job_set *set;
+
     /* reconstruction_step, whose a is the id of the reconstruction */
     qm_refine_goal goal; /* its hausdorff is computed from the fraction below when the job runs */
     double hausdorff_relative;
@@ -168,8 +192,11 @@ typedef struct qm_job_request {
  * Collisions: all pairs, 1000 of them listed. */
 qm_job_request qm_job_request_default(void);
 
-/** Frees the points. */
+/** Frees the points and the list of meshes. */
 void qm_job_request_reset(qm_job_request *request);
+
+/** Takes over what a request owns: the same request, and the other one owns nothing any more. */
+qm_job_request qm_job_request_take(qm_job_request *request);
 
 typedef struct qm_job_result {
     qm_job_kind kind;
@@ -204,6 +231,10 @@ typedef struct qm_job_result {
     qm_relation relation;                     /* with solid */
     qm_deviation_side a_inside_b, b_inside_a; /* with penetration: of A in B, and of B in A */
 
+    /* matrix */
+    qm_matrix matrix;
+    double *matrix_rows; /* two indices, lower and upper bound: matrix.pair_count */
+
     /* reconstruction_step */
     qm_refine_stop refine_stop;
     char mesh[QM_ID_SIZE]; /* the new mesh; set by the caller, with the counts and the records */
@@ -212,7 +243,7 @@ typedef struct qm_job_result {
 } qm_job_result;
 
 /**
- * Executes a request about one mesh or two (b is NULL for a kind of one). ctx carries threads and cancel flag; progress
+ * Executes a request about one mesh or two (b is NULL for a kind of one, and both are for one of a set). ctx carries threads and cancel flag; progress
  * may be NULL, and kinds without intermediate bounds do not call it.
  *
  * Returns QM_OK with a result for qm_job_result_reset in the same context, also if it was canceled with a partial
@@ -222,8 +253,8 @@ qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const q
                          const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress, void *progress_user,
                          qm_job_result *out);
 
-/** The array of a result that is too long for its document: a deviation's distances at A's vertices, or the faces of
- * all colliding pairs. NULL if the result has none. */
+/** The array of a result that is too long for its document: a deviation's distances at A's vertices, the faces of all
+ * colliding pairs, or the pairs of a matrix. NULL if the result has none. */
 const double *qm_job_result_array(const qm_job_result *result, size_t *count);
 
 void qm_job_result_reset(qm_context *ctx, qm_job_result *result);

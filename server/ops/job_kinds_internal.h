@@ -127,7 +127,8 @@ const qm_job_field *qm_job_find_field(const qm_job_field *fields, const char *na
 
 /* ---- what several kinds share ---- */
 
-/** The tolerance in the unit of the meshes. */
+/** The tolerance in the unit of the meshes, whose diagonal is this, or A's. */
+double qm_job_tolerance_of(const qm_job_request *request, double diagonal);
 double qm_job_tolerance(const qm_job_call *call);
 
 /** Adds the members tolerance and tolerance_unit; and accelerator, unless it is the default. */

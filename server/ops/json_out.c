@@ -131,7 +131,7 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     const qm_job_type *type = &hooks->type;
     qm_text_add_string(out, "{");
     qm_json_add_string(out, "type", type->name);
-    qm_json_add_string(out, type->mesh_field[0], request->a);
+    if (type->mesh_field[0]) qm_json_add_string(out, type->mesh_field[0], request->a);
     if (type->mesh_field[1]) qm_json_add_string(out, type->mesh_field[1], request->b);
     if (qm_job_find_field(hooks->fields, "quads"))
         qm_json_add_string(out, "quads", qm_quads_names[request->quads]);

@@ -67,7 +67,7 @@ static bool read_limits(const cJSON *value, qm_job_request *out, qm_json_locatio
     }
     return true;
 }
-_Static_assert(QM_JOB_MAX_LIMITS == 64 && QM_JOB_MAX_PLACES == 100.0, "the texts name the limits");
+_Static_assert(QM_JOB_MAX_LIMITS == 64 && QM_JOB_MAX_PLACES == 100, "the texts name the limits");
 
 static bool read_worst(const cJSON *value, qm_job_request *out, qm_json_location *at)
 {

@@ -3,6 +3,8 @@
  */
 #include "listed_pairs.h"
 
+#include <math.h>
+
 /** Numbers of the array of faces; one more than needed, so that the array is never empty. */
 static size_t face_capacity(const qm_listed_pairs *pairs)
 {
@@ -26,6 +28,10 @@ static qm_status list_pairs(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
     }
     for (size_t i = 0; i < listed; i++) {
         if (i % 1024 == 0 && qm_context_canceled(ctx)) return QM_E_CANCELED;
+        /* A point that is not known is written as null, with normals of 0: of patches at the very limit of the tolerance, which the search
+         * measures in another order. */
+        out->contacts[i] =
+            (qm_contact){.kind = QM_CONTACT_POINT, .point = {{NAN, NAN, NAN}, {NAN, NAN, NAN}}};
         qm_collide_contact(a, b, options, found->pairs[i], &out->contacts[i]);
     }
     return QM_OK;

@@ -1,7 +1,9 @@
 /**
  * store.c: the verbs of a store, each of which its driver does; and the rows that they give.
  */
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/metrics.h"
 #include "store_driver.h"
@@ -308,6 +310,15 @@ void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction)
     *reconstruction = (qm_store_reconstruction){0};
 }
 
+bool qm_store_next_subject(const char **rest, char out[QM_ID_SIZE])
+{
+    if (!*rest || !**rest) return false;
+    size_t length = strcspn(*rest, " ");
+    snprintf(out, QM_ID_SIZE, "%.*s", (int)length, *rest);
+    *rest += length + ((*rest)[length] != '\0');
+    return true;
+}
+
 /* ---- copies ---- */
 
 qm_stored qm_store_list_job_copies(qm_store *store, const qm_store_page *page, qm_store_job_copy *out,
@@ -326,6 +337,7 @@ void qm_store_job_copy_reset(qm_store_job_copy *copy)
 {
     qm_store_job_reset(&copy->job);
     free(copy->type);
+    free(copy->subjects);
     free(copy->revisions);
     *copy = (qm_store_job_copy){0};
 }

@@ -275,11 +275,11 @@ typedef struct qm_store_job {
     char *body;            /* the JSON of the request, to run it again after a restart */
     const char
         *type; /* of a row that is submitted: its kind, and the ids that its request names; NULL else */
-    const char *subjects[2];
-    char *created;  /* time of submission, RFC 3339 */
-    char *document; /* members of the job resource as of its end but for its result; NULL before */
-    char *result;   /* the result object; NULL when the job has none */
-    char *progress; /* of one that another node runs: members of its newest bounds, or NULL */
+    const char *subjects; /* separated by blanks; one may come twice */
+    char *created;        /* time of submission, RFC 3339 */
+    char *document;       /* members of the job resource as of its end but for its result; NULL before */
+    char *result;         /* the result object; NULL when the job has none */
+    char *progress;       /* of one that another node runs: members of its newest bounds, or NULL */
     qm_job_state state;
     int64_t sequence; /* order of creation; given by the store */
     int64_t restarts; /* number of times that it was claimed, and began again */
@@ -400,6 +400,9 @@ qm_stored qm_store_drop_old_jobs(qm_store *store, size_t kept, double kept_s, si
                                  char (*ids)[QM_ID_SIZE], size_t *count);
 qm_stored qm_store_delete_job(qm_store *store, const char *id);
 void qm_store_job_reset(qm_store_job *job);
+
+/** Takes the first subject off the rest of a list of them; false at its end. */
+bool qm_store_next_subject(const char **rest, char out[QM_ID_SIZE]);
 
 /* ---- the nodes of a shared store ---- */
 
@@ -550,9 +553,9 @@ qm_stored qm_store_visit_to_write(const char *address, const qm_store_node *self
 typedef struct qm_store_job_copy {
     qm_store_job job; /* without type and subjects; deaths as the next claim is to tell them */
     char *type;
-    char subjects[2][QM_ID_SIZE]; /* "": none */
-    char *revisions;              /* of its meshes; "" when it answers no later request */
-    int64_t claims; /* how often it was claimed; of an embedded store, once by each process that had it */
+    char *subjects;  /* separated by blanks; "" or NULL: none */
+    char *revisions; /* of its meshes; "" when it answers no later request */
+    int64_t claims;  /* how often it was claimed; of an embedded store, once by each process that had it */
 } qm_store_job_copy;
 
 qm_stored qm_store_list_job_copies(qm_store *store, const qm_store_page *page, qm_store_job_copy *out,

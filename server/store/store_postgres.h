@@ -54,6 +54,8 @@ void qm_postgres_add_repeated(qm_postgres_query *query);
 
 /** An array is written as text, element by element, and then added; qm_text_reset frees it. */
 void qm_postgres_write_text(qm_text *array, const char *text);
+/** Writes the subjects of a job, which are separated by blanks, each once. */
+void qm_postgres_write_subjects(qm_text *array, const char *subjects);
 void qm_postgres_write_integer(qm_text *array, int64_t number);
 void qm_postgres_add_array(qm_postgres_query *query, qm_text *array);
 

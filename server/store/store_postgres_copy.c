@@ -15,10 +15,9 @@ static bool read_job_copy(const qm_postgres_rows *rows, int row, void *out)
     qm_store_job_copy *copy = out;
     *copy = (qm_store_job_copy){.claims = qm_postgres_integer(rows, row, 14)};
     if (!qm_postgres_read_job(rows, row, &copy->job)) return false;
-    copy->job.is_canceled = !copy->job.document && qm_postgres_bool(rows, row, 17);
-    qm_postgres_read(rows, row, 15, copy->subjects[0], QM_ID_SIZE);
-    qm_postgres_read(rows, row, 16, copy->subjects[1], QM_ID_SIZE);
-    if (qm_postgres_copy(rows, row, 12, &copy->type) && qm_postgres_copy(rows, row, 13, &copy->revisions))
+    copy->job.is_canceled = !copy->job.document && qm_postgres_bool(rows, row, 16);
+    if (qm_postgres_copy(rows, row, 12, &copy->type) && qm_postgres_copy(rows, row, 13, &copy->revisions) &&
+        qm_postgres_copy(rows, row, 15, &copy->subjects))
         return true;
     qm_store_job_copy_reset(copy);
     return false;
@@ -36,8 +35,9 @@ qm_stored qm_postgres_list_job_copies(qm_store *store, const qm_store_page *page
     const qm_postgres_listing listing = {
         .select = "SELECT " QM_POSTGRES_JOB_COLUMNS ", j.type, j.revisions,"
                   " CASE WHEN j.document IS NULL THEN coalesce(r.epoch, q.epoch, 0) ELSE j.restarts + 1 END,"
-                  " s.subjects[1], s.subjects[2], j.cancel FROM quadmeshd.jobs j" QM_POSTGRES_JOB_PLACES
-                  " LEFT JOIN LATERAL (SELECT array_agg(subject) AS subjects FROM quadmeshd.job_subjects"
+                  " s.subjects, j.cancel FROM quadmeshd.jobs j" QM_POSTGRES_JOB_PLACES
+                  " LEFT JOIN LATERAL (SELECT string_agg(subject, ' ' ORDER BY subject) AS subjects FROM "
+                  "quadmeshd.job_subjects"
                   "   WHERE sequence = j.sequence) s ON true",
         .sequence = "j.sequence"};
     return qm_postgres_list_rows(store, &listing, page, &table, out, count);
@@ -91,8 +91,7 @@ qm_stored qm_postgres_put_job_copy(qm_store *store, const qm_store_job_copy *cop
         .is_relaxed = true};
     qm_postgres_events arrays = {0};
     qm_text subjects = {0};
-    for (int i = 0; i < 2; i++)
-        if (copy->subjects[i][0]) qm_postgres_write_text(&subjects, copy->subjects[i]);
+    qm_postgres_write_subjects(&subjects, copy->subjects);
     qm_postgres_write_events(&arrays, events, count);
     add_job(&query, copy);
     qm_postgres_add_array(&query, &subjects);

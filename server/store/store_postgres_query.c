@@ -86,6 +86,13 @@ void qm_postgres_write_text(qm_text *array, const char *text)
     qm_text_add_string(array, "\"");
 }
 
+void qm_postgres_write_subjects(qm_text *array, const char *subjects)
+{
+    char subject[QM_ID_SIZE];
+    while (qm_store_next_subject(&subjects, subject))
+        qm_postgres_write_text(array, subject);
+}
+
 void qm_postgres_write_integer(qm_text *array, int64_t number)
 {
     qm_text_printf(array, "%c%" PRId64, array->size > 0 ? ',' : '{', number);

@@ -88,8 +88,7 @@ static qm_stored submit(qm_store *store, const qm_store_submission *submission)
     char node[QM_NODE_NAME_SIZE + 16];
     qm_text subjects = {0};
     qm_postgres_name_node(store, node);
-    for (int i = 0; i < 2; i++)
-        if (job->subjects[i] && job->subjects[i][0]) qm_postgres_write_text(&subjects, job->subjects[i]);
+    qm_postgres_write_subjects(&subjects, job->subjects);
     qm_postgres_add_text(&query, job->id);
     qm_postgres_add_text(&query, job->key);
     qm_postgres_add_text(&query, job->idempotency_key);

@@ -123,7 +123,7 @@ qm_stored qm_sqlite_add_mesh(qm_store *store, const qm_store_mesh *mesh);
 qm_stored qm_sqlite_apply_effect(qm_store *store, const qm_store_effect *effect);
 bool qm_sqlite_add_array(qm_store *store, const char *job_id, const qm_store_array *array);
 /** The same: what the request of a job names; NULL and "" are nothing. */
-bool qm_sqlite_add_subjects(qm_store *store, const char *job_id, const char *const subjects[2]);
+bool qm_sqlite_add_subjects(qm_store *store, const char *job_id, const char *subjects);
 
 /** The columns of a job, and how they are read into a qm_store_job. */
 #define QM_SQLITE_JOB_COLUMNS                                                                                \

@@ -9,16 +9,6 @@
 
 /* ---- jobs ---- */
 
-/** Reads the subjects of a job, which are separated by blanks. */
-static void read_subjects(const char *text, char (*out)[QM_ID_SIZE])
-{
-    for (int i = 0; text && i < 2; i++) {
-        size_t length = strcspn(text, " ");
-        snprintf(out[i], QM_ID_SIZE, "%.*s", (int)length, text);
-        text = text[length] ? text + length + 1 : NULL;
-    }
-}
-
 static bool read_job_copy(sqlite3_stmt *statement, void *row)
 {
     qm_store_job_copy *out = row;
@@ -26,8 +16,9 @@ static bool read_job_copy(sqlite3_stmt *statement, void *row)
     if (!qm_sqlite_read_job(statement, &out->job)) return false;
     /* What the next process counts when it takes the job over (qm_sqlite_read_job). */
     out->job.deaths = out->job.document ? 0 : 1 + sqlite3_column_int64(statement, 10);
-    read_subjects((const char *)sqlite3_column_text(statement, 14), out->subjects);
-    if (qm_sqlite_copy_text(statement, 12, &out->type) && qm_sqlite_copy_text(statement, 13, &out->revisions))
+    if (qm_sqlite_copy_text(statement, 12, &out->type) &&
+        qm_sqlite_copy_text(statement, 13, &out->revisions) &&
+        qm_sqlite_copy_text(statement, 14, &out->subjects))
         return true;
     qm_store_job_copy_reset(out);
     return false;
@@ -93,13 +84,12 @@ static bool add_events(qm_store *store, const char *id, const qm_store_event *ev
 qm_stored qm_sqlite_put_job_copy(qm_store *store, const qm_store_job_copy *copy, const qm_store_event *events,
                                  size_t count, const qm_store_array *array)
 {
-    const char *const subjects[2] = {copy->subjects[0], copy->subjects[1]};
     if (!qm_space_has_room(store)) return QM_STORED_FULL;
     if (!qm_sqlite_begin_transaction(store)) return QM_STORED_FAULT;
     qm_stored stored = QM_STORED;
     if (!qm_sqlite_has_row(store, "SELECT 1 FROM jobs WHERE id = ?", copy->job.id)) {
         stored = add_job(store, copy);
-        bool added = stored == QM_STORED && qm_sqlite_add_subjects(store, copy->job.id, subjects) &&
+        bool added = stored == QM_STORED && qm_sqlite_add_subjects(store, copy->job.id, copy->subjects) &&
                      add_events(store, copy->job.id, events, count) &&
                      (!array || qm_sqlite_add_array(store, copy->job.id, array));
         if (stored == QM_STORED && !added) stored = QM_STORED_FAULT;

@@ -10,14 +10,14 @@
 
 static const char has_job[] = "SELECT 1 FROM jobs WHERE id = ?";
 
-bool qm_sqlite_add_subjects(qm_store *store, const char *job_id, const char *const subjects[2])
+bool qm_sqlite_add_subjects(qm_store *store, const char *job_id, const char *subjects)
 {
     sqlite3_stmt *statement = qm_sqlite_prepare(store, "INSERT OR IGNORE INTO job_subjects (job, subject)"
                                                        " SELECT sequence, ? FROM jobs WHERE id = ?");
     bool added = statement;
-    for (int i = 0; added && i < 2; i++) {
-        if (!subjects[i] || !subjects[i][0]) continue;
-        qm_sqlite_bind_text(statement, 1, subjects[i]);
+    char subject[QM_ID_SIZE];
+    while (added && qm_store_next_subject(&subjects, subject)) {
+        qm_sqlite_bind_text(statement, 1, subject);
         qm_sqlite_bind_text(statement, 2, job_id);
         added = qm_sqlite_run(store, statement);
     }

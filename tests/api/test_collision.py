@@ -109,6 +109,16 @@ def test_what_counts_as_self_collision(client, name):
     assert [row["faces"] for row in result["pairs"]] == [[0, 1]] * pairs
 
 
+@pytest.mark.parametrize("quads", ["triangles", "bilinear"])
+def test_a_mesh_against_itself_as_two(client, quads):
+    """Neighbours have an edge or a corner in common, which is a contact of two meshes; each contact has its points."""
+    mesh = client.upload(shapes.rough(2, seed=1), name="both")["id"]
+    result = ask(client, "collision", a=mesh, b=mesh, quads=quads)["result"]
+    assert result["count"] == 16  # of four quads around one vertex, each with each, and with itself
+    for pair in result["pairs"]:
+        assert all(isinstance(number, float | int) for point in pair["points"] for number in point)
+
+
 def test_incremental_is_a_full_run_while_nothing_has_moved(client, pair):
     job = ask(client, "self_collision", mesh=pair[1], incremental=True)
     assert job["request"]["incremental"] is True and job["result"]["incremental"] is False

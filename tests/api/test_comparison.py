@@ -1,6 +1,7 @@
 """Two meshes compared both ways: known values, exact ones, what is refused, and the names of the version before."""
 import math
 import random
+import time
 
 import pytest
 
@@ -159,3 +160,36 @@ def test_shifted_and_scaled_squares(client):
         assert holds(both["chamfer"]["l1"], 2 * height * size, 1e-5 * size), note
         assert holds(both["chamfer"]["l2"], 2 * (height * size) ** 2, 1e-4 * size ** 2), note
         assert [score["f"] for score in both["f_score"]] == [{"lower": 0, "upper": 0}, {"lower": 1, "upper": 1}], note
+
+
+def holds_for_one(one, other):
+    return one["lower"] <= (other["upper"] or math.inf) and other["lower"] <= (one["upper"] or math.inf)
+
+
+def test_a_canceled_job_keeps_its_intervals(client, slow_pair):
+    """However early it is canceled: at first they are those of the boxes, and later those of one direction."""
+    whole = None
+    for wait in (0, 0.1, 0.5, 2):
+        job = client.post("/v1/jobs", json={"type": "comparison", "a": slow_pair[0], "b": slow_pair[1], "accuracy": 1e-9,
+                                            "pieces": 10000000, "limits": [0.001, 1], "quads": "bilinear",
+                                            "worst": {"count": 3}}).json()
+        while client.get(f"/v1/jobs/{job['id']}").json()["state"] == "queued":
+            time.sleep(0.005)
+        time.sleep(wait)
+        assert client.delete(f"/v1/jobs/{job['id']}").status_code == 202
+        job = client.wait(job["id"])
+        assert job["state"] == "canceled", job
+        both = job["result"]["symmetric"]
+        whole = whole or both
+        for name in ("mean", "rms", "hausdorff", "hd95"):
+            assert both[name]["lower"] <= both[name]["upper"] and holds_for_one(both[name], whole[name])
+        for one, other in zip(both["f_score"], whole["f_score"], strict=True):
+            assert 0 <= one["f"]["lower"] <= one["f"]["upper"] <= 1 and holds_for_one(one["f"], other["f"])
+
+
+def test_a_deadline_leaves_intervals(client, slow_pair):
+    reply = client.post("/v1/jobs", json={"type": "comparison", "a": slow_pair[0], "b": slow_pair[1], "accuracy": 1e-9,
+                                          "pieces": 10000000, "deadline_ms": 300}, headers={"Prefer": "wait=60"})
+    job = reply.json()
+    assert job["state"] == "succeeded", job
+    assert job["result"]["accurate"] is False and job["result"]["symmetric"]["mean"]["upper"] > 0

@@ -23,6 +23,8 @@ static const char usage[] =
     "                                                               nearest points of a file of points\n"
     "       bench_engine refit MESH [--threads N]                   trees that follow moving vertices\n"
     "       bench_engine reconstruct SURFACE LAYOUT --count QUADS [--threads N]\n"
+    "       bench_engine matrix sizes|versions|any all|nearest|within --count N [--tolerance X]\n"
+    "                                                               all pairs of a set by formula\n"
     "       bench_engine collide A B [--turn X]                     pairs of faces that meet\n"
     "       bench_engine self MESH                                  the same of one mesh\n"
     "       bench_engine moved MESH                                 the same after a part of it has moved\n"
@@ -168,6 +170,8 @@ static bool run(const char *command, char **operands, int operand_count, setting
         question->path_a = first;
         question->path_b = second;
         bench_hausdorff(question);
+    } else if (strcmp(command, "matrix") == 0) {
+        bench_matrix(first, second, given->count, question->tolerance);
     } else if (strcmp(command, "project") == 0) {
         bench_project(first, second, question->accelerator, question->threads);
     } else if (strcmp(command, "reconstruct") == 0) {

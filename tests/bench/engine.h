@@ -106,6 +106,12 @@ void bench_refit(const char *path, int threads);
 /** Times the finding of regular patches and prints how many there are. */
 void bench_patches(const char *path);
 
+/**
+ * Times the distances of all pairs of so many meshes by formula, as a matrix and pair by pair, and prints how many pairs were
+ * searched. kind: sizes, versions, any; want: all, nearest, within.
+ */
+void bench_matrix(const char *kind, const char *want, size_t count, double tolerance);
+
 /** Times pairs of faces of a mesh that meet after a hundredth part of its vertices has moved. */
 void bench_moved(const char *path);
 

@@ -33,6 +33,7 @@ import bench_collide
 import bench_deviation
 import bench_files
 import bench_hausdorff
+import bench_matrix
 import bench_projection
 import bench_reconstruct
 import bench_service
@@ -48,7 +49,7 @@ import variants
 
 PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "files": bench_files,
          "project": bench_projection,
-         "collide": bench_collide, "deviation": bench_deviation,
+         "collide": bench_collide, "deviation": bench_deviation, "matrix": bench_matrix,
          "accelerators": bench_accelerators, "agreement": bench_agreement, "service": bench_service, "store": bench_store,
          "reconstruct": bench_reconstruct}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")

@@ -164,6 +164,25 @@ test("moved vertices make a revision; collisions and least distances follow", as
   assert(after.result.incremental && after.result.count > 0);
 });
 
+test("all pairs of a set, and two files of which nothing is kept", async () => {
+  const meshes = [];
+  for (const x of [0, 1, 3]) {
+    meshes.push((await client.meshes.create(off(moved(box(2), [x, 0, 0])), { name: "moved.off" })).mesh.id);
+  }
+  const { id, result } = await client.jobs.create({ type: "matrix", meshes, want: { nearest: 1 } }, { wait: 30 });
+  assert.deepEqual(result.nearest.map(([first]) => first.mesh), [1, 0, 1]);
+  const rows = await client.jobs.pairs(id);
+  assert.equal(rows.length, 12);
+  assert(rows[2] <= 1 && rows[3] >= 1 && rows[6] <= 3 && rows[7] >= 3);
+  const before = (await collect(client.meshes.list())).length;
+  const files = [0, 1].map((x) => new Blob([off(moved(box(2), [x, 0.5, 0]))]));
+  const answer = await client.jobs.compare(files[0], files[1], { quads: "bilinear" });
+  const { lower, upper } = answer.symmetric.hausdorff;
+  assert(lower <= 1 && upper >= 1 && answer.quads === "bilinear");
+  assert.equal((await collect(client.meshes.list())).length, before);
+  await assert.rejects(client.jobs.compare(files[0], new Blob(["no mesh"])), (error) => error instanceof ProblemError);
+});
+
 test("a layout is edited, undone, and grows into quads", async () => {
   const { mesh } = await client.meshes.create(off(ball(24)), { name: "ball.off" });
   const layout = await client.layouts.create({ mesh: mesh.id, ...ballLayout() });

@@ -7,6 +7,7 @@
 
 #include "base/json.h"
 #include "job/json_in.h"
+#include "ops/json_checks.h"
 #include "ops/json_layout.h"
 
 static const char *text;
@@ -87,6 +88,15 @@ static void read_reconstruction(void)
     check(qm_json_read_layout_choice(text, text_size, &out, &problem), &problem);
 }
 
+static void read_manifest(void)
+{
+    const qm_check_rule rule = qm_check_rule_default();
+    qm_check_list list = {0};
+    qm_problem problem = {0};
+    check(qm_checks_read(text, text_size, "folder/", &rule, &list, &problem), &problem);
+    qm_check_list_reset(&list);
+}
+
 static void read_as(char letter)
 {
     static const char edits[] = "spnrg"; /* in the order of qm_layout_edit_kind */
@@ -101,6 +111,8 @@ static void read_as(char letter)
         read_layout();
     else if (letter == 'c')
         read_reconstruction();
+    else if (letter == 'k')
+        read_manifest();
     else if (letter && edit)
         read_edit((qm_layout_edit_kind)(edit - edits));
 }

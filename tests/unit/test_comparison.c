@@ -412,7 +412,7 @@ static void one_soup(uint64_t seed, uint64_t stream, qm_quad_reading reading)
 static void random_soups_agree_with_cells(void **state)
 {
     (void)state;
-    uint64_t count = qm_check_long() ? 4000 : 60, seed = qm_check_seed();
+    uint64_t count = qm_check_long() ? 4000 : 40, seed = qm_check_seed();
     print_message("seed %llu\n", (unsigned long long)seed);
     for (uint64_t i = 0; i < count; i++)
         one_soup(seed, 6000000 + i, QM_QUADS_TRIANGLES);
@@ -421,7 +421,7 @@ static void random_soups_agree_with_cells(void **state)
 static void random_patches_agree_with_cells(void **state)
 {
     (void)state;
-    uint64_t count = qm_check_long() ? 200 : 8, seed = qm_check_seed();
+    uint64_t count = qm_check_long() ? 200 : 6, seed = qm_check_seed();
     print_message("seed %llu\n", (unsigned long long)seed);
     for (uint64_t i = 0; i < count; i++)
         one_soup(seed, 7000000 + i, QM_QUADS_BILINEAR);

@@ -250,7 +250,7 @@ static void test_expiry(void **state)
     assert_memory_equal(found.expires, past, 13); /* another clock gives other seconds */
     qm_store_mesh_reset(&found);
     qm_store_job job = make_job("j_a", NULL);
-    job.subjects[0] = "m_a", job.subjects[1] = "m_a";
+    job.subjects = "m_a m_a";
     assert_int_equal(submit(store, &job), QM_STORED);
     assert_int_equal(qm_store_find_expired_mesh(store, now, &found), QM_STORED_NONE);
     end_job(store, "j_a", "");
@@ -398,7 +398,7 @@ static void test_lists_of_jobs(void **state)
         snprintf(id, sizeof id, "j_%d", i);
         qm_store_job job = make_job(id, NULL);
         job.type = i % 3 ? "distance" : "collision";
-        job.subjects[0] = i % 2 ? "m_odd" : "m_even", job.subjects[1] = "m_all";
+        job.subjects = i % 2 ? "m_odd m_all" : "m_even m_all";
         assert_int_equal(submit(store, &job), QM_STORED);
         if (i < 5) end_job(store, id, "");
     }

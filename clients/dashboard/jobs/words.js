@@ -3,11 +3,12 @@
 import { count, length } from "../core/format.js";
 import { nameOf } from "../core/state.js";
 
-/** @import { CollisionResult, ComparisonResult, DeviationResult, Job, StepResult } from "../../js/types.js" */
+/** @import { CollisionResult, ComparisonResult, DeviationResult, Job, MatrixResult, StepResult } from "../../js/types.js" */
 
 const KINDS = /** @type {Record<string, string>} */ ({
   hausdorff: "Hausdorff distance", deviation: "Deviation", comparison: "Comparison", heatmap: "Heat map", project: "Nearest points", collision: "Collisions",
-  self_collision: "Self-collisions", distance: "Least distance", reconstruction_step: "Remeshing" });
+  self_collision: "Self-collisions", distance: "Least distance", reconstruction_step: "Remeshing",
+  matrix: "All pairs" });
 
 /** @param {Job} job */
 export function questionOf({ type, request }) {
@@ -20,6 +21,7 @@ export function questionOf({ type, request }) {
 /** @param {Job} job */
 export function meshesOf({ type, request, result }) {
   if (type === "reconstruction_step") return result ? nameOf(/** @type {StepResult} */ (result).mesh) : "";
+  if (type === "matrix") return `${count(request.mesh_count)} meshes`;
   return request.mesh ? nameOf(request.mesh) : `${nameOf(request.a)} → ${nameOf(request.b)}`;
 }
 
@@ -37,6 +39,10 @@ export function answerOf(job) {
   if (job.type.endsWith("collision") && job.result) {
     const { count: pairs } = /** @type {CollisionResult} */ (job.result);
     return pairs === 0 ? "no faces meet" : `${count(pairs)} pair${pairs === 1 ? "" : "s"} of faces meet`;
+  }
+  if (job.type === "matrix" && job.result) {
+    const { pair_count: pairs, searched_pairs: searched } = /** @type {MatrixResult} */ (job.result);
+    return `${count(pairs)} pairs, ${count(searched)} searched`;
   }
   if (job.type === "reconstruction_step" && job.result) return `${count(/** @type {StepResult} */ (job.result).quads)} quads`;
   const bounds = job.result ?? job.progress;

@@ -128,7 +128,7 @@ typedef struct qm_deviation {
     double bin_width;        /* max.upper / bin_count */
     qm_interval *share;      /* of A, within each limit, that distance included: 0 to 1 */
     double least;            /* no point of A is nearer to B than this */
-    /* the worst places, the first one the witness of the maximum; fewer than requested where there are no more, and none
+    /* the worst places, the first one the witness of the maximum; fewer than requested where no more are found, and none
        after a cancelation */
     qm_deviation_place *worst;
     size_t limit_count, worst_count;

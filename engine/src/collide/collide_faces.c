@@ -190,5 +190,9 @@ bool qm_collide_contact(const qm_mesh *a, const qm_mesh *b, const qm_collide_opt
 {
     QM_ASSERT(a && b && options && out);
     qm_collide_faces faces = {.mesh = {a, b}, .is_self = a == b};
+    if (qm_collide_faces_find_contact(&faces, options, pair, out)) return true;
+    if (a != b) return false;
+    /* A search of two meshes that are one also finds patches that have no more than a corner or an edge in common. */
+    faces.is_self = false;
     return qm_collide_faces_find_contact(&faces, options, pair, out);
 }

@@ -210,7 +210,7 @@ static qm_status prove_maximum(deviation_work *work, double x)
     bool is_proven = false;
     if (!(max->lower <= x && x < max->upper)) return QM_OK;
     qm_status status =
-        qm_hausdorff_prove_within(work->ctx, work->a, work->b, work->options->quads, x, &is_proven);
+        qm_hausdorff_prove_within(work->ctx, work->a, work->b, work->options->quads, x, INFINITY, &is_proven);
     if (is_proven) max->upper = x;
     return status;
 }

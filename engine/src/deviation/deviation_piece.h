@@ -5,6 +5,9 @@
  *   deviation_refine.c     the rounds: which pieces are cut next
  *   deviation_survey.c     totals, maximum and coarse distribution from the bounds of all pieces
  *   deviation_sum.c        percentiles and histogram
+ *   deviation_limits.c     shares within limits
+ *   deviation_worst.c      the worst places, apart by a radius
+ *   comparison.c           both directions, and the figures that join them
  *   deviation_piece.c      the shape of a piece; how one is bounded and split
  *   deviation_bound.c      its two functions
  *   deviation_cut.c        where it is cut

@@ -292,14 +292,14 @@ static bool set_same(const qm_search *search, qm_hausdorff_result *out)
 static qm_status decide_exactly(qm_context *ctx, const qm_search *search, qm_hausdorff_result *out)
 {
     const qm_hausdorff_options *options = search->options;
-    bool is_narrow =
-        out->stop == QM_STOP_CONVERGED || out->stop == QM_STOP_PRECISION || out->stop == QM_STOP_WORK;
+    bool is_narrow = out->stop == QM_STOP_CONVERGED || out->stop == QM_STOP_PRECISION;
+    double until_ms = options->deadline_ms > 0.0 ? search->start_ms + options->deadline_ms : INFINITY;
     bool is_open = options->threshold >= out->lower && options->threshold < out->upper;
     bool is_proven = is_narrow && is_open && !options->parts;
     qm_status status = QM_OK;
     for (int i = 0; status == QM_OK && is_proven && i < search->side_count; i++)
         status = qm_hausdorff_prove_within(ctx, search->side[i].source, search->side[i].target,
-                                           options->quads, options->threshold, &is_proven);
+                                           options->quads, options->threshold, until_ms, &is_proven);
     if (status == QM_E_CANCELED) out->stop = QM_STOP_CANCELED;
     if (status != QM_OK || !is_proven) return status == QM_E_CANCELED ? QM_OK : status;
     out->upper = options->threshold;

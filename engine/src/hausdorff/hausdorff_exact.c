@@ -13,6 +13,7 @@
 
 #include "bvh/bvh_tree.h"
 #include "bvh/kernel.h"
+#include "core/clock.h"
 #include "prim/reach.h"
 
 #define CANCEL_STRIDE 0x100
@@ -115,7 +116,7 @@ static bool is_face_near(const exact_proof *proof, const qm_mesh *mesh, size_t f
 }
 
 qm_status qm_hausdorff_prove_within(qm_context *ctx, const qm_bvh *source, const qm_bvh *target,
-                                    qm_quad_reading reading, double limit, bool *is_proven)
+                                    qm_quad_reading reading, double limit, double until_ms, bool *is_proven)
 {
     QM_ASSERT(ctx && source && target && limit >= 0.0 && is_proven);
     const exact_proof proof = {qm_kernel_get(), target, reading == QM_QUADS_BILINEAR, limit};
@@ -125,6 +126,7 @@ qm_status qm_hausdorff_prove_within(qm_context *ctx, const qm_bvh *source, const
     for (size_t i = 0; i < count; i++) {
         if (i % CANCEL_STRIDE == 0 && qm_context_canceled(ctx))
             return qm_context_fail(ctx, QM_E_CANCELED, "proof canceled");
+        if (i % CANCEL_STRIDE == 0 && qm_clock_ms() > until_ms) return QM_OK;
         if (!is_face_near(&proof, mesh, i)) return QM_OK;
     }
     *is_proven = true;

@@ -12,11 +12,12 @@
  * facet of the target that all of its corners are near to; a surface may be within the limit without one, so that false
  * proves nothing. It fails at the first face without such a facet, and takes a search and some exact tests for each of the others, as a rule.
  *
- * limit  >= 0, unit of the meshes
+ * limit     >= 0, unit of the meshes
+ * until_ms  when to give up, by the engine's clock; INFINITY: never
  *
  * Returns QM_OK; QM_E_CANCELED, and *is_proven is false.
  */
 qm_status qm_hausdorff_prove_within(qm_context *ctx, const qm_bvh *source, const qm_bvh *target,
-                                    qm_quad_reading reading, double limit, bool *is_proven);
+                                    qm_quad_reading reading, double limit, double until_ms, bool *is_proven);
 
 #endif

@@ -33,6 +33,8 @@ def map_body(context, body):
         for name in ("a", "b", "mesh"):
             if is_id(body.get(name)) and chance.random() < 0.9:
                 body[name] = chance.choice(MESHES)
+        if isinstance(body.get("meshes"), list) and chance.random() < 0.9:
+            body["meshes"] = [chance.choice(MESHES) if is_id(one) else one for one in body["meshes"]]
         if isinstance(body.get("pieces"), (int, float)) and body["pieces"] > 10000:
             body["pieces"] = 10000
     return body

@@ -1,0 +1,238 @@
+/**
+ * job_matrix.c: what a worker does with a matrix, a job on a set of meshes. It holds no more than two of them at a time, so that
+ * a set need not fit in memory: the others stay as long as the budget has room for them (mesh/meshes.h).
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+#include "base/json.h"
+#include "job_internal.h"
+
+#define EVENT_MS 100.0  /* between events */
+#define EVENT_PAIRS 64u /* in one event at most, the last ones */
+
+/** What is known of a mesh of the set. */
+typedef struct member {
+    qm_mesh_ref *ref; /* NULL while it is not held */
+    int holds;
+    bool is_seen;
+    uint64_t revision; /* once it was seen */
+} member;
+
+/** Pairs that were measured since the last event. */
+typedef struct pair_news {
+    size_t pair[EVENT_PAIRS][2];
+    size_t count; /* of all; those beyond the room have replaced the first ones */
+    double told_ms;
+} pair_news;
+
+typedef struct matrix_run {
+    qm_job *job;
+    member *members;
+    size_t *same;
+    pair_news news;
+    double start_ms;
+    qm_problem problem; /* why a mesh could not be had; with has_problem */
+    bool has_problem;
+} matrix_run;
+
+/* ---- the request ---- */
+
+/** Writes one text for the revisions of all meshes: a hash, as they may be many. False when out of memory. */
+static bool write_revisions(qm_text *listed, char out[QM_REVISIONS_SIZE])
+{
+    char hash[QM_HASH_SIZE];
+    bool is_written = !listed->failed;
+    if (is_written) {
+        qm_id_hash_text(listed->data, listed->size, hash);
+        snprintf(out, QM_REVISIONS_SIZE, "%.*s", QM_REVISIONS_SIZE - 1, hash);
+    }
+    qm_text_reset(listed);
+    return is_written;
+}
+
+static void add_revision(qm_text *listed, uint64_t revision)
+{
+    qm_text_printf(listed, "%llu ", (unsigned long long)revision);
+}
+
+static bool check_set(qm_jobs *jobs, const qm_job_request *request, char revisions[QM_REVISIONS_SIZE],
+                      qm_problem *problem)
+{
+    qm_text listed = {0};
+    for (size_t i = 0; i < request->mesh_count; i++) {
+        char field[32];
+        uint64_t revision;
+        snprintf(field, sizeof field, "meshes/%zu", i);
+        if (!qm_job_check_mesh(jobs, request->meshes[i], field, &revision, problem)) {
+            qm_text_reset(&listed);
+            return false;
+        }
+        add_revision(&listed, revision);
+    }
+    if (write_revisions(&listed, revisions)) return true;
+    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
+    return false;
+}
+
+/* ---- meshes ---- */
+
+/** A reference to a mesh. One that is not in memory is read without a worker. */
+static qm_mesh_ref *take(matrix_run *run, const char *id)
+{
+    qm_meshes *meshes = run->job->jobs->meshes;
+    bool loads = !qm_meshes_has_loaded(meshes, id);
+    qm_mesh_ref *ref;
+    if (loads) qm_scheduler_leave(run->job->turn);
+    do
+        ref = qm_meshes_acquire(meshes, id, &run->problem);
+    while (!ref && loads && qm_job_outlasts(run->job, &run->problem));
+    if (loads) qm_scheduler_return(run->job->turn);
+    return ref;
+}
+
+static qm_status fail(matrix_run *run, qm_status status)
+{
+    run->has_problem = true;
+    return status;
+}
+
+static qm_status acquire(void *user, size_t index, const qm_loaded_mesh **out)
+{
+    matrix_run *run = user;
+    member *own = &run->members[index];
+    const char *id = run->job->request.meshes[index];
+    if (!own->ref) own->ref = take(run, id);
+    if (!own->ref) return fail(run, QM_E_EMPTY);
+    *out = qm_mesh_ref_get(own->ref);
+    own->holds++;
+    if (!own->is_seen) own->revision = (*out)->revision;
+    own->is_seen = true;
+    if (own->revision == (*out)->revision) return QM_OK;
+    own->holds--;
+    qm_meshes_release(run->job->jobs->meshes, own->ref);
+    own->ref = NULL;
+    run->problem =
+        qm_problem_make(QM_PROBLEM_CONFLICT, "mesh %s was deformed while its pairs were measured", id);
+    return fail(run, QM_E_ARGUMENT);
+}
+
+static void release(void *user, size_t index)
+{
+    matrix_run *run = user;
+    member *own = &run->members[index];
+    QM_ASSERT(own->holds > 0);
+    if (--own->holds > 0) return;
+    qm_meshes_release(run->job->jobs->meshes, own->ref);
+    own->ref = NULL;
+}
+
+/** The row of a mesh, as far as it says what the surface is. */
+typedef struct content {
+    char hash[QM_HASH_SIZE], positions[QM_HASH_SIZE];
+    int format;
+} content;
+
+/** Finds the meshes that are made of the same bytes in the same format. One whose row cannot be read equals none. */
+static bool find_same(const qm_job *job, size_t *same)
+{
+    const qm_job_request *request = &job->request;
+    content *rows = calloc(request->mesh_count, sizeof *rows);
+    if (!rows) return false;
+    for (size_t i = 0; i < request->mesh_count; i++) {
+        qm_store_mesh row;
+        bool is_read = qm_store_find_mesh(job->jobs->store, request->meshes[i], &row) == QM_STORED;
+        same[i] = i;
+        if (!is_read) continue;
+        memcpy(rows[i].hash, row.hash, sizeof row.hash);
+        memcpy(rows[i].positions, row.positions, sizeof row.positions);
+        rows[i].format = row.format;
+        qm_store_mesh_reset(&row);
+        for (size_t k = 0; k < i && same[i] == i; k++)
+            if (rows[k].format == rows[i].format && strcmp(rows[k].hash, rows[i].hash) == 0 &&
+                strcmp(rows[k].positions, rows[i].positions) == 0)
+                same[i] = same[k];
+    }
+    free(rows);
+    return true;
+}
+
+/* ---- events ---- */
+
+static void tell(matrix_run *run, const qm_matrix *matrix)
+{
+    pair_news *news = &run->news;
+    qm_jobs *jobs = run->job->jobs;
+    qm_text out = {0};
+    qm_json_add_ms(&out, "elapsed_ms", qm_clock_now_ms() - run->start_ms);
+    qm_json_add_count(&out, "pair_count", matrix->pair_count);
+    qm_json_add_count(&out, "searched_pairs", matrix->searched);
+    qm_json_add_count(&out, "bounded_pairs", matrix->bounded);
+    qm_json_add_count(&out, "searches", matrix->searches);
+    qm_json_open(&out, "pairs", "[");
+    for (size_t i = news->count > EVENT_PAIRS ? news->count - EVENT_PAIRS : 0; i < news->count; i++) {
+        const size_t *at = news->pair[i % EVENT_PAIRS];
+        size_t pair = qm_matrix_pair(matrix->count, at[0], at[1]);
+        const double row[] = {(double)at[0], (double)at[1], matrix->lower[pair], matrix->upper[pair]};
+        qm_json_add_array(&out, row, 4);
+    }
+    qm_text_add_string(&out, "]");
+    news->count = 0;
+    news->told_ms = qm_clock_now_ms();
+    char *members = qm_text_take(&out);
+    if (!members) return;
+    uv_mutex_lock(&jobs->lock);
+    qm_job_add_event(run->job, "pairs", members);
+    uv_mutex_unlock(&jobs->lock);
+    free(members);
+}
+
+static void on_pair(void *user, const qm_matrix *matrix, size_t a, size_t b)
+{
+    matrix_run *run = user;
+    size_t *at = run->news.pair[run->news.count++ % EVENT_PAIRS];
+    at[0] = a;
+    at[1] = b;
+    if (!run->job->on_end && qm_clock_now_ms() - run->news.told_ms >= EVENT_MS) tell(run, matrix);
+}
+
+/* ---- running ---- */
+
+/** The revisions that the result is of. */
+static bool note_revisions(matrix_run *run)
+{
+    qm_text listed = {0};
+    for (size_t i = 0; i < run->job->request.mesh_count; i++)
+        add_revision(&listed, run->members[i].revision);
+    return write_revisions(&listed, run->job->revisions);
+}
+
+static void run_set(qm_job *job)
+{
+    size_t count = job->request.mesh_count;
+    matrix_run run = {.job = job,
+                      .members = calloc(count, sizeof *run.members),
+                      .same = calloc(count, sizeof *run.same),
+                      .start_ms = qm_clock_now_ms()};
+    run.news.told_ms = run.start_ms;
+    qm_context ctx;
+    qm_job_request request = qm_job_begin_run(job, &ctx);
+    qm_job_result result;
+    qm_status status = QM_E_NO_MEMORY;
+    if (run.members && run.same && find_same(job, run.same)) {
+        const qm_job_set set = {acquire, release, on_pair, run.same, &run};
+        request.set = &set;
+        status = qm_job_execute(&ctx, &request, NULL, NULL, NULL, NULL, &result);
+        if (status == QM_OK && !note_revisions(&run))
+            job->revisions[0] = '\0'; /* no answer for a later request */
+    } else {
+        qm_context_fail(&ctx, QM_E_NO_MEMORY, "out of memory for the job");
+    }
+    qm_job_end_run(job, &ctx, status, &result, run.has_problem ? &run.problem : NULL);
+    free(run.members);
+    free(run.same);
+}
+
+const qm_job_runner qm_job_matrix_runner = {check_set, run_set};
