@@ -630,7 +630,7 @@ qm_status qm_deviation_sides_init(qm_context *ctx, const qm_deviation_options *o
     qm_signed_deviation *figures = &out->sides;
     const qm_interval max = {0.0, out->max.upper}, size = {0.0, out->size.upper};
     *figures = (qm_signed_deviation){.is_proven = options->sign != QM_SIGN_NORMAL,
-                                     .mean = {-out->mean.upper, out->mean.upper},
+                                     .mean = {0.0 - out->mean.upper, out->mean.upper},
                                      .front = {.max = max, .size = size},
                                      .behind = {.max = max, .size = size},
                                      .open_size = out->size.upper,
@@ -646,7 +646,7 @@ qm_status qm_deviation_sides_init(qm_context *ctx, const qm_deviation_options *o
 /** A mean that is positive inside. */
 static void turn_mean(const qm_deviation_options *options, qm_interval *mean)
 {
-    if (options->sign == QM_SIGN_INSIDE) *mean = (qm_interval){-mean->upper, -mean->lower};
+    if (options->sign == QM_SIGN_INSIDE) *mean = (qm_interval){0.0 - mean->upper, 0.0 - mean->lower};
 }
 
 qm_status qm_deviation_sides_measure(qm_deviation_sides *sides, qm_deviation *out)
