@@ -20,7 +20,7 @@ ROOMS = {
     'engine/src/core': '',
     'engine/src/prim': 'core',
     'engine/src/bvh': 'core prim',
-    'engine/src/mesh': 'core bvh',
+    'engine/src/mesh': 'core prim bvh',
     'engine/src/hausdorff': 'core prim bvh',
     'engine/src/deviation': 'core prim bvh hausdorff',
     'engine/src/collide': 'core prim bvh',

@@ -212,7 +212,14 @@ static void load_and_ask(check_run *run)
         conclude_problem(&run->verdict, check->path[failed], &problem);
         return;
     }
-    ask_all(run);
+    qm_notes notes[2] = {0};
+    qm_problem units;
+    for (int side = 0; side < 2; side++)
+        memcpy(notes[side].unit, run->mesh[side].unit, sizeof notes[side].unit);
+    if (qm_job_check_units(notes, &units))
+        ask_all(run);
+    else
+        conclude_problem(&run->verdict, run->check->path[1], &units);
     cli_unload_pair(&run->ctx, run->mesh);
 }
 

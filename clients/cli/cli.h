@@ -7,6 +7,7 @@
 #include <stdatomic.h>
 #include <stdio.h>
 
+#include "base/json.h"
 #include "ops/json_out.h"
 
 /** As those of diff, grep and cmp: NO is the other answer, beyond a limit or colliding; 2 is trouble of any kind. */
@@ -108,6 +109,9 @@ typedef int cli_finish_fn(const void *user, const cli_job *job, const cli_job_ou
 /** Loads the meshes, runs the job, and calls finish with its outcome. Returns the exit status. */
 int cli_run_job(const cli_job *job, cli_finish_fn *finish, const void *user);
 
+/** Prints what a result says of the true surfaces, of the figure with this prefix ("" or "max."), and its warnings. */
+void cli_print_notes(const qm_json *result, const char *prefix);
+
 /* ---- sessions (session.c) ----
  *
  * A connection to a daemon, which uploads files, runs jobs, and reads streamed results. Failures are reported as by
@@ -118,8 +122,10 @@ int cli_run_job(const cli_job *job, cli_finish_fn *finish, const void *user);
 cli_session *cli_session_open(const char *server, bool as_json);
 void cli_session_close(cli_session *session);
 
-/** Uploads a file; writes the id of its mesh, and the diagonal of its box unless that is NULL. */
-bool cli_session_upload(cli_session *session, const char *path, char id[QM_ID_SIZE], double *diagonal);
+/** Uploads a file with notes, of which unset ones are the file's; writes the id of its mesh, and the diagonal of its box
+ * unless that is NULL. */
+bool cli_session_upload(cli_session *session, const char *path, const qm_notes *notes, char id[QM_ID_SIZE],
+                        double *diagonal);
 
 /**
  * Runs a job to its end and returns the result object as the daemon wrote it, for the caller to free; NULL after a

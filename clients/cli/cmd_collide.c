@@ -19,6 +19,7 @@ static void print_distance(const qm_json *result)
     double lower = qm_json_get_number(result, "lower"), upper = qm_json_get_number(result, "upper");
     printf("Least distance, quads as %s\n", qm_json_get_string(result, "quads"));
     printf("  lower    %.17g\n  upper    %.17g\n", lower, upper);
+    cli_print_notes(result, "");
     printf("  between  face %.0f of a and face %.0f of b\n", qm_json_get_number(result, "witness.from.face"),
            qm_json_get_number(result, "witness.to.face"));
     if (qm_json_is_true(result, "collides")) puts("  the surfaces meet");
@@ -188,14 +189,16 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_SERVER(&job.server),
-        {.name = "limit",
+        CLI_OPTIONS_NOTES(request), /* of two meshes, */
+        {.name = "limit",           /* and of distances */
          .value = "X",
          .type = CLI_NUMBER,
          .target = &request->threshold,
          .help = "stop once it is certain whether the distance is above X, in the unit of the meshes"}};
     bool is_distance = kind == QM_JOB_DISTANCE;
     size_t skipped = is_distance ? 6 : kind == QM_JOB_COLLISION ? 0 : 2;
-    size_t count = sizeof options / sizeof *options - skipped - (is_distance ? 0 : 1);
+    size_t left_out = is_distance ? 0 : kind == QM_JOB_SELF_COLLISION ? 3 : 1;
+    size_t count = sizeof options / sizeof *options - skipped - left_out;
     int status;
     if (!cli_read_options(command, options + skipped, count, argc, argv, job.path, &status)) return status;
     if (!job.server) request->threads = cli_count_threads(request->threads);

@@ -110,6 +110,7 @@ static void print_text(const cli_job *job, const qm_json *result)
 {
     char name[CLI_BOUND_SIZE], path[64];
     printf("A  %s\nB  %s\nquads as %s\n", job->path[0], job->path[1], qm_json_get_string(result, "quads"));
+    cli_print_notes(result, "symmetric.hausdorff.");
     print_measures(result);
     printf("\n  %-*s%-*s  %s\n", NAME_WIDTH, "", CELL_WIDTH, "A to B", "B to A");
     print_row(result, "hausdorff", "hausdorff", format_length);
@@ -195,6 +196,7 @@ static int run(int argc, char **argv)
                        "of A's box\n(default 1e-6)"),
         CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
         CLI_OPTION_PERCENTILES(request, "50,95,99"),
+        CLI_OPTIONS_NOTES(request),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_SERVER(&job.server)};

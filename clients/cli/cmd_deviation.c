@@ -118,6 +118,7 @@ static void print_text(const cli_job *job, const qm_json *result)
     print_interval(result, "mean");
     print_interval(result, "rms");
     print_interval(result, "max");
+    cli_print_notes(result, "max.");
     char path[64], low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE], name[32];
     for (size_t i = 0; i < job->request.percentile_count; i++) {
         snprintf(path, sizeof path, "percentiles.%zu.percent", i);
@@ -355,6 +356,7 @@ static int run(int argc, char **argv)
          .read = read_bands,
          .target = request,
          .help = "ranges of signed distances FROM:TO, separated by commas: which share of A is in each"},
+        CLI_OPTIONS_NOTES(request),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_PROGRESS(&job.shows_progress),

@@ -26,6 +26,7 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
             printf("  relative %s to %s of the diagonal of A\n",
                    cli_format_bound(qm_json_get_number(result, "lower_relative"), false, low),
                    cli_format_bound(relative, true, high));
+        cli_print_notes(result, "");
         if (qm_json_has(result, "witness"))
             printf("  farthest on face %.0f of %s, nearest to it face %.0f of %s\n",
                    qm_json_get_number(result, "witness.from.face"),
@@ -87,6 +88,7 @@ static int run(int argc, char **argv)
          .max = QM_JOB_MAX_MEMORY,
          .target = &request->memory_limit,
          .help = "max bytes of the search's queue (default 1 GiB); it stops there with the interval reached"},
+        CLI_OPTIONS_NOTES(request),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_ACCELERATOR(&request->accelerator),
         {.name = "bounds",

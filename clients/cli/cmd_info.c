@@ -7,6 +7,36 @@
 #include "base/host.h"
 #include "options.h"
 
+/** One figure, or both where quads have another one as patches. */
+static void print_extent(const char *name, const qm_interval by_reading[2], bool has_quads)
+{
+    char low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
+    for (int reading = 0; reading < (has_quads ? 2 : 1); reading++)
+        printf("%s%s to %s%s", reading == 0 ? name : ", ",
+               cli_format_bound(by_reading[reading].lower, false, low),
+               cli_format_bound(by_reading[reading].upper, true, high),
+               !has_quads     ? ""
+               : reading == 0 ? " of triangles"
+                              : " of bilinear quads");
+    putchar('\n');
+}
+
+/** Whether the surface is closed, which way its faces run, and how large it is. */
+static void print_surface(const qm_loaded_mesh *mesh)
+{
+    const qm_mesh_facts *facts = &mesh->facts;
+    printf("  surface    %s, %s, Euler number %td", facts->watertight ? "closed" : "not closed",
+           facts->winding_consistent ? "consistently oriented" : "not consistently oriented",
+           facts->euler_number);
+    if (facts->genus != QM_NO_GENUS) printf(", genus %zu", facts->genus);
+    if (facts->boundary_loops > 0) printf(", %zu boundary loops", facts->boundary_loops);
+    printf("\n  doubtful   %zu faces without area, %zu duplicate faces\n", mesh->extent.degenerate_faces,
+           facts->duplicate_faces);
+    print_extent("  area       ", mesh->extent.area, facts->quads > 0);
+    if (facts->watertight && facts->winding_consistent)
+        print_extent("  volume     ", mesh->extent.volume, facts->quads > 0);
+}
+
 static int run(int argc, char **argv)
 {
     bool as_json = false;
@@ -18,8 +48,11 @@ static int run(int argc, char **argv)
     int status;
     if (!cli_read_options(&cmd_info, options, 1, argc, argv, &path, &status)) return status;
     qm_context ctx = qm_host_context();
-    const qm_preparation all = {
-        .has_facts = true, .has_patches = true, .parts = QM_BVH_ALL, .thread_count = cli_count_threads(0)};
+    const qm_preparation all = {.has_facts = true,
+                                .has_extent = true,
+                                .has_patches = true,
+                                .parts = QM_BVH_ALL,
+                                .thread_count = cli_count_threads(0)};
     qm_loaded_mesh mesh;
     if (!cli_load_mesh(&ctx, path, as_json, &all, &mesh)) return EXIT_BAD_INPUT;
     if (as_json) {
@@ -38,6 +71,7 @@ static int run(int argc, char **argv)
         printf("  topology   %zu components, %zu boundary edges, %zu irregular vertices, %s\n",
                facts->components, facts->boundary_edges, facts->irregular_vertices,
                facts->manifold ? "manifold" : "not manifold");
+        if (mesh.mesh.face_count > 0) print_surface(&mesh);
         if (mesh.patches.patch_count > 0) {
             qm_regular_patch largest = qm_loaded_mesh_largest_patch(&mesh);
             printf("  patches    %zu regular ones, the largest %u x %u\n", mesh.patches.patch_count,

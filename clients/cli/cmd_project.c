@@ -137,7 +137,7 @@ static bool project_on_server(const project_options *options, point_list *points
     cli_session *session = cli_session_open(options->server, options->as_json);
     char id[QM_ID_SIZE], path[160], threads[24] = "";
     if (options->threads > 0) snprintf(threads, sizeof threads, "&threads=%d", options->threads);
-    bool is_done = session && cli_session_upload(session, options->mesh, id, NULL);
+    bool is_done = session && cli_session_upload(session, options->mesh, &(qm_notes){0}, id, NULL);
     if (is_done) {
         snprintf(path, sizeof path, "/v1/meshes/%s/project?quads=%s&accelerator=%s%s", id,
                  qm_quads_names[options->quads], qm_accelerator_names[options->accelerator], threads);

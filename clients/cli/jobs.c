@@ -84,6 +84,19 @@ static cli_bar make_bar(const cli_job *job, double diagonal)
     return cli_bar_make(job->request.tolerance * (is_absolute ? 1.0 : diagonal), job->shows_progress);
 }
 
+void cli_print_notes(const qm_json *result, const char *prefix)
+{
+    char path[48], low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
+    snprintf(path, sizeof path, "%sof_true.lower", prefix);
+    double lower = qm_json_get_number(result, path);
+    snprintf(path, sizeof path, "%sof_true.upper", prefix);
+    if (qm_json_has(result, path))
+        printf("  true     %s to %s between the true surfaces\n", cli_format_bound(lower, false, low),
+               cli_format_bound(qm_json_get_number(result, path), true, high));
+    const char *warning = qm_json_get_string(result, "warnings.0");
+    if (warning) printf("  warning  %s\n", warning);
+}
+
 /* ---- in this process ---- */
 
 static void on_progress(void *user, const qm_hausdorff_progress *progress)
@@ -98,7 +111,15 @@ static int run_loaded(const cli_job *job, const qm_loaded_mesh *a, const qm_load
     ctx.cancel = &cli_interrupted;
     cli_bar bar = make_bar(job, a->diagonal);
     qm_job_result result;
-    qm_status status = qm_job_execute(&ctx, &job->request, a, b, on_progress, &bar, &result);
+    qm_job_request request = job->request;
+    qm_problem problem;
+    if (!request.notes[0].unit[0]) memcpy(request.notes[0].unit, a->unit, sizeof a->unit);
+    if (b && !request.notes[1].unit[0]) memcpy(request.notes[1].unit, b->unit, sizeof b->unit);
+    if (b && !qm_job_check_units(request.notes, &problem)) {
+        cli_report(job->path[1], &problem, job->as_json);
+        return EXIT_BAD_INPUT;
+    }
+    qm_status status = qm_job_execute(&ctx, &request, a, b, on_progress, &bar, &result);
     cli_bar_clear(&bar);
     if (status != QM_OK) {
         /* A fault of one of two meshes names it. */
@@ -151,8 +172,9 @@ int cli_run_job(const cli_job *job, cli_finish_fn *finish, const void *user)
         cli_session *session = cli_session_open(job->server, job->as_json);
         qm_job_request request = job->request;
         double diagonal = 0.0;
-        bool is_ready = session && cli_session_upload(session, job->path[0], request.a, &diagonal) &&
-                        (!job->path[1] || cli_session_upload(session, job->path[1], request.b, NULL));
+        bool is_ready =
+            session && cli_session_upload(session, job->path[0], &request.notes[0], request.a, &diagonal) &&
+            (!job->path[1] || cli_session_upload(session, job->path[1], &request.notes[1], request.b, NULL));
         char *json = is_ready ? cli_session_run_job(session, &request, make_bar(job, diagonal)) : NULL;
         const cli_job_output output = {.json = json, .session = session};
         if (json) status = finish(user, job, &output);

@@ -48,6 +48,27 @@ static void print_usage(FILE *file, const cli_command *command, const cli_option
 
 /* ---- values ---- */
 
+bool cli_read_unit(const char *text, void *request)
+{
+    qm_notes *notes = ((qm_job_request *)request)->notes;
+    if (qm_notes_set_unit(&notes[0], text) && qm_notes_set_unit(&notes[1], text)) return true;
+    fprintf(stderr, "quadmesh: --unit takes " QM_NOTES_UNITS ", got \"%s\"\n", text);
+    return false;
+}
+
+bool cli_read_uncertainty(const char *text, void *request)
+{
+    qm_notes *notes = ((qm_job_request *)request)->notes;
+    char first[32];
+    const char *comma = strchr(text, ',');
+    snprintf(first, sizeof first, "%.*s", comma ? (int)(comma - text) : (int)strlen(text), text);
+    if (qm_notes_set_uncertainty(&notes[0], first) &&
+        qm_notes_set_uncertainty(&notes[1], comma ? comma + 1 : first))
+        return true;
+    fprintf(stderr, "quadmesh: --uncertainty takes one or two numbers of 0 or more, got \"%s\"\n", text);
+    return false;
+}
+
 static bool read_value(const cli_option *option, const char *text)
 {
     char *end;

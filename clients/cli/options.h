@@ -19,7 +19,8 @@ typedef struct cli_command {
 } cli_command;
 
 extern const cli_command cmd_hausdorff, cmd_deviation, cmd_project, cmd_distance, cmd_collide,
-    cmd_self_collide, cmd_info, cmd_patches, cmd_reconstruct, cmd_compare, cmd_check, cmd_matrix, cmd_heatmap;
+    cmd_self_collide, cmd_info, cmd_quality, cmd_patches, cmd_reconstruct, cmd_compare, cmd_check, cmd_matrix,
+    cmd_heatmap;
 
 typedef enum cli_option_type {
     CLI_FLAG,     /* bool: set */
@@ -74,6 +75,23 @@ typedef struct cli_option {
         .target = (address),                                                                                 \
         .help = "threads (default: one for each processor; with --server the daemon decides)"                \
     }
+/** Of kinds about two meshes: what is known of both besides their files. */
+#define CLI_OPTIONS_NOTES(request)                                                                           \
+    {.name = "unit",                                                                                         \
+     .value = "U",                                                                                           \
+     .type = CLI_CUSTOM,                                                                                     \
+     .read = cli_read_unit,                                                                                  \
+     .target = (request),                                                                                    \
+     .help = "unit of both files, whatever they say: um, mm, cm, m, in or ft"},                              \
+    {                                                                                                        \
+        .name = "uncertainty", .value = "X[,Y]", .type = CLI_CUSTOM, .read = cli_read_uncertainty,           \
+        .target = (request),                                                                                 \
+        .help = "the true surfaces are within X of both files, or within X of A and Y of B:\n"               \
+                "also bounds that hold for these"                                                            \
+    }
+bool cli_read_unit(const char *text, void *request);
+bool cli_read_uncertainty(const char *text, void *request);
+
 #define CLI_OPTION_JSON(address)                                                                             \
     {                                                                                                        \
         .name = "json", .type = CLI_FLAG, .target = (address),                                               \

@@ -279,14 +279,21 @@ static void report_document(const cli_session *session, const char *path, const 
 
 /* ---- what a session offers ---- */
 
-bool cli_session_upload(cli_session *session, const char *path, char id[QM_ID_SIZE], double *diagonal)
+bool cli_session_upload(cli_session *session, const char *path, const qm_notes *notes, char id[QM_ID_SIZE],
+                        double *diagonal)
 {
     size_t size;
     uint8_t *bytes = cli_read_file(path, &size, session->as_json);
     if (!bytes) return false;
     char target[1024];
     char *name = session->curl->easy_escape(session->handle, cli_base_name(path), 0);
-    snprintf(target, sizeof target, "/v1/meshes?name=%s", name ? name : "");
+    size_t used = (size_t)snprintf(target, sizeof target, "/v1/meshes?name=%.900s", name ? name : "");
+    char number[QM_NUMBER_SIZE];
+    if (notes->unit[0])
+        used += (size_t)snprintf(target + used, sizeof target - used, "&unit=%s", notes->unit);
+    if (notes->uncertainty > 0.0)
+        snprintf(target + used, sizeof target - used, "&uncertainty=%s",
+                 qm_text_number(notes->uncertainty, number));
     session->curl->free(name);
     long status = transfer(session, target, bytes, size, "Accept: application/json",
                            "Content-Type: application/octet-stream");

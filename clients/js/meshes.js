@@ -4,7 +4,7 @@ import { readPages } from "./pages.js";
 import { readRows } from "./stream.js";
 import { uploadWithProgress } from "./upload.js";
 
-/** @import { Accelerator, Format, Mesh, Patches, Point, QuadReading } from "./types.js" */
+/** @import { Accelerator, Format, Mesh, Patches, Point, QuadReading, QualitySummary, Unit } from "./types.js" */
 /** @import { Transport } from "./transport.js" */
 /** @import { OnProgress } from "./upload.js" */
 
@@ -21,15 +21,18 @@ export class Meshes {
   }
 
   /**
-   * Uploads a file. The same bytes with the same name and format give the same mesh again.
+   * Uploads a file. The same bytes with the same name, format and notes give the same mesh again.
    * @param {Blob | ArrayBuffer | Uint8Array<ArrayBuffer> | string} file the raw bytes
-   * @param {{ name?: string, format?: Format, ttlSeconds?: number, onProgress?: OnProgress,
-   *   signal?: AbortSignal }} [options] ttlSeconds: after which the mesh is removed; onProgress is called where the
+   * @param {{ name?: string, format?: Format, ttlSeconds?: number, unit?: Unit, uncertainty?: number, labels?: string[],
+   *   onProgress?: OnProgress, signal?: AbortSignal }} [options] ttlSeconds: after which the mesh is removed; onProgress is called where the
    *   platform reports it: in a browser
    * @returns {Promise<{ mesh: Mesh, isNew: boolean }>}
    */
-  async create(file, { name, format, ttlSeconds, onProgress, signal } = {}) {
-    const query = { name, format, ttl_seconds: ttlSeconds?.toString() };
+  async create(file, { name, format, ttlSeconds, unit, uncertainty, labels, onProgress, signal } = {}) {
+    const query = {
+      name, format, ttl_seconds: ttlSeconds?.toString(), unit, uncertainty: uncertainty?.toString(),
+      labels: labels?.length ? labels.join(",") : undefined,
+    };
     const headers = { "Content-Type": "application/octet-stream", Accept: "application/json" };
     if (onProgress && globalThis.XMLHttpRequest) {
       const body = file instanceof Blob ? file : new Blob([file]);
@@ -43,7 +46,7 @@ export class Meshes {
   /**
    * All meshes that pass the filters, in order of creation.
    * @param {{ pageSize?: number, order?: "oldest" | "newest", name?: string, content_hash?: string,
-   *   signal?: AbortSignal }} [options]
+   *   label?: string, signal?: AbortSignal }} [options]
    * @returns {AsyncGenerator<Mesh, void>}
    */
   list(options = {}) {
@@ -60,6 +63,20 @@ export class Meshes {
   }
 
   /**
+   * Changes what is known of the mesh; what is not given stays.
+   * @param {string} id
+   * @param {{ unit?: Unit | null, uncertainty?: number | null, labels?: string[] | null, ttl_seconds?: number | null }} change
+   * @param {{ ifMatch?: string, signal?: AbortSignal }} [options]
+   * @returns {Promise<Mesh>}
+   */
+  change(id, change, { ifMatch, signal } = {}) {
+    return this.transport.json(pathOf(id), {
+      method: "PATCH", body: JSON.stringify(change), signal,
+      headers: { "Content-Type": "application/json", "If-Match": ifMatch },
+    });
+  }
+
+  /**
    * Sets how long the mesh lives from now on; null: for good.
    * @param {string} id
    * @param {number | null} ttlSeconds
@@ -67,10 +84,7 @@ export class Meshes {
    * @returns {Promise<Mesh>}
    */
   setTtl(id, ttlSeconds, { ifMatch, signal } = {}) {
-    return this.transport.json(pathOf(id), {
-      method: "PATCH", body: JSON.stringify({ ttl_seconds: ttlSeconds }), signal,
-      headers: { "Content-Type": "application/json", "If-Match": ifMatch },
-    });
+    return this.change(id, { ttl_seconds: ttlSeconds }, { ifMatch, signal });
   }
 
   /**
@@ -100,6 +114,27 @@ export class Meshes {
    */
   patches(id, { signal } = {}) {
     return this.transport.json(`${pathOf(id)}/patches`, { signal });
+  }
+
+  /**
+   * The shape of the faces by metrics of finite elements: all of them summed up.
+   * @param {string} id
+   * @param {{ signal?: AbortSignal }} [options]
+   * @returns {Promise<{ metrics: QualitySummary[] }>}
+   */
+  quality(id, { signal } = {}) {
+    return this.transport.json(`${pathOf(id)}/quality`, { signal });
+  }
+
+  /**
+   * One metric with a value for each face, which is null where the face has none.
+   * @param {string} id
+   * @param {string} metric
+   * @param {{ signal?: AbortSignal }} [options]
+   * @returns {Promise<QualitySummary & { values: (number | null)[] }>}
+   */
+  qualityOfFaces(id, metric, { signal } = {}) {
+    return this.transport.json(`${pathOf(id)}/quality`, { query: { metric }, signal });
   }
 
   /**

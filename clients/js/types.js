@@ -11,13 +11,22 @@
 /** @typedef {{ type: string, title: string, status: number, code: string, detail: string, instance?: string,
  *   errors?: ProblemPlace[] }} Problem */
 
+/** @typedef {"um" | "mm" | "cm" | "m" | "in" | "ft"} Unit */
+/** @typedef {{ lower: number, upper: number | null, bilinear?: { lower: number, upper: number | null } }} Extent */
 /** @typedef {{ id: string, name: string, kind: "triangles" | "quads" | "mixed" | "points", format: Format,
  *   vertices: number, faces: { triangles: number, quads: number, polygons: number }, irregular_vertices: number,
  *   has_normals?: boolean, disc_radius?: number,
  *   patches: number, largest_patch: { rows: number, columns: number } | null, boundary_edges: number,
- *   components: number, manifold: boolean, bounding_box: { min: Point, max: Point, diagonal: number },
+ *   components: number, manifold: boolean, watertight?: boolean, winding_consistent?: boolean, edges?: number,
+ *   boundary_loops?: number, euler_number?: number | null, genus?: number | null, degenerate_faces?: number,
+ *   duplicate_faces?: number, area?: Extent | null, volume?: Extent | null, bounding_box: { min: Point, max: Point, diagonal: number },
  *   size_bytes: number, memory_bytes: number, prepare_ms: Record<string, number>, revision: number,
- *   content_hash: string, created: string, expires_at?: string, warnings: string[] }} Mesh */
+ *   content_hash: string, created: string, expires_at?: string, warnings: string[], unit: Unit | null, uncertainty: number,
+ *   labels: string[] }} Mesh */
+
+/** @typedef {{ metric: string, faces: number, undefined: number, minimum: number | null, minimum_face: number | null,
+ *   maximum: number | null, maximum_face: number | null, mean: number | null,
+ *   percentiles: { percent: number, value: number }[] }} QualitySummary */
 
 /** @typedef {{ rows: number, columns: number, faces: number[] }} Patch */
 /** @typedef {{ patch_count: number, irregular_vertices: number, patches: Patch[] }} Patches */
@@ -59,13 +68,14 @@
  *   iterations: number, projections: number, max_queue: number, prepare_ms: { a: number, b: number },
  *   elapsed_ms: number, converged: boolean,
  *   stopped_by: "converged" | "threshold" | "deadline" | "canceled" | "precision" | "work" | "memory",
- *   verdict: "above" | "below" | null }} HausdorffResult */
+ *   verdict: "above" | "below" | null, of_true?: TrueInterval, warnings?: string[] }} HausdorffResult */
 /** @typedef {{ distance: number, distance_relative: number | null, point: Point, face: number, patch?: number,
  *   uv: [number, number] }} Foot */
 /** @typedef {{ quads: QuadReading, point_count: number, points: Foot[], prepare_ms: number,
  *   elapsed_ms: number }} ProjectResult */
 /** @typedef {{ lower: number, upper: number }} Interval */
-/** @typedef {Interval & { lower_relative: number | null, upper_relative: number | null }} LengthInterval */
+/** @typedef {{ lower: number, upper: number | null, lower_relative: number | null, upper_relative: number | null }} TrueInterval */
+/** @typedef {Interval & { lower_relative: number | null, upper_relative: number | null, of_true?: TrueInterval }} LengthInterval */
 /** @typedef {{ max: LengthInterval, size: Interval,
  *   witness?: { from: SurfacePoint, to: SurfacePoint } }} DeviationSide */
 /** @typedef {{ sign: "outside" | "inside" | "normal", proven: boolean, mean: Interval, outside: DeviationSide,

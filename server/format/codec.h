@@ -5,6 +5,7 @@
 #ifndef QM_CODEC_H
 #define QM_CODEC_H
 
+#include "base/notes.h"
 #include "qm/mesh.h"
 
 /**
@@ -65,6 +66,7 @@ typedef struct qm_codec_report {
     char detail[QM_CODEC_DETAIL_SIZE]; /* UTF-8, one sentence; of the file it has printable words only */
     char warnings[QM_CODEC_WARNING_COUNT][QM_CODEC_DETAIL_SIZE];
     size_t warning_count;
+    char unit[QM_UNIT_SIZE]; /* of the coordinates, where format or file tell; "" else */
 } qm_codec_report;
 
 /**

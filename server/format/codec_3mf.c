@@ -359,6 +359,15 @@ static void add_component(reader *r, const char **attributes)
     }
 }
 
+/** The unit by the name that a model has for it. */
+static void set_unit(qm_codec_report *report, const char *name)
+{
+    static const char *const names[][2] = {{"micron", "um"}, {"millimeter", "mm"}, {"centimeter", "cm"},
+                                           {"meter", "m"},   {"inch", "in"},       {"foot", "ft"}};
+    for (size_t i = 0; i < sizeof names / sizeof *names; i++)
+        if (strcmp(name, names[i][0]) == 0) snprintf(report->unit, sizeof report->unit, "%s", names[i][1]);
+}
+
 static void on_model_element(reader *r, const char *name, const char **attributes)
 {
     if (strcmp(name, "vertex") == 0 && r->has_object) {
@@ -377,6 +386,7 @@ static void on_model_element(reader *r, const char *name, const char **attribute
         const char *unit = find(attributes, "unit");
         char shown[QM_SCAN_SHOWN_SIZE];
         check_extensions(r, find(attributes, "requiredextensions"));
+        if (r->part == 0) set_unit(r->report, unit ? unit : "millimeter");
         if (unit && r->part == 0 && strcmp(unit, "millimeter") != 0)
             qm_codec_warn(r->report, "the unit of the file is the %s: coordinates are kept as they are",
                           qm_scan_show((const uint8_t *)unit, strlen(unit), shown));

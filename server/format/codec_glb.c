@@ -709,6 +709,8 @@ qm_status qm_codec_decode_glb(qm_builder *builder, const uint8_t *bytes, size_t 
     builder->report->offset = reader.json.offset;
     status = qm_gltf_parse(builder, reader.json.bytes, reader.json.size, &reader.gltf);
     if (status == QM_OK) status = read_scene(&reader);
+    /* By the format, all lengths are metres. */
+    memcpy(builder->report->unit, "m", sizeof "m");
     qm_gltf_free(builder->ctx, &reader.gltf);
     return status;
 }

@@ -82,56 +82,54 @@ static bool check_type(const char *type, qm_problem *problem)
     return false;
 }
 
-/** Makes a request of a job of the options: its meshes get names, and its type the default. What is no JSON stays as it is, so
- * that its fault is found where it is. NULL with a problem. */
-static char *write_request(const char *options, qm_problem *problem)
+/** The options as a request of a job: its meshes get names, and its type the default. NULL: out of memory. */
+static char *write_request(const char *options, bool has_type)
 {
-    qm_json *given = qm_json_parse(options);
+    const char *rest = strchr(options, '{') + 1;
+    bool is_empty = rest[strspn(rest, " \t\r\n")] == '}';
     qm_text out = {0};
-    bool is_right = !given || check_type(qm_json_get_string(given, "type"), problem);
-    if (is_right && given) {
-        const char *rest = strchr(options, '{') + 1;
-        bool is_empty = rest[strspn(rest, " \t\r\n")] == '}';
-        qm_text_printf(&out, "{\"a\":\"a\",\"b\":\"b\"%s%s",
-                       qm_json_has(given, "type") ? "" : ",\"type\":\"comparison\"", is_empty ? "" : ",");
-        qm_text_add_string(&out, rest);
-    } else if (is_right) {
-        qm_text_add_string(&out, options);
-    }
-    qm_json_free(given);
-    char *text = is_right ? qm_text_take(&out) : NULL;
-    if (is_right && !text)
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the options");
-    return text;
+    qm_text_printf(&out, "{\"a\":\"a\",\"b\":\"b\"%s%s", has_type ? "" : ",\"type\":\"comparison\"",
+                   is_empty ? "" : ",");
+    qm_text_add_string(&out, rest);
+    return qm_text_take(&out);
 }
 
 /** The text of the options, for free(); NULL with a problem when it is no object. */
 static char *copy_options(const comparison *parts, qm_problem *problem)
 {
     const qm_multipart_part *options = parts->options;
-    if (!options) return strdup("{}");
-    char *text = malloc(options->size + 1);
+    size_t size = options ? options->size : strlen("{}");
+    char *text = malloc(size + 1);
     if (!text) {
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the options");
         return NULL;
     }
-    memcpy(text, parts->body + options->offset, options->size);
-    text[options->size] = '\0';
-    if (strlen(text) == options->size && text[strspn(text, " \t\r\n")] == '{') return text;
+    memcpy(text, options ? (const char *)parts->body + options->offset : "{}", size);
+    text[size] = '\0';
+    if (strlen(text) == size && text[strspn(text, " \t\r\n")] == '{') return text;
     free(text);
     reject(problem, "options", "must be a JSON object");
     return NULL;
 }
 
-/** Reads what is asked: a job of two meshes. False with a problem. */
+/** Reads what is asked: a job of two meshes. What is no JSON is read as it is, so that its fault is found where it is. False with a
+ * problem. */
 static bool read_request(const comparison *parts, qm_job_request *out, qm_problem *problem)
 {
     char *options = copy_options(parts, problem);
     if (!options) return false;
-    char *text = write_request(options, problem);
+    qm_json *given = qm_json_parse(options);
+    bool is_json = given != NULL,
+         is_right = !is_json || check_type(qm_json_get_string(given, "type"), problem);
+    char *text = is_json ? write_request(options, qm_json_has(given, "type")) : strdup(options);
+    qm_json_free(given);
     free(options);
-    bool is_read = text && qm_json_read_job(text, strlen(text), out, problem);
+    bool is_read = is_right && text && qm_json_read_job(text, strlen(text), out, problem);
+    /* What can be parsed now, and could not before, had no memory. */
+    bool had_no_memory =
+        is_right && !is_read && (!text || (!is_json && problem->code == QM_PROBLEM_INVALID_FIELD));
     free(text);
+    if (had_no_memory) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the options");
     out->a[0] = out->b[0] = '\0'; /* the meshes have no ids */
     return is_read;
 }

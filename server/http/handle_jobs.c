@@ -43,9 +43,11 @@ static double preferred_wait(const qm_request *request)
 static void reply_job(qm_request *request, int status, qm_job *job, bool is_cached)
 {
     qm_jobs *jobs = qm_request_app(request)->jobs;
-    char *document = qm_job_document(jobs, job, is_cached);
+    if (qm_request_wants_id(request))
+        qm_reply_id(request, status, qm_job_id(job));
+    else
+        qm_reply_text(request, status, QM_MEDIA_JSON, qm_job_document(jobs, job, is_cached));
     qm_jobs_release(jobs, job);
-    qm_reply_text(request, status, "application/json", document);
 }
 
 static void reply_when_done(qm_request *request, qm_job *job, double wait_s, int status_before)

@@ -1,5 +1,5 @@
 /**
- * handle_meshes.c: meshes as a resource: upload, list, document, time to live, removal, and the next revision of one
+ * handle_meshes.c: meshes as a resource: upload, list, document, time to live and notes, removal, and the next revision of one
  * (PATCH /v1/meshes/{id}/vertices).
  */
 #include <stdio.h>
@@ -74,15 +74,61 @@ static bool read_ttl(const qm_request *request, double *ttl_s, qm_problem *probl
     return false;
 }
 
-/** Adds the resource of a mesh: its document, and when it expires. */
+/** Reads ?unit=, ?uncertainty= and ?labels=, which is separated by commas and becomes a list to be freed. */
+static bool read_notes(const qm_request *request, qm_notes *notes, char **labels, qm_problem *problem)
+{
+    const char *unit = qm_request_query(request, "unit"),
+               *uncertainty = qm_request_query(request, "uncertainty");
+    qm_text list = {0};
+    *notes = (qm_notes){0};
+    if (unit && !qm_notes_set_unit(notes, unit)) {
+        *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`unit` must be " QM_NOTES_UNITS);
+        return false;
+    }
+    if (uncertainty && !qm_notes_set_uncertainty(notes, uncertainty)) {
+        *problem =
+            qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`uncertainty` must be a number of 0 or more");
+        return false;
+    }
+    for (const char *label = qm_request_query(request, "labels"); label; label = strchr(label, ',')) {
+        if (*label == ',') label++;
+        if (!qm_mesh_add_label(&list, label, strcspn(label, ","))) {
+            qm_text_reset(&list);
+            *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`labels` " QM_MESH_LABELS);
+            return false;
+        }
+    }
+    *labels = list.size > 0 ? qm_text_take(&list) : NULL;
+    return true;
+}
+
+/** Adds the labels of a row, which stand between line feeds, as an array. */
+static void add_labels(qm_text *out, const char *labels)
+{
+    qm_json_open(out, "labels", "[");
+    for (const char *at = labels; *at && at[1]; at += 1 + strcspn(at + 1, "\n")) {
+        char label[QM_MESH_LABEL_SIZE];
+        snprintf(label, sizeof label, "%.*s", (int)strcspn(at + 1, "\n"), at + 1);
+        qm_json_add_comma(out);
+        qm_json_add_quoted(out, label);
+    }
+    qm_text_add_string(out, "]");
+}
+
+/** Adds the resource of a mesh: its document, and what of it may change. */
 static void add_mesh(qm_text *out, const qm_store_mesh *mesh)
 {
     size_t length = strlen(mesh->document);
     QM_ASSERT(length > 2 && mesh->document[length - 1] == '}');
-    if (mesh->expires[0])
-        qm_text_printf(out, "%.*s,\"expires_at\":\"%s\"}", (int)(length - 1), mesh->document, mesh->expires);
+    qm_text_add(out, mesh->document, length - 1);
+    if (mesh->notes.unit[0])
+        qm_json_add_string(out, "unit", mesh->notes.unit);
     else
-        qm_text_add(out, mesh->document, length);
+        qm_json_add_word(out, "unit", "null");
+    qm_json_add_number(out, "uncertainty", mesh->notes.uncertainty);
+    add_labels(out, mesh->labels);
+    if (mesh->expires[0]) qm_json_add_string(out, "expires_at", mesh->expires);
+    qm_text_add_string(out, "}");
 }
 
 /** Whether a body whose Content-Encoding is gzip is so: else a proxy may have inflated it and left the header. */
@@ -99,12 +145,17 @@ static bool check_packed(const qm_blob_writer *upload, qm_problem *problem)
     return is_packed;
 }
 
+/** The resource, or the id alone where that is what the client asks for. */
 static void reply_mesh(qm_request *request, int status, qm_store_mesh *mesh)
 {
     qm_reply_header(request, "Location", "/v1/meshes/%s", mesh->id);
-    qm_text out = {0};
-    add_mesh(&out, mesh);
-    qm_reply_text(request, status, "application/json", qm_text_take(&out));
+    if (qm_request_wants_id(request)) {
+        qm_reply_id(request, status, mesh->id);
+    } else {
+        qm_text out = {0};
+        add_mesh(&out, mesh);
+        qm_reply_text(request, status, QM_MEDIA_JSON, qm_text_take(&out));
+    }
     qm_store_mesh_reset(mesh);
 }
 
@@ -112,28 +163,30 @@ void qm_handle_mesh_create(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
     qm_problem problem;
-    const char *name;
-    qm_format format;
+    qm_mesh_options options = {0};
     qm_store_mesh mesh;
     bool is_new;
-    double ttl_s;
+    char *labels = NULL;
     if (atomic_load(&app->draining)) {
         problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping and takes no new meshes");
         qm_reply_problem(request, &problem);
         return;
     }
-    if (!read_format(request, &format, &problem) || !read_name(request, &name, &problem) ||
-        !read_ttl(request, &ttl_s, &problem)) {
+    if (!read_format(request, &options.format, &problem) || !read_name(request, &options.name, &problem) ||
+        !read_ttl(request, &options.ttl_s, &problem) ||
+        !read_notes(request, &options.notes, &labels, &problem)) {
         qm_reply_problem(request, &problem);
         return;
     }
+    options.labels = labels;
     qm_blob_writer *upload = qm_request_take_upload(request);
-    if (qm_request_is_packed(request) && !check_packed(upload, &problem)) {
+    bool is_added = false;
+    if (qm_request_is_packed(request) && !check_packed(upload, &problem))
         qm_blob_abort(upload);
-        qm_reply_problem(request, &problem);
-        return;
-    }
-    if (!qm_meshes_add(app->meshes, upload, name, format, ttl_s, &mesh, &is_new, &problem)) {
+    else
+        is_added = qm_meshes_add(app->meshes, upload, &options, &mesh, &is_new, &problem);
+    free(labels);
+    if (!is_added) {
         qm_reply_problem(request, &problem);
         return;
     }
@@ -152,7 +205,8 @@ void qm_handle_mesh_list(qm_request *request)
     qm_store_page asked = page;
     asked.limit++; /* one more says whether there is a next page */
     const qm_store_mesh_filter filter = {qm_request_query(request, "name"),
-                                         qm_request_query(request, "content_hash")};
+                                         qm_request_query(request, "content_hash"),
+                                         qm_request_query(request, "label")};
     qm_store_mesh *rows = calloc(asked.limit, sizeof *rows);
     size_t count = 0;
     qm_stored stored =
@@ -191,11 +245,13 @@ void qm_handle_mesh_patch(qm_request *request)
     size_t size;
     const char *body = qm_request_body(request, &size);
     qm_problem problem;
-    double ttl_s;
+    qm_mesh_change change;
     qm_store_mesh mesh;
-    if (!qm_json_read_lifetime(body, size, &ttl_s, &problem) ||
-        !qm_meshes_set_ttl(qm_request_app(request)->meshes, qm_request_id(request), ttl_s,
-                           qm_request_header(request, "If-Match"), &mesh, &problem)) {
+    bool is_changed = qm_json_read_mesh_change(body, size, &change, &problem) &&
+                      qm_meshes_change(qm_request_app(request)->meshes, qm_request_id(request), &change,
+                                       qm_request_header(request, "If-Match"), &mesh, &problem);
+    free(change.labels);
+    if (!is_changed) {
         qm_reply_problem(request, &problem);
         return;
     }

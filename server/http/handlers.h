@@ -15,6 +15,7 @@ void qm_handle_mesh_delete(qm_request *request);
 void qm_handle_mesh_content(qm_request *request);
 void qm_handle_mesh_vertices(qm_request *request);
 void qm_handle_mesh_patches(qm_request *request);
+void qm_handle_mesh_quality(qm_request *request);
 void qm_handle_mesh_deform(qm_request *request);
 void qm_handle_mesh_project(qm_request *request);
 

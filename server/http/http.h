@@ -66,6 +66,7 @@ void qm_request_client(const qm_request *request, char out[QM_CLIENT_SIZE]);
 
 /** The media type that the client prefers among those of the route (media.h). */
 #define QM_MEDIA_JSON "application/json"
+#define QM_MEDIA_TEXT "text/plain"
 #define QM_MEDIA_BINARY "application/octet-stream"
 #define QM_MEDIA_CSV "text/csv"
 #define QM_MEDIA_NDJSON "application/x-ndjson"
@@ -77,6 +78,10 @@ void qm_request_set_media(qm_request *request, const char *media);
 
 /** The rows of that type; JSON for every other. */
 qm_array_format qm_request_rows(const qm_request *request);
+
+/** True when the client asks for the id of what it makes alone, and a reply with it, which a shell takes as it is. */
+bool qm_request_wants_id(const qm_request *request);
+void qm_reply_id(qm_request *request, int status, const char *id);
 
 /** Reads a query parameter that is one of a NULL-ended list and writes its index; 0 when it is absent. False,
  * and a problem is the reply, for any other value. */

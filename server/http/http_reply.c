@@ -45,6 +45,13 @@ void qm_reply_text(qm_request *request, int status, const char *content_type, ch
     qm_reply_problem(request, &problem);
 }
 
+void qm_reply_id(qm_request *request, int status, const char *id)
+{
+    qm_text text = {0};
+    qm_text_printf(&text, "%s\n", id);
+    qm_reply_text(request, status, QM_MEDIA_TEXT, qm_text_take(&text));
+}
+
 void qm_reply_static(qm_request *request, int status, const char *content_type, const char *body)
 {
     set_reply(request, status, content_type, (void *)(uintptr_t)body, strlen(body), MHD_RESPMEM_PERSISTENT);

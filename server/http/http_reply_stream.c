@@ -264,8 +264,13 @@ bool qm_reply_check_awaited(qm_request *request)
     request->awaited = NULL;
     bool ended;
     char *document = qm_job_document_now(jobs, job, &ended);
+    int status = ended ? 200 : request->status_before;
+    if (qm_request_wants_id(request))
+        qm_reply_id(request, status, qm_job_id(job));
+    else
+        qm_reply_text(request, status, QM_MEDIA_JSON, document);
+    if (qm_request_wants_id(request)) free(document);
     qm_jobs_release(jobs, job);
-    qm_reply_text(request, ended ? 200 : request->status_before, "application/json", document);
     return true;
 }
 

@@ -107,6 +107,11 @@ qm_array_format qm_request_rows(const qm_request *request)
     return strcmp(request->media, QM_MEDIA_CSV) == 0 ? QM_ARRAY_CSV : QM_ARRAY_JSON;
 }
 
+bool qm_request_wants_id(const qm_request *request)
+{
+    return request->media && strcmp(request->media, QM_MEDIA_TEXT) == 0; /* a DELETE has none */
+}
+
 const char *qm_request_body(const qm_request *request, size_t *size)
 {
     *size = request->body.size;

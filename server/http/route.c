@@ -9,6 +9,7 @@
 #include "handlers.h"
 
 static const char *const json[] = {"application/json", NULL};
+static const char *const json_or_id[] = {"application/json", QM_MEDIA_TEXT, NULL};
 static const char *const files[] = {
 #define XX(number, suffix, name, media, magic) media,
     QM_FORMAT_MAP(XX)
@@ -18,23 +19,27 @@ static const char *const rows[] = {QM_MEDIA_BINARY, QM_MEDIA_CSV, QM_MEDIA_JSON,
 static const char *const object_or_rows[] = {QM_MEDIA_JSON, QM_MEDIA_BINARY, QM_MEDIA_CSV, NULL};
 static const char *const events[] = {QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
 static const char *const lines[] = {QM_MEDIA_NDJSON, NULL};
-static const char *const job_or_events[] = {"application/json", QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
+static const char *const job_or_events[] = {"application/json", QM_MEDIA_NDJSON, QM_MEDIA_SSE, QM_MEDIA_TEXT,
+                                            NULL};
 
 static const char *const no_query[] = {NULL};
-static const char *const mesh_list_query[] = {"limit", "cursor", "order", "name", "content_hash", NULL};
+static const char *const mesh_list_query[] = {"limit",        "cursor", "order", "name",
+                                              "content_hash", "label",  NULL};
 static const char *const job_list_query[] = {"limit", "cursor", "order",          "state",
                                              "type",  "mesh",   "reconstruction", NULL};
 static const char *const list_query[] = {"limit", "cursor", "order", "mesh", NULL};
-static const char *const upload_query[] = {"name", "format", "ttl_seconds", NULL};
+static const char *const upload_query[] = {"name",        "format", "ttl_seconds", "unit",
+                                           "uncertainty", "labels", NULL};
 static const char *const format_query[] = {"format", NULL};
 static const char *const content_query[] = {"format", "quantization", NULL};
+static const char *const quality_query[] = {"metric", NULL};
 static const char *const rows_query[] = {"dtype", NULL};
 static const char *const project_query[] = {"dtype", "quads", "order", "threads", "accelerator", NULL};
 static const char *const delete_query[] = {"job", NULL};
 static const char *const events_query[] = {"after", NULL};
 
 static const qm_route routes[] = {
-    {"POST", "/v1/meshes", QM_SCOPE_WRITE, qm_handle_mesh_create, json, QM_BODY_FILE, QM_LANE_DECODE,
+    {"POST", "/v1/meshes", QM_SCOPE_WRITE, qm_handle_mesh_create, json_or_id, QM_BODY_FILE, QM_LANE_DECODE,
      upload_query},
     {"GET", "/v1/meshes", QM_SCOPE_READ, qm_handle_mesh_list, json, QM_BODY_NONE, QM_LANE_SHORT,
      mesh_list_query},
@@ -48,6 +53,8 @@ static const qm_route routes[] = {
      QM_LANE_DOWNLOAD, content_query},
     {"GET", "/v1/meshes/{id}/patches", QM_SCOPE_READ, qm_handle_mesh_patches, json, QM_BODY_NONE,
      QM_LANE_DOWNLOAD, no_query},
+    {"GET", "/v1/meshes/{id}/quality", QM_SCOPE_READ, qm_handle_mesh_quality, object_or_rows, QM_BODY_NONE,
+     QM_LANE_DOWNLOAD, quality_query},
     {"GET", "/v1/meshes/{id}/vertices", QM_SCOPE_READ, qm_handle_mesh_vertices, rows, QM_BODY_NONE,
      QM_LANE_DOWNLOAD, no_query},
     {"PATCH", "/v1/meshes/{id}/vertices", QM_SCOPE_WRITE, qm_handle_mesh_deform, json, QM_BODY_SPOOL,

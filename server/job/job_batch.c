@@ -224,7 +224,9 @@ static bool queue_line(batch_line *line, qm_job_request *request)
 /** Answers a request from the store or queues it; false with a problem. */
 static bool take_request(batch_line *line, qm_job_request *request, qm_problem *problem)
 {
-    char *key = qm_job_make_key(request), revisions[QM_REVISIONS_SIZE];
+    char revisions[QM_REVISIONS_SIZE];
+    if (!qm_job_resolve(line->batch->jobs, request, problem)) return false;
+    char *key = qm_job_make_key(request);
     *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the job could not be queued");
     bool is_pure = qm_job_type_of(request->kind)->is_pure;
     bool taken = key &&

@@ -17,7 +17,7 @@
 #include "job.h"
 
 #define MS_PER_S 1e3
-#define QM_REVISIONS_SIZE 44 /* two numbers of up to 20 digits */
+#define QM_REVISIONS_SIZE 128 /* of two meshes, with their notes: all that changes answers about them */
 
 /** Never changed, and alive as long as its job: a holder of a reference to the job may read it without the
  * lock. */
@@ -168,6 +168,12 @@ bool qm_job_enqueue(qm_jobs *jobs, qm_job *job);
 bool qm_job_enqueue_locked(qm_job *job); /* the same for a caller who holds the lock */
 void qm_job_withdraw(qm_jobs *jobs, qm_job *job);
 
+/** True for a request that names a mesh by the hash of its file. */
+bool qm_job_names_hash(const qm_job_request *request);
+
+/** Puts ids in the place of such hashes. False with a problem. */
+bool qm_job_resolve(qm_jobs *jobs, qm_job_request *request, qm_problem *problem);
+
 /** What a kind of job works on decides how the daemon checks its request and runs it. */
 typedef struct qm_job_runner {
     /** False with a problem when something that the request names does not exist; else writes the revisions
@@ -310,8 +316,8 @@ qm_job_request qm_job_begin_run(qm_job *job, qm_context *ctx);
 void qm_job_end_run(qm_job *job, qm_context *ctx, qm_status status, qm_job_result *result,
                     const qm_problem *fault);
 
-/** Finds the revision of a mesh; false with a problem, which names the field of the request. */
-bool qm_job_check_mesh(qm_jobs *jobs, const char *id, const char *field, uint64_t *revision,
+/** Finds the revision and the notes of a mesh; false with a problem, which names the field of the request. */
+bool qm_job_check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_store_mesh_state *state,
                        qm_problem *problem);
 
 /** Ends a job that is marked as running with a problem. */

@@ -58,19 +58,34 @@ static void add_revision(qm_text *listed, uint64_t revision)
     qm_text_printf(listed, "%llu ", (unsigned long long)revision);
 }
 
+/** False with a problem when a mesh has another unit than one before it; known has the first unit. */
+static bool check_unit(qm_notes *known, const qm_notes *own, const char *field, qm_problem *problem)
+{
+    const qm_notes both[2] = {*known, *own};
+    char pointer[40];
+    if (!known->unit[0]) *known = *own;
+    if (qm_job_check_units(both, problem)) return true;
+    snprintf(pointer, sizeof pointer, "/%s", field);
+    qm_problem_add_pointer(problem, pointer, "another unit");
+    return false;
+}
+
 static bool check_set(qm_jobs *jobs, const qm_job_request *request, char revisions[QM_REVISIONS_SIZE],
                       qm_problem *problem)
 {
     qm_text listed = {0};
+    qm_notes known = {0};
     for (size_t i = 0; i < request->mesh_count; i++) {
         char field[32];
-        uint64_t revision;
+        qm_store_mesh_state state = {0};
         snprintf(field, sizeof field, "meshes/%zu", i);
-        if (!qm_job_check_mesh(jobs, request->meshes[i], field, &revision, problem)) {
+        bool is_usable = qm_job_check_mesh(jobs, request->meshes[i], field, &state, problem) &&
+                         check_unit(&known, &state.notes, field, problem);
+        if (!is_usable) {
             qm_text_reset(&listed);
             return false;
         }
-        add_revision(&listed, revision);
+        add_revision(&listed, state.revision);
     }
     if (write_revisions(&listed, revisions)) return true;
     *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");

@@ -385,21 +385,23 @@ static qm_stored store_array(qm_job *job, const qm_job_result *result, qm_proble
     return stored;
 }
 
-static void write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE])
+/** The revisions of two meshes, and their notes if they have any. */
+static void write_revisions(uint64_t a, uint64_t b, const qm_notes notes[2], char out[QM_REVISIONS_SIZE])
 {
-    snprintf(out, QM_REVISIONS_SIZE, "%llu %llu", (unsigned long long)a, (unsigned long long)b);
+    int used = snprintf(out, QM_REVISIONS_SIZE, "%llu %llu", (unsigned long long)a, (unsigned long long)b);
+    bool has_notes = false;
+    for (int i = 0; i < 2; i++)
+        has_notes |= notes[i].unit[0] || notes[i].uncertainty > 0.0;
+    if (has_notes)
+        snprintf(out + used, QM_REVISIONS_SIZE - (size_t)used, " %s/%.17g %s/%.17g", notes[0].unit,
+                 notes[0].uncertainty, notes[1].unit, notes[1].uncertainty);
 }
 
-bool qm_job_check_mesh(qm_jobs *jobs, const char *id, const char *field, uint64_t *revision,
+bool qm_job_check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_store_mesh_state *state,
                        qm_problem *problem)
 {
-    qm_store_mesh row;
-    qm_stored stored = qm_store_find_mesh(jobs->store, id, &row);
-    if (stored == QM_STORED) {
-        *revision = row.revision;
-        qm_store_mesh_reset(&row);
-        return true;
-    }
+    qm_stored stored = qm_store_find_mesh_state(jobs->store, id, state);
+    if (stored == QM_STORED) return true;
     char pointer[32];
     snprintf(pointer, sizeof pointer, "/%s", field);
     *problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh with the id in `%s`", field);
@@ -411,11 +413,66 @@ static bool check_meshes(qm_jobs *jobs, const qm_job_request *request, char revi
                          qm_problem *problem)
 {
     const char *const *field = qm_job_type_of(request->kind)->mesh_field;
-    uint64_t a = 0, b = 0;
+    qm_store_mesh_state a = {0}, b = {0};
     bool exist = qm_job_check_mesh(jobs, request->a, field[0], &a, problem) &&
                  (!field[1] || qm_job_check_mesh(jobs, request->b, field[1], &b, problem));
-    write_revisions(a, b, revisions);
-    return exist;
+    const qm_notes notes[2] = {a.notes, b.notes};
+    write_revisions(a.revision, b.revision, notes, revisions);
+    if (!exist || qm_job_check_units(notes, problem)) return exist;
+    qm_problem_add_pointer(problem, "/b", "another unit");
+    return false;
+}
+
+static bool is_hash_name(const char *name)
+{
+    return strncmp(name, QM_JOB_HASH_PREFIX, strlen(QM_JOB_HASH_PREFIX)) == 0;
+}
+
+/** Puts the id of a mesh in the place of a hash: of those with this content as it was uploaded, the newest one. */
+static bool resolve_mesh(qm_jobs *jobs, const char *field, char name[QM_JOB_MESH_SIZE], qm_problem *problem)
+{
+    if (!is_hash_name(name)) return true;
+    const qm_store_mesh_filter filter = {.hash = name + strlen(QM_JOB_HASH_PREFIX)};
+    qm_store_page page = {.limit = 1, .newest_first = true};
+    qm_store_mesh row;
+    size_t count = 1;
+    qm_stored stored = QM_STORED;
+    for (bool is_found = false; !is_found && count > 0;) {
+        stored = qm_store_list_meshes(jobs->store, &page, &filter, &row, &count);
+        if (stored != QM_STORED || count == 0) break;
+        page.after = row.sequence;
+        is_found = row.revision == 0;
+        if (is_found) snprintf(name, QM_JOB_MESH_SIZE, "%s", row.id);
+        qm_store_mesh_reset(&row);
+        if (is_found) return true;
+    }
+    char pointer[32];
+    snprintf(pointer, sizeof pointer, "/%s", field);
+    *problem = qm_store_read_problem(stored == QM_STORED ? QM_STORED_NONE : stored, QM_PROBLEM_MESH_NOT_FOUND,
+                                     "mesh with the content in `%s`", field);
+    if (stored == QM_STORED) qm_problem_add_pointer(problem, pointer, "no mesh has this content");
+    return false;
+}
+
+bool qm_job_names_hash(const qm_job_request *request)
+{
+    bool has_hash = is_hash_name(request->a) || is_hash_name(request->b);
+    for (size_t i = 0; i < request->mesh_count; i++)
+        has_hash |= is_hash_name(request->meshes[i]);
+    return has_hash;
+}
+
+bool qm_job_resolve(qm_jobs *jobs, qm_job_request *request, qm_problem *problem)
+{
+    const char *const *field = qm_job_type_of(request->kind)->mesh_field;
+    for (size_t i = 0; i < request->mesh_count; i++) {
+        char pointer[32];
+        snprintf(pointer, sizeof pointer, "meshes/%zu", i);
+        if (!resolve_mesh(jobs, pointer, request->meshes[i], problem)) return false;
+    }
+    if (request->mesh_count > 0) strcpy(request->a, request->meshes[0]);
+    return (!field[0] || resolve_mesh(jobs, field[0], request->a, problem)) &&
+           (!field[1] || resolve_mesh(jobs, field[1], request->b, problem));
 }
 
 void qm_job_set_limits(const qm_job *job, qm_job_request *request)
@@ -500,11 +557,17 @@ void qm_job_end_run(qm_job *job, qm_context *ctx, qm_status status, qm_job_resul
 }
 
 /** b is NULL for a kind of one mesh. */
-static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
+static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b, const qm_notes notes[2])
 {
+    qm_problem units;
+    if (!qm_job_check_units(notes, &units)) {
+        qm_job_finish_with_problem(job, QM_JOB_FAILED, &units);
+        return;
+    }
     qm_context ctx;
     qm_job_request request = qm_job_begin_run(job, &ctx);
-    write_revisions(a->revision, b ? b->revision : 0, job->revisions);
+    memcpy(request.notes, notes, sizeof request.notes);
+    write_revisions(a->revision, b ? b->revision : 0, notes, job->revisions);
     qm_split split = {.store = job->jobs->store,
                       .job = job->id,
                       .restarts = job->restarts,
@@ -556,20 +619,25 @@ static bool start(qm_job *job)
  * revision. */
 typedef struct mesh_pair {
     qm_mesh_ref *a, *b;
+    qm_notes notes[2];
 } mesh_pair;
 
 static bool acquire(qm_job *job, mesh_pair *pair, qm_problem *problem)
 {
     if (job->given[0]) {
-        *pair = (mesh_pair){job->given[0], job->given[1]};
+        *pair = (mesh_pair){.a = job->given[0], .b = job->given[1]};
+        /* No store has them, and so no other notes than those of their files. */
+        for (int i = 0; i < 2 && job->given[i]; i++)
+            memcpy(pair->notes[i].unit, qm_mesh_ref_get(job->given[i])->unit, sizeof pair->notes[i].unit);
         job->given[0] = job->given[1] = NULL;
         return true;
     }
     qm_meshes *meshes = job->jobs->meshes;
     const qm_job_request *request = &job->request;
     bool has_b = qm_job_type_of(request->kind)->mesh_field[1] && strcmp(request->a, request->b) != 0;
-    pair->a = qm_meshes_acquire(meshes, request->a, problem);
-    pair->b = pair->a && has_b ? qm_meshes_acquire(meshes, request->b, problem) : NULL;
+    pair->a = qm_meshes_acquire_noted(meshes, request->a, &pair->notes[0], problem);
+    pair->b = pair->a && has_b ? qm_meshes_acquire_noted(meshes, request->b, &pair->notes[1], problem) : NULL;
+    if (!has_b && qm_job_type_of(request->kind)->mesh_field[1]) pair->notes[1] = pair->notes[0];
     if (pair->a && (pair->b || !has_b)) return true;
     qm_meshes_release(meshes, pair->a);
     pair->a = NULL;
@@ -588,7 +656,7 @@ static bool has_loaded(const qm_job *job)
 static void run_on_meshes(qm_job *job)
 {
     qm_problem problem;
-    mesh_pair pair = {NULL, NULL};
+    mesh_pair pair = {0};
     bool is_there = has_loaded(job) && acquire(job, &pair, &problem);
     bool loads = !is_there, is_over = false;
     if (loads) {
@@ -607,7 +675,7 @@ static void run_on_meshes(qm_job *job)
     if (!is_over && is_there && job->is_helper) {
         qm_job_help_run(job, first, second);
     } else if (!is_over && is_there) {
-        answer(job, first, second);
+        answer(job, first, second, pair.notes);
     } else if (!is_over && qm_job_runs_again(job, &problem)) {
         qm_job_interrupt(job);
     } else if (!is_over) {

@@ -377,17 +377,31 @@ static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, c
     return cached;
 }
 
+/** The request as the store has it; NULL: out of memory. */
+static char *write_body(const qm_job_request *request)
+{
+    qm_text body = {0};
+    qm_json_write_request(&body, request);
+    return qm_text_take(&body);
+}
+
 qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool *is_cached,
                        qm_problem *problem)
 {
     QM_ASSERT(submission && submission->request && submission->body && is_cached && problem);
     *is_cached = false;
+    bool has_hash = qm_job_names_hash(submission->request);
+    if (!qm_job_resolve(jobs, submission->request, problem)) return NULL;
     *problem = (qm_problem){.code = QM_PROBLEM_COUNT};
     char *key = qm_job_make_key(submission->request);
     if (!key) {
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
         return NULL;
     }
+    /* Whoever runs the job later reads the meshes that were meant now. */
+    qm_job_submission resolved = *submission;
+    char *body = has_hash ? write_body(submission->request) : NULL;
+    if (body) resolved.body = body;
     qm_job *job = NULL;
     bool is_new = false, is_shared = qm_store_is_shared(jobs->store), is_unwanted;
     char revisions[QM_REVISIONS_SIZE];
@@ -399,7 +413,7 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
     if (!job && problem->code == QM_PROBLEM_COUNT) {
         is_new = is_shared || qm_jobs_count(jobs).queued < (size_t)jobs->limits.queue;
         if (is_new)
-            job = submit_new(jobs, submission, revisions, problem);
+            job = submit_new(jobs, &resolved, revisions, problem);
         else
             *problem = qm_problem_make(QM_PROBLEM_TOO_MANY_JOBS, "the queue is full: %d jobs are waiting",
                                        jobs->limits.queue);
@@ -413,6 +427,7 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
     if (job && !submission->owns_job) job->is_kept = true; /* it runs on when all owners leave */
     uv_mutex_unlock(&jobs->lock);
     uv_mutex_unlock(&jobs->submitting);
+    free(body);
     free(key);
     return job;
 }

@@ -32,14 +32,11 @@ static bool read_value(const qm_job_field *field, const cJSON *value, qm_job_req
                        qm_json_location *at)
 {
     void *member = (char *)out + field->offset;
-    const char *text = cJSON_GetStringValue(value);
     double number;
     int index;
     switch (field->type) {
     case QM_FIELD_ID:
-        if (!text || !text[0] || strlen(text) >= QM_ID_SIZE) return false;
-        strcpy(member, text);
-        return true;
+        return qm_job_read_mesh_name(cJSON_GetStringValue(value), member);
     case QM_FIELD_POSITIVE:
         return qm_json_read_number(value, member) && *(double *)member > 0.0;
     case QM_FIELD_LIMIT:

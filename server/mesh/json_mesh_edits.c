@@ -1,5 +1,5 @@
 /**
- * json_mesh_edits.c: the bodies of requests that change a mesh: new positions of its vertices, and its time to live.
+ * json_mesh_edits.c: the bodies of requests that change a mesh: new positions of its vertices, and what is known of it.
  */
 #include <cjson/cJSON.h>
 #include <stdlib.h>
@@ -67,19 +67,64 @@ bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertice
     return false;
 }
 
-bool qm_json_read_lifetime(const char *text, size_t size, double *ttl_s, qm_problem *problem)
+/** The labels of an array; false when they are none, or out of memory. */
+static bool read_labels(const cJSON *value, char **out, qm_json_location *at)
 {
-    static const char *const known[] = {"ttl_seconds", NULL};
+    qm_text labels = {0};
+    bool is_good = cJSON_IsArray(value);
+    at->depth = is_good;
+    for (const cJSON *label = is_good ? value->child : NULL; label; label = label->next, at->index[0]++) {
+        const char *text = cJSON_GetStringValue(label);
+        is_good = text && qm_mesh_add_label(&labels, text, strlen(text));
+        if (!is_good) break;
+    }
+    if (is_good && labels.size > 0) {
+        *out = qm_text_take(&labels);
+        at->no_memory = !*out;
+        return *out;
+    }
+    qm_text_reset(&labels);
+    return is_good;
+}
+
+static void read_change(const cJSON *object, qm_mesh_change *out, qm_problem *problem)
+{
+    const cJSON *ttl = cJSON_GetObjectItemCaseSensitive(object, "ttl_seconds");
+    const cJSON *unit = cJSON_GetObjectItemCaseSensitive(object, "unit");
+    const cJSON *uncertainty = cJSON_GetObjectItemCaseSensitive(object, "uncertainty");
+    const cJSON *labels = cJSON_GetObjectItemCaseSensitive(object, "labels");
+    *out = (qm_mesh_change){
+        .has_ttl = ttl, .has_unit = unit, .has_uncertainty = uncertainty, .has_labels = labels};
+    qm_json_location at = {0};
+    const char *name = cJSON_GetStringValue(unit);
+    if (ttl && !cJSON_IsNull(ttl) && !qm_json_read_integer(ttl, 1, QM_MESHES_MAX_TTL_S, &out->ttl_s))
+        qm_json_report(problem, "ttl_seconds", "must be an integer from 1 to 3155760000, or null");
+    if (unit && !cJSON_IsNull(unit) && !(name && qm_notes_set_unit(&out->notes, name)))
+        qm_json_report(problem, "unit", "must be " QM_NOTES_UNITS ", or null");
+    if (uncertainty && !cJSON_IsNull(uncertainty) &&
+        !(qm_json_read_number(uncertainty, &out->notes.uncertainty) && out->notes.uncertainty >= 0.0))
+        qm_json_report(problem, "uncertainty", "must be a number of 0 or more, or null");
+    if (labels && !cJSON_IsNull(labels) && !read_labels(labels, &out->labels, &at))
+        qm_json_report_at(problem, "labels", &at, QM_MESH_LABELS);
+    if (!ttl && !unit && !uncertainty && !labels)
+        qm_json_report(problem, "ttl_seconds", "is missing, and every other field, too");
+}
+
+bool qm_json_read_mesh_change(const char *text, size_t size, qm_mesh_change *out, qm_problem *problem)
+{
+    static const char *const known[] = {"ttl_seconds", "unit", "uncertainty", "labels", NULL};
+    *out = (qm_mesh_change){0};
     cJSON *object = qm_json_parse_object(text, size, "a change of a mesh", problem);
     if (!object) return false;
-    const cJSON *ttl = cJSON_GetObjectItemCaseSensitive(object, known[0]);
-    *ttl_s = 0.0;
     bool is_read = qm_json_check_members(object, known, problem);
-    if (is_read && !cJSON_IsNull(ttl) && !qm_json_read_integer(ttl, 1, QM_MESHES_MAX_TTL_S, ttl_s)) {
+    if (is_read) {
         *problem = (qm_problem){.code = QM_PROBLEM_INVALID_FIELD};
-        qm_json_report(problem, known[0], "must be an integer from 1 to 3155760000, or null");
-        is_read = false;
+        read_change(object, out, problem);
+        is_read = problem->error_count == 0;
     }
     cJSON_Delete(object);
-    return is_read;
+    if (is_read) return true;
+    free(out->labels);
+    out->labels = NULL;
+    return false;
 }

@@ -4,6 +4,7 @@
  */
 #include "meshes.h"
 
+#include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -233,11 +234,13 @@ static qm_status make_room_for(qm_meshes *meshes, qm_context *spare, mesh_source
     return status == QM_E_NO_MEMORY ? QM_OK : status;
 }
 
-/** Decodes the bytes of a file and prepares the mesh; positions are a revision's, or empty. False with a problem. */
+/** Decodes the bytes of a file and prepares the mesh; positions are a revision's, or empty. The extent is that of a mesh
+ * which is not stored yet: later its document has it. False with a problem. */
 static bool load_bytes(qm_meshes *meshes, mapped_bytes file, mapped_bytes positions, qm_format format,
-                       qm_loaded_mesh *out, qm_problem *problem)
+                       bool has_extent, qm_loaded_mesh *out, qm_problem *problem)
 {
     mesh_source source = {format, file, meshes->limits, preparation_of(meshes)};
+    source.preparation.has_extent = has_extent;
     source.preparation.positions = (const double *)(const void *)positions.bytes;
     source.preparation.position_count = positions.size / (3 * sizeof(double));
     qm_context ctx = qm_meshes_context(meshes);
@@ -310,7 +313,7 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
                           &ref->problem) &&
                  map_blob(meshes, row.id, row.positions, "the moved vertices are lost", &positions,
                           &ref->problem) &&
-                 load_bytes(meshes, file, positions, (qm_format)row.format, &ref->mesh, &ref->problem);
+                 load_bytes(meshes, file, positions, (qm_format)row.format, false, &ref->mesh, &ref->problem);
         qm_blob_unmap(file.bytes, file.size);
         qm_blob_unmap(positions.bytes, positions.size);
         if (loaded) ref->mesh.revision = row.revision;
@@ -410,10 +413,10 @@ static void forget(qm_meshes *meshes, const char *id)
     uv_mutex_unlock(&meshes->lock);
 }
 
-qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem)
+qm_mesh_ref *qm_meshes_acquire_noted(qm_meshes *meshes, const char *id, qm_notes *notes, qm_problem *problem)
 {
-    uint64_t revision;
-    qm_stored stored = qm_store_find_revision(meshes->store, id, &revision);
+    qm_store_mesh_state state;
+    qm_stored stored = qm_store_find_mesh_state(meshes->store, id, &state);
     if (stored == QM_STORED_NONE) forget(meshes, id);
     if (stored != QM_STORED) {
         *problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
@@ -421,11 +424,18 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *pr
     }
     bool failed;
     uv_mutex_lock(&meshes->lock);
-    qm_mesh_ref *ref = find_current(meshes, id, revision, &failed, problem);
+    qm_mesh_ref *ref = find_current(meshes, id, state.revision, &failed, problem);
     if (!ref && !failed) ref = load_new(meshes, id, problem);
     if (ref && ref->listed) move_to_front(meshes, ref);
     uv_mutex_unlock(&meshes->lock);
+    *notes = state.notes;
     return ref;
+}
+
+qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem)
+{
+    qm_notes notes;
+    return qm_meshes_acquire_noted(meshes, id, &notes, problem);
 }
 
 const qm_loaded_mesh *qm_mesh_ref_get(const qm_mesh_ref *ref)
@@ -438,7 +448,7 @@ bool qm_meshes_load_apart(qm_meshes *meshes, const uint8_t *bytes, size_t size, 
 {
     qm_mesh_ref *ref = calloc(1, sizeof *ref);
     *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
-    bool is_loaded = ref && load_bytes(meshes, (mapped_bytes){bytes, size}, (mapped_bytes){0}, format,
+    bool is_loaded = ref && load_bytes(meshes, (mapped_bytes){bytes, size}, (mapped_bytes){0}, format, false,
                                        &ref->mesh, problem);
     if (!is_loaded) {
         free(ref);
@@ -515,21 +525,64 @@ static void set_expires(qm_store_mesh *row, double ttl_s)
     if (ttl_s > 0.0) qm_clock_format_steady(ttl_s, row->expires);
 }
 
-bool qm_meshes_set_ttl(qm_meshes *meshes, const char *id, double ttl_s, const char *if_match,
-                       qm_store_mesh *out, qm_problem *problem)
+/** Takes a mesh out of the content index: an upload of its file makes a new one. False when out of memory. */
+static bool leave_index(qm_store_mesh *row, const char *why)
+{
+    qm_text options = {0};
+    qm_text_printf(&options, "%s %s", why, row->id);
+    free(row->options);
+    row->options = qm_text_take(&options);
+    return row->options;
+}
+
+/** Sets the members of a row that a change names; false when out of memory. */
+static bool set_notes(qm_store_mesh *row, const qm_mesh_change *change)
+{
+    if (change->has_unit) memcpy(row->notes.unit, change->notes.unit, sizeof row->notes.unit);
+    if (change->has_uncertainty) row->notes.uncertainty = change->notes.uncertainty;
+    if (change->has_labels) {
+        free(row->labels);
+        row->labels = strdup(change->labels ? change->labels : "");
+        if (!row->labels) return false;
+    }
+    return !(change->has_unit || change->has_uncertainty) || leave_index(row, "noted");
+}
+
+bool qm_meshes_change(qm_meshes *meshes, const char *id, const qm_mesh_change *change, const char *if_match,
+                      qm_store_mesh *out, qm_problem *problem)
 {
     uv_mutex_lock(&meshes->store_lock);
-    bool is_set = find_row(meshes, id, if_match, out, problem);
-    if (is_set) {
-        set_expires(out, ttl_s);
-        is_set = qm_store_set_expiry(meshes->store, id, out->expires) == QM_STORED;
-        if (!is_set) {
-            *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
-            qm_store_mesh_reset(out);
-        }
+    bool is_found = find_row(meshes, id, if_match, out, problem);
+    qm_stored stored = is_found && !set_notes(out, change) ? QM_STORED_NO_MEMORY : QM_STORED;
+    bool has_notes = change->has_unit || change->has_uncertainty || change->has_labels;
+    if (is_found && stored == QM_STORED && has_notes) stored = qm_store_set_notes(meshes->store, out);
+    if (is_found && stored == QM_STORED && change->has_ttl) {
+        set_expires(out, change->ttl_s);
+        stored = qm_store_set_expiry(meshes->store, id, out->expires);
+    }
+    if (is_found && stored != QM_STORED) {
+        *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
+        qm_store_mesh_reset(out);
     }
     uv_mutex_unlock(&meshes->store_lock);
-    return is_set;
+    return is_found && stored == QM_STORED;
+}
+
+bool qm_mesh_add_label(qm_text *labels, const char *label, size_t length)
+{
+    size_t count = 0;
+    for (size_t i = 1; i < labels->size; i++)
+        count += labels->data[i] == '\n';
+    bool is_good = length > 0 && length < QM_MESH_LABEL_SIZE;
+    for (size_t i = 0; i < length && is_good; i++)
+        is_good = isalnum((unsigned char)label[i]) || strchr("._-:/", label[i]);
+    if (!is_good) return false;
+    char line[QM_MESH_LABEL_SIZE + 2];
+    snprintf(line, sizeof line, "\n%.*s\n", (int)length, label);
+    if (labels->data && strstr(labels->data, line)) return true;
+    if (count >= QM_MESH_MAX_LABELS) return false;
+    qm_text_add_string(labels, labels->size == 0 ? line : line + 1);
+    return true;
 }
 
 /** An upload of a mesh that exists: it lives for the longer of both times. store_lock is held. */
@@ -665,19 +718,33 @@ static bool store_loaded(upload_task *task, qm_store_mesh *row, qm_loaded_mesh *
     return stored == QM_STORED;
 }
 
+/** The options as the content index has them; the name, which may be any text, is last. */
+static char *write_options(const qm_mesh_options *options)
+{
+    char number[QM_NUMBER_SIZE];
+    qm_text out = {0};
+    qm_text_printf(&out, "format=%s",
+                   options->format == QM_FORMAT_UNKNOWN ? "auto" : qm_format_name(options->format));
+    if (options->notes.unit[0]) qm_text_printf(&out, " unit=%s", options->notes.unit);
+    if (options->notes.uncertainty > 0.0)
+        qm_text_printf(&out, " uncertainty=%s", qm_text_number(options->notes.uncertainty, number));
+    if (options->labels && options->labels[0]) qm_text_printf(&out, " labels=%s", options->labels);
+    qm_text_printf(&out, " name=%s", options->name);
+    return qm_text_take(&out);
+}
+
 /** A row with all but its hash and document; false when out of memory. */
-static bool make_row(const char *name, qm_format format, qm_store_mesh *row, qm_problem *problem)
+static bool make_row(const qm_mesh_options *options, qm_store_mesh *row, qm_problem *problem)
 {
     qm_id_make('m', row->id);
-    qm_text options = {0};
-    qm_text_printf(&options, "format=%s name=%s",
-                   format == QM_FORMAT_UNKNOWN ? "auto" : qm_format_name(format), name);
-    row->options = qm_text_take(&options);
-    row->name = strdup(name);
+    row->options = write_options(options);
+    row->name = strdup(options->name);
+    row->notes = options->notes;
+    row->labels = strdup(options->labels ? options->labels : "");
     char created[QM_TIME_SIZE];
     qm_clock_format(created);
     row->created = strdup(created);
-    if (row->options && row->name && row->created) return true;
+    if (row->options && row->name && row->created && row->labels) return true;
     *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the upload");
     return false;
 }
@@ -694,8 +761,9 @@ static bool seal(qm_blob_writer *upload, qm_store_mesh *row, qm_problem *problem
 static bool prepare(qm_meshes *meshes, mapped_bytes file, qm_format format, qm_store_mesh *row,
                     qm_loaded_mesh *mesh, qm_problem *problem)
 {
-    if (!load_bytes(meshes, file, (mapped_bytes){0}, format, mesh, problem)) return false;
+    if (!load_bytes(meshes, file, (mapped_bytes){0}, format, true, mesh, problem)) return false;
     row->format = (int)mesh->format;
+    if (!row->notes.unit[0]) memcpy(row->notes.unit, mesh->unit, sizeof row->notes.unit);
     row->document = make_document(row, mesh);
     if (row->document) return true;
     *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
@@ -734,14 +802,14 @@ static bool give_to_same(upload_task *task, qm_store_mesh *row)
     return kept;
 }
 
-static bool add(upload_task *task, const char *name, qm_format format, qm_store_mesh *out, bool *is_new)
+static bool add(upload_task *task, const qm_mesh_options *options, qm_store_mesh *out, bool *is_new)
 {
     qm_meshes *meshes = task->meshes;
     qm_problem *problem = task->problem;
     qm_store_mesh row = {0};
     qm_loaded_mesh mesh = {0};
     *is_new = false;
-    bool sealed = make_row(name, format, &row, problem) && seal(task->upload, &row, problem);
+    bool sealed = make_row(options, &row, problem) && seal(task->upload, &row, problem);
     if (sealed && find_same(meshes, &row, out)) {
         qm_store_mesh_reset(&row);
         bool given = give_to_same(task, out);
@@ -751,7 +819,7 @@ static bool add(upload_task *task, const char *name, qm_format format, qm_store_
     mapped_bytes file = {0};
     if (sealed) *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the upload cannot be read");
     bool prepared = sealed && qm_blob_map_sealed(task->upload, &file.bytes, &file.size) == QM_OK &&
-                    prepare(meshes, file, format, &row, &mesh, problem);
+                    prepare(meshes, file, options->format, &row, &mesh, problem);
     qm_blob_unmap(file.bytes, file.size);
     if (!prepared) qm_blob_abort(task->upload);
     bool added = prepared && store_loaded(task, &row, &mesh, is_new);
@@ -760,19 +828,20 @@ static bool add(upload_task *task, const char *name, qm_format format, qm_store_
     return added;
 }
 
-bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
-                   double ttl_s, qm_store_mesh *out, bool *is_new, qm_problem *problem)
+bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const qm_mesh_options *options,
+                   qm_store_mesh *out, bool *is_new, qm_problem *problem)
 {
-    upload_task task = {meshes, upload, ttl_s, put_alone, meshes, problem};
-    return add(&task, name, format, out, is_new);
+    upload_task task = {meshes, upload, options->ttl_s, put_alone, meshes, problem};
+    return add(&task, options, out, is_new);
 }
 
 bool qm_meshes_add_with(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
                         qm_mesh_put_fn *put, void *user, qm_problem *problem)
 {
     upload_task task = {meshes, upload, 0.0, put, user, problem};
+    const qm_mesh_options options = {.name = name, .format = format};
     qm_store_mesh row;
-    bool is_new, added = add(&task, name, format, &row, &is_new);
+    bool is_new, added = add(&task, &options, &row, &is_new);
     if (added) qm_store_mesh_reset(&row);
     return added;
 }
@@ -783,7 +852,7 @@ bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm
     mapped_bytes file = {0};
     *out = (qm_store_mesh){0};
     memcpy(out->hash, hash, sizeof out->hash);
-    bool adopted = make_row("", QM_FORMAT_UNKNOWN, out, problem) &&
+    bool adopted = make_row(&(qm_mesh_options){.name = ""}, out, problem) &&
                    map_blob(meshes, out->id, hash, "it makes no mesh", &file, problem) &&
                    prepare(meshes, file, QM_FORMAT_UNKNOWN, out, &mesh, problem);
     qm_blob_unmap(file.bytes, file.size);
@@ -886,21 +955,22 @@ static bool write_positions(deform_task *work)
 }
 
 /** QM_STORED_LATE without a problem; others that are not QM_STORED with one. */
-static qm_stored store_revision(deform_task *work)
+static qm_stored store_revision(deform_task *work, qm_context *ctx)
 {
     qm_loaded_mesh next = work->ref->mesh;
     next.mesh.positions = work->positions;
     next.box = qm_mesh_bounding_box(&next.mesh);
     next.diagonal = qm_mesh_box_diagonal(&next.box);
+    qm_status status = qm_extent_measure(ctx, &next.mesh, work->meshes->threads, &next.extent);
+    if (status != QM_OK) {
+        *work->problem = qm_problem_from_status(status, ctx->message);
+        return QM_STORED_FAULT;
+    }
     next.revision = ++work->row.revision;
     free(work->row.document);
     work->row.document = make_document(&work->row, &next);
     /* It leaves the content index: an upload of the original bytes makes a new mesh. */
-    qm_text options = {0};
-    qm_text_printf(&options, "deformed %s", work->row.id);
-    free(work->row.options);
-    work->row.options = qm_text_take(&options);
-    if (!work->row.document || !work->row.options) {
+    if (!leave_index(&work->row, "deformed") || !work->row.document) {
         *work->problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
         return QM_STORED_NO_MEMORY;
     }
@@ -1009,7 +1079,7 @@ static qm_stored deform(deform_task *work, const char *id, const char *if_match)
     size_t vertices = vertex_count(work);
     qm_stored stored = QM_STORED_FAULT;
     set_behind(work, true);
-    if (make_positions(work, &ctx)) stored = store_revision(work);
+    if (make_positions(work, &ctx)) stored = store_revision(work, &ctx);
     if (stored == QM_STORED) follow(work, &ctx);
     set_behind(work, false);
     qm_context_free(&ctx, work->positions, vertices, 3 * sizeof *work->positions);

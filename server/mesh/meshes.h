@@ -41,6 +41,15 @@ void qm_meshes_destroy(qm_meshes *meshes);
 
 #define QM_MESHES_MAX_TTL_S 3155760000.0 /* a hundred years */
 
+/** What an upload says of its mesh. Equal bytes with equal ones of these, but for ttl_s, are one mesh. */
+typedef struct qm_mesh_options {
+    const char *name;   /* for display */
+    qm_format format;   /* QM_FORMAT_UNKNOWN: detected */
+    qm_notes notes;     /* without a unit: that of the file */
+    const char *labels; /* as of qm_store_mesh; NULL: none */
+    double ttl_s;
+} qm_mesh_options;
+
 /**
  * Makes a mesh of an upload, which it takes over: equal bytes with equal options give the mesh that exists
  * (*is_new false), which then lives for the longer of both times. Decodes on the calling thread.
@@ -51,8 +60,8 @@ void qm_meshes_destroy(qm_meshes *meshes);
  *
  * False with a problem, and then nothing of the upload is kept.
  */
-bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
-                   double ttl_s, qm_store_mesh *out, bool *is_new, qm_problem *problem);
+bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const qm_mesh_options *options,
+                   qm_store_mesh *out, bool *is_new, qm_problem *problem);
 
 /** Stores a mesh of an upload, which is_new or stored already, with a row that names it: both, or none. No other thread
  * removes a mesh meanwhile. QM_STORED_TAKEN: the mesh is no longer new; others that are not QM_STORED with a problem. */
@@ -65,8 +74,10 @@ bool qm_meshes_add_with(qm_meshes *meshes, qm_blob_writer *upload, const char *n
 /** Makes a mesh without a name of a blob that no mesh has; out is as above. False with a problem. */
 bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm_problem *problem);
 
-/** Takes a reference; reads the mesh from its blob when needed. NULL with a problem. */
+/** Takes a reference; reads the mesh from its blob when needed. NULL with a problem. The second also tells the notes, which may
+ * change while the reference is held. */
 qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem);
+qm_mesh_ref *qm_meshes_acquire_noted(qm_meshes *meshes, const char *id, qm_notes *notes, qm_problem *problem);
 
 /** Makes a mesh of bytes that is in no list and no store, and lives as long as its reference. False with a problem. */
 bool qm_meshes_load_apart(qm_meshes *meshes, const uint8_t *bytes, size_t size, qm_format format,
@@ -107,15 +118,30 @@ bool qm_meshes_deform(qm_meshes *meshes, const char *id, const qm_moved_vertices
  */
 bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertices *out, qm_problem *problem);
 
-/**
- * Sets the time that a mesh lives from now on, 0: for good; if_match as above. out is the mesh, for
- * qm_store_mesh_reset. False with a problem, and then nothing has changed.
- */
-bool qm_meshes_set_ttl(qm_meshes *meshes, const char *id, double ttl_s, const char *if_match,
-                       qm_store_mesh *out, qm_problem *problem);
+/** A change of what is known of a mesh; what is not to change has its flag down. */
+typedef struct qm_mesh_change {
+    bool has_ttl, has_unit, has_uncertainty, has_labels;
+    double ttl_s; /* that the mesh lives from now on; 0: for good */
+    qm_notes notes;
+    char *labels; /* as of qm_store_mesh; on the heap */
+} qm_mesh_change;
 
-/** Reads {"ttl_seconds": ...}; null is 0. False with a problem (400). */
-bool qm_json_read_lifetime(const char *text, size_t size, double *ttl_s, qm_problem *problem);
+/**
+ * Changes a mesh; if_match as above. One whose unit or uncertainty is set is not found by uploads any more. out is the
+ * mesh, for qm_store_mesh_reset. False with a problem, and then nothing has changed.
+ */
+bool qm_meshes_change(qm_meshes *meshes, const char *id, const qm_mesh_change *change, const char *if_match,
+                      qm_store_mesh *out, qm_problem *problem);
+
+/** Reads the body of such a change, for free() of its labels; null is none. False with a problem (400, 507). */
+bool qm_json_read_mesh_change(const char *text, size_t size, qm_mesh_change *out, qm_problem *problem);
+
+/** Labels are words of letters, digits and . _ - : /, some of them at most. */
+#define QM_MESH_MAX_LABELS 16
+#define QM_MESH_LABEL_SIZE 65
+#define QM_MESH_LABELS "must be at most 16 words of up to 64 letters, digits and . _ - : /"
+/** Adds a label to a list as of qm_store_mesh unless it is there; false when it is not one, or one too many. */
+bool qm_mesh_add_label(qm_text *labels, const char *label, size_t length);
 
 /** Removes meshes that have expired and that no unfinished job, layout or reconstruction needs. */
 void qm_meshes_drop_expired(qm_meshes *meshes);

@@ -122,9 +122,52 @@ void qm_job_add_accelerator(qm_text *out, const qm_job_request *request)
         qm_json_add_string(out, "accelerator", qm_accelerator_names[request->accelerator]);
 }
 
+double qm_job_uncertainty(const qm_job_result *result)
+{
+    double a = result->notes[0].uncertainty, b = result->notes[1].uncertainty;
+    return a > 0.0 && b > 0.0 ? nextafter(a + b, INFINITY) : a + b;
+}
+
+void qm_job_add_of_true(qm_text *out, const qm_job_result *result, qm_interval interval)
+{
+    double uncertainty = qm_job_uncertainty(result);
+    if (!(uncertainty > 0.0)) return;
+    double lower = nextafter(interval.lower - uncertainty, 0.0);
+    const qm_interval of_true = {interval.lower > uncertainty ? lower : 0.0,
+                                 nextafter(interval.upper + uncertainty, INFINITY)};
+    qm_json_add_interval(out, "of_true", of_true, result->diagonal);
+}
+
 static double prepare_ms(const qm_loaded_mesh *mesh)
 {
     return mesh ? mesh->parse_ms + mesh->topology_ms + mesh->bvh_ms : 0.0;
+}
+
+/** True for a mesh that is named by the hash of its file. */
+static bool is_hash_name(const char *text)
+{
+    size_t prefix = strlen(QM_JOB_HASH_PREFIX);
+    return strlen(text) == QM_JOB_MESH_SIZE - 1 && strncmp(text, QM_JOB_HASH_PREFIX, prefix) == 0 &&
+           strspn(text + prefix, "0123456789abcdef") == QM_HASH_SIZE - 1;
+}
+
+bool qm_job_read_mesh_name(const char *text, char out[QM_JOB_MESH_SIZE])
+{
+    if (!text || !text[0] || (strlen(text) >= QM_ID_SIZE && !is_hash_name(text))) return false;
+    strcpy(out, text);
+    return true;
+}
+
+bool qm_job_check_units(const qm_notes notes[2], qm_problem *problem)
+{
+    const char *a = notes[0].unit, *b = notes[1].unit;
+    if (!a[0] || !b[0] || strcmp(a, b) == 0) return true;
+    *problem = qm_problem_make(
+        QM_PROBLEM_UNITS_DIFFER,
+        "the first mesh is in %s, the second in %s: bring one to the unit of the other, or set "
+        "the `unit` of the one that is wrong",
+        a, b);
+    return false;
 }
 
 qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
@@ -133,6 +176,8 @@ qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const q
 {
     *out = (qm_job_result){.kind = request->kind,
                            .diagonal = a ? a->diagonal : 0.0,
+                           .other_diagonal = b ? b->diagonal : 0.0,
+                           .notes = {request->notes[0], request->notes[1]},
                            .prepare_a_ms = prepare_ms(a),
                            .prepare_b_ms = prepare_ms(b)};
     QM_ASSERT(ctx && (a || request->set) && request->kind < QM_JOB_KIND_COUNT);

@@ -10,8 +10,10 @@
 
 #include "base/host.h"
 #include "base/id.h"
+#include "base/notes.h"
 #include "base/scheduler.h"
 #include "listed_pairs.h"
+#include "problem.h"
 #include "projections.h"
 #include "qm/comparison.h"
 #include "qm/distance.h"
@@ -119,11 +121,16 @@ typedef struct qm_job_set {
         *same; /* of each mesh the first one with the same surface, or itself; NULL: none is known to */
     void *user;
 } qm_job_set;
+/** How a request names a mesh: by its id, or until it is submitted by the hash of its file, after this prefix. */
+#define QM_JOB_HASH_PREFIX "sha256:"
+#define QM_JOB_MESH_SIZE (sizeof QM_JOB_HASH_PREFIX - 1 + QM_HASH_SIZE)
 
 /** A request; fields of other kinds keep their defaults. */
 typedef struct qm_job_request {
     qm_job_kind kind;
-    char a[QM_ID_SIZE], b[QM_ID_SIZE]; /* ids of meshes (never file names); b is "" for a kind of one mesh */
+    char a[QM_JOB_MESH_SIZE],
+        b[QM_JOB_MESH_SIZE]; /* meshes (never file names); b is "" for a kind of one mesh */
+    qm_notes notes[2];       /* of these, set by the caller of qm_job_execute */
     qm_quad_reading quads;
     int threads; /* 0: the host decides */
     bool detach; /* the job continues when the client that streams it disconnects */
@@ -173,7 +180,7 @@ typedef struct qm_job_request {
     bool incremental;  /* self_collision: search only near vertices moved since the last search, if known */
 
     /* matrix, whose a is the first of its meshes */
-    char (*meshes)[QM_ID_SIZE]; /* malloc'ed, owned by the request */
+    char (*meshes)[QM_JOB_MESH_SIZE]; /* malloc'ed, owned by the request */
     size_t mesh_count;
     qm_matrix_want want;
     size_t nearest;
@@ -200,7 +207,9 @@ qm_job_request qm_job_request_take(qm_job_request *request);
 
 typedef struct qm_job_result {
     qm_job_kind kind;
-    double diagonal; /* of A's box: the unit of relative figures */
+    double diagonal;       /* of A's box: the unit of relative figures */
+    double other_diagonal; /* of B's box; 0 of a kind of one mesh */
+    qm_notes notes[2];     /* of A and B */
     double prepare_a_ms, prepare_b_ms;
     double elapsed_ms;
     bool is_canceled; /* stopped by the context's flag; the result is valid nevertheless */
@@ -241,6 +250,9 @@ typedef struct qm_job_result {
     size_t quads, step_count;
     const char *records; /* JSON objects separated by commas; borrowed */
 } qm_job_result;
+
+/** False with a problem (422) when both meshes of a request have a unit, and not the same. */
+bool qm_job_check_units(const qm_notes notes[2], qm_problem *problem);
 
 /**
  * Executes a request about one mesh or two (b is NULL for a kind of one, and both are for one of a set). ctx carries threads and cancel flag; progress

@@ -17,7 +17,7 @@ struct qm_json_location;
 
 /** How the value of a field is read. */
 typedef enum qm_field_type {
-    QM_FIELD_ID,       /* char[QM_ID_SIZE] */
+    QM_FIELD_ID,       /* char[QM_JOB_MESH_SIZE] */
     QM_FIELD_POSITIVE, /* double above 0 */
     QM_FIELD_LIMIT,    /* double of 0 or more; null leaves the default */
     QM_FIELD_COUNT,    /* size_t from min to max */
@@ -48,9 +48,10 @@ typedef struct qm_job_field {
     {                                                                                                        \
         name, QM_FIELD_ID, QM_FIELD_AT(member), .is_required = true, .expected = text                        \
     }
-#define QM_JOB_FIELD_MESH QM_JOB_FIELD_ID("mesh", a, "must be the id of a mesh")
+#define QM_JOB_NAMES_MESH "must be the id of a mesh, or sha256: and the hash of its file in hex"
+#define QM_JOB_FIELD_MESH QM_JOB_FIELD_ID("mesh", a, QM_JOB_NAMES_MESH)
 #define QM_JOB_FIELD_PAIR                                                                                    \
-    QM_JOB_FIELD_ID("a", a, "must be the id of a mesh"), QM_JOB_FIELD_ID("b", b, "must be the id of a mesh")
+    QM_JOB_FIELD_ID("a", a, QM_JOB_NAMES_MESH), QM_JOB_FIELD_ID("b", b, QM_JOB_NAMES_MESH)
 #define QM_JOB_FIELD_QUADS                                                                                   \
     {                                                                                                        \
         "quads", QM_FIELD_CHOICE, QM_FIELD_AT(quads), .names = qm_quads_names                                \
@@ -84,6 +85,9 @@ typedef struct qm_job_field {
 extern const char *const qm_job_box_names[];
 
 /* ---- hooks ---- */
+
+/** Copies the name of a mesh: its id, or the hash of its file after QM_JOB_HASH_PREFIX. False for other texts and NULL. */
+bool qm_job_read_mesh_name(const char *text, char out[QM_JOB_MESH_SIZE]);
 
 /** A request with its meshes and its context. */
 typedef struct qm_job_call {
@@ -131,6 +135,13 @@ const qm_job_field *qm_job_find_field(const qm_job_field *fields, const char *na
 double qm_job_tolerance_of(const qm_job_request *request, double diagonal);
 double qm_job_tolerance(const qm_job_call *call);
 
+/** By how much a distance between the meshes of a result may differ from that of the true surfaces, rounded up: the
+ * Hausdorff distance of each to its true surface, added, as all distances between sets change by no more. */
+double qm_job_uncertainty(const qm_job_result *result);
+
+/** Adds the member of_true: an interval of a distance between the true surfaces, unless they are the meshes. */
+void qm_job_add_of_true(qm_text *out, const qm_job_result *result, qm_interval interval);
+
 /** Adds the members tolerance and tolerance_unit; and accelerator, unless it is the default. */
 void qm_job_add_tolerance(qm_text *out, const qm_job_request *request);
 void qm_job_add_accelerator(qm_text *out, const qm_job_request *request);
@@ -138,8 +149,15 @@ void qm_job_add_accelerator(qm_text *out, const qm_job_request *request);
 /* Of kinds with averages over a surface (kind_averages.c). */
 bool qm_averages_read_percentiles(const struct cJSON *value, qm_job_request *out,
                                   struct qm_json_location *at);
+/** A greatest distance, also between the true surfaces; and a figure over the surface of a mesh, A's for side 0, which is also
+ * one of the true surfaces when that mesh is exact: how near a mesh is to its true surface says nothing of where that has its
+ * area. All that are added here differ by no more than the distances that they are over. */
+void qm_averages_add_greatest(qm_text *out, const char *name, qm_interval interval,
+                              const qm_job_result *result);
+void qm_averages_add_figure(qm_text *out, const char *name, qm_interval interval, const qm_job_result *result,
+                            int side);
 void qm_averages_add_percentiles(qm_text *out, const double *percent, const qm_interval *percentile,
-                                 size_t count, double diagonal);
+                                 size_t count, const qm_job_result *result, int side);
 void qm_averages_add_measure(qm_text *out, const qm_deviation *deviation);
 
 #endif

@@ -42,6 +42,54 @@ static void add_box(qm_text *out, const qm_loaded_mesh *mesh)
     qm_text_add_string(out, "}");
 }
 
+static void add_bounds_of(qm_text *out, qm_interval bounds)
+{
+    qm_json_add_number(out, "lower", bounds.lower);
+    qm_json_add_number(out, "upper", bounds.upper);
+}
+
+/** The figure of both readings; quads are read as triangles unless it is said. */
+static void add_extent(qm_text *out, const char *name, const qm_interval by_reading[2], bool has_quads)
+{
+    qm_json_open(out, name, "{");
+    add_bounds_of(out, by_reading[QM_QUADS_TRIANGLES]);
+    if (has_quads) {
+        qm_json_open(out, "bilinear", "{");
+        add_bounds_of(out, by_reading[QM_QUADS_BILINEAR]);
+        qm_text_add_string(out, "}");
+    }
+    qm_text_add_string(out, "}");
+}
+
+/** What a surface is: whether it is closed, and how large. */
+static void add_surface(qm_text *out, const qm_loaded_mesh *mesh)
+{
+    const qm_mesh_facts *facts = &mesh->facts;
+    bool has_faces = mesh->mesh.face_count > 0, has_quads = facts->quads > 0;
+    qm_json_add_bool(out, "watertight", facts->watertight);
+    qm_json_add_bool(out, "winding_consistent", facts->winding_consistent);
+    qm_json_add_count(out, "edges", facts->edges);
+    qm_json_add_count(out, "boundary_loops", facts->boundary_loops);
+    if (has_faces)
+        qm_json_add_number(out, "euler_number", (double)facts->euler_number);
+    else
+        qm_json_add_word(out, "euler_number", "null");
+    if (facts->genus != QM_NO_GENUS)
+        qm_json_add_count(out, "genus", facts->genus);
+    else
+        qm_json_add_word(out, "genus", "null");
+    qm_json_add_count(out, "degenerate_faces", mesh->extent.degenerate_faces);
+    qm_json_add_count(out, "duplicate_faces", facts->duplicate_faces);
+    if (has_faces)
+        add_extent(out, "area", mesh->extent.area, has_quads);
+    else
+        qm_json_add_word(out, "area", "null");
+    if (facts->watertight && facts->winding_consistent)
+        add_extent(out, "volume", mesh->extent.volume, has_quads);
+    else
+        qm_json_add_word(out, "volume", "null");
+}
+
 static void add_times(qm_text *out, const qm_loaded_mesh *mesh)
 {
     qm_json_open(out, "prepare_ms", "{");
@@ -66,6 +114,7 @@ void qm_json_write_mesh(qm_text *out, const qm_mesh_label *label, const qm_loade
     qm_json_add_count(out, "boundary_edges", mesh->facts.boundary_edges);
     qm_json_add_count(out, "components", mesh->facts.components);
     qm_json_add_bool(out, "manifold", mesh->facts.manifold);
+    add_surface(out, mesh);
     add_box(out, mesh);
     if (mesh->mesh.face_count == 0) {
         qm_json_add_bool(out, "has_normals", mesh->mesh.normals != NULL);
@@ -224,11 +273,27 @@ void qm_json_write_projection(qm_text *out, const qm_projections *projections, s
     qm_text_add_string(out, "}");
 }
 
+#define STRANGE_SCALE 50.0 /* of one diagonal to the other: the units are probably not the same */
+
+/** What is likely to be a mistake in a question about two meshes. */
+static void add_doubts(qm_text *out, const qm_job_result *result)
+{
+    double a = result->diagonal, b = result->other_diagonal;
+    if (!(a > 0.0 && b > 0.0) || (a <= STRANGE_SCALE * b && b <= STRANGE_SCALE * a)) return;
+    char text[160];
+    snprintf(text, sizeof text, "the diagonal of A is %.4g times that of B: are both in the same unit?",
+             a / b);
+    qm_json_open(out, "warnings", "[");
+    qm_json_add_quoted(out, text);
+    qm_text_add_string(out, "]");
+}
+
 void qm_json_write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
     qm_text_add_string(out, "{");
     QM_ASSERT(request->kind == result->kind);
     qm_job_hooks_of(request->kind)->write_result(out, request, result);
+    add_doubts(out, result);
     qm_text_add_string(out, "}");
 }
 

@@ -21,15 +21,37 @@ bool qm_averages_read_percentiles(const cJSON *value, qm_job_request *out, qm_js
 }
 _Static_assert(QM_JOB_MAX_PERCENTILES == 64, "the text of percentiles names the limit");
 
+static void add_members(qm_text *out, qm_interval interval, const qm_job_result *result, bool has_true)
+{
+    qm_json_add_lower_upper(out, interval.lower, interval.upper, result->diagonal);
+    if (has_true) qm_job_add_of_true(out, result, interval);
+}
+
+void qm_averages_add_figure(qm_text *out, const char *name, qm_interval interval, const qm_job_result *result,
+                            int side)
+{
+    qm_json_open(out, name, "{");
+    add_members(out, interval, result, result->notes[side].uncertainty == 0.0);
+    qm_text_add_string(out, "}");
+}
+
+void qm_averages_add_greatest(qm_text *out, const char *name, qm_interval interval,
+                              const qm_job_result *result)
+{
+    qm_json_open(out, name, "{");
+    add_members(out, interval, result, true);
+    qm_text_add_string(out, "}");
+}
+
 void qm_averages_add_percentiles(qm_text *out, const double *percent, const qm_interval *percentile,
-                                 size_t count, double diagonal)
+                                 size_t count, const qm_job_result *result, int side)
 {
     qm_json_open(out, "percentiles", "[");
     for (size_t i = 0; i < count; i++) {
         qm_json_add_comma(out);
         qm_text_add_string(out, "{");
         qm_json_add_number(out, "percent", percent[i]);
-        qm_json_add_lower_upper(out, percentile[i].lower, percentile[i].upper, diagonal);
+        add_members(out, percentile[i], result, result->notes[side].uncertainty == 0.0);
         qm_text_add_string(out, "}");
     }
     qm_text_add_string(out, "]");

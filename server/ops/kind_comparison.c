@@ -150,15 +150,14 @@ static void add_worst(qm_text *out, const qm_job_request *request, const qm_job_
 static void add_direction(qm_text *out, const qm_job_request *request, const qm_job_result *result, int side)
 {
     const qm_deviation *deviation = &result->comparison.side[side];
-    double diagonal = result->diagonal;
     qm_json_open(out, side == 0 ? "a_to_b" : "b_to_a", "{");
     qm_averages_add_measure(out, deviation);
-    qm_json_add_interval(out, "hausdorff", deviation->max, diagonal);
-    qm_json_add_interval(out, "mean", deviation->mean, diagonal);
-    qm_json_add_interval(out, "rms", deviation->rms, diagonal);
-    qm_json_add_interval(out, "std", result->comparison.spread[side], diagonal);
+    qm_averages_add_greatest(out, "hausdorff", deviation->max, result);
+    qm_averages_add_figure(out, "mean", deviation->mean, result, side);
+    qm_averages_add_figure(out, "rms", deviation->rms, result, side);
+    qm_averages_add_figure(out, "std", result->comparison.spread[side], result, side);
     qm_averages_add_percentiles(out, request->percentiles, deviation->percentile, request->percentile_count,
-                                diagonal);
+                                result, side);
     add_shares(out, request, deviation);
     if (deviation->worst_count > 0) {
         qm_json_open(out, "witness", "{");
@@ -184,7 +183,7 @@ static void add_symmetric(qm_text *out, const qm_job_result *result)
     const qm_comparison *comparison = &result->comparison;
     double diagonal = result->diagonal;
     qm_json_open(out, "symmetric", "{");
-    qm_json_add_interval(out, "hausdorff", comparison->hausdorff, diagonal);
+    qm_averages_add_greatest(out, "hausdorff", comparison->hausdorff, result);
     qm_json_add_interval(out, "hd95", comparison->hd95, diagonal);
     qm_json_add_interval(out, "mean", comparison->mean, diagonal);
     qm_json_add_interval(out, "rms", comparison->rms, diagonal);

@@ -241,11 +241,11 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
 {
     const qm_deviation *deviation = &result->deviation;
     qm_averages_add_measure(out, deviation);
-    qm_json_add_interval(out, "mean", deviation->mean, result->diagonal);
-    qm_json_add_interval(out, "rms", deviation->rms, result->diagonal);
-    qm_json_add_interval(out, "max", deviation->max, result->diagonal);
+    qm_averages_add_figure(out, "mean", deviation->mean, result, 0);
+    qm_averages_add_figure(out, "rms", deviation->rms, result, 0);
+    qm_averages_add_greatest(out, "max", deviation->max, result);
     qm_averages_add_percentiles(out, request->percentiles, deviation->percentile, deviation->percentile_count,
-                                result->diagonal);
+                                result, 0);
     add_histogram(out, deviation);
     if (request->sign != QM_SIGN_NONE) add_signed(out, request, result);
     if (!isnan(request->threshold)) add_limit(out, request, result);

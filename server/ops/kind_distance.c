@@ -28,6 +28,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
 {
     const qm_distance *distance = &result->distance;
     qm_json_add_lower_upper(out, distance->lower, distance->upper, result->diagonal);
+    qm_job_add_of_true(out, result, (qm_interval){distance->lower, distance->upper});
     qm_json_open(out, "witness", "{");
     qm_json_add_surface_point(out, "from", "a", request->a, result->from_face, &distance->from);
     qm_json_add_surface_point(out, "to", "b", request->b, result->to_face, &distance->to);

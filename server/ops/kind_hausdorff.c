@@ -70,6 +70,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
                                              "precision", "work",      "memory"};
     const qm_hausdorff_result *h = &result->hausdorff;
     qm_json_add_lower_upper(out, h->lower, h->upper, result->diagonal);
+    qm_job_add_of_true(out, result, (qm_interval){h->lower, h->upper});
     if (h->has_witness) add_witness(out, request, result);
     qm_json_add_string(out, "direction", qm_direction_names[request->direction]);
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);

@@ -144,9 +144,9 @@ static bool read_meshes(const cJSON *value, qm_job_request *out, qm_json_locatio
     }
     at->depth = 1;
     for (const cJSON *id = value->child; id; id = id->next, at->index[0]++) {
-        const char *text = cJSON_GetStringValue(id);
-        if (!text || !text[0] || strlen(text) >= QM_ID_SIZE || strchr(text, ' ')) return false;
-        strcpy(out->meshes[out->mesh_count++], text);
+        char *name = out->meshes[out->mesh_count];
+        if (!qm_job_read_mesh_name(cJSON_GetStringValue(id), name) || strchr(name, ' ')) return false;
+        out->mesh_count++;
     }
     strcpy(out->a, out->meshes[0]);
     return true;
@@ -292,7 +292,7 @@ static const qm_job_array pairs = {"pairs", "a,b,lower,upper", COLUMNS};
 
 static const qm_job_field fields[] = {
     {"meshes", QM_FIELD_OTHER, .is_required = true, .read = read_meshes,
-     .expected = "must be an array of 2 to 1000 ids of meshes"},
+     .expected = "must be an array of 2 to 1000 ids of meshes, or hashes of their files after sha256:"},
     {"want", QM_FIELD_OTHER, .read = read_want,
      .expected =
          "must be \"all\", {\"nearest\": an integer from 1 to 100} or {\"within\": a number of 0 or more}"},

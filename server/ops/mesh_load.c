@@ -56,6 +56,8 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
     QM_ASSERT(preparation->has_facts || !preparation->has_patches);
     double start = qm_clock_now_ms();
     qm_status status = preparation->has_facts ? qm_mesh_find_facts(ctx, &out->mesh, &out->facts) : QM_OK;
+    if (status == QM_OK && preparation->has_extent)
+        status = qm_extent_measure(ctx, &out->mesh, preparation->thread_count, &out->extent);
     out->box = qm_mesh_bounding_box(&out->mesh);
     out->diagonal = qm_mesh_box_diagonal(&out->box);
     double facts_end = qm_clock_now_ms();
@@ -141,6 +143,7 @@ qm_status qm_mesh_read(qm_context *ctx, qm_format format, const uint8_t *bytes, 
     if (status == QM_OK)
         status = qm_codec_decode(ctx, file.format, file.bytes, file.size, limits, &out->mesh, report);
     out->format = file.format;
+    memcpy(out->unit, report->unit, sizeof out->unit);
     close_file(ctx, &file);
     out->parse_ms = qm_clock_now_ms() - start;
     if (status != QM_OK) qm_loaded_mesh_reset(ctx, out);
@@ -223,6 +226,7 @@ qm_status qm_loaded_mesh_copy(qm_context *ctx, const qm_loaded_mesh *mesh, doubl
 {
     *out = (qm_loaded_mesh){.mesh = mesh->mesh,
                             .format = mesh->format,
+                            .unit = {mesh->unit[0], mesh->unit[1], mesh->unit[2], mesh->unit[3]},
                             .file_size = mesh->file_size,
                             .parse_ms = mesh->parse_ms,
                             .revision = mesh->revision + 1};

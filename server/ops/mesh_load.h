@@ -7,6 +7,7 @@
 
 #include "format/codec.h"
 #include "qm/deform.h"
+#include "qm/extent.h"
 #include "self_pairs.h"
 #include "solids.h"
 
@@ -16,6 +17,7 @@ typedef struct qm_loaded_mesh {
     qm_patch_set patches; /* empty without quads */
     qm_tetra *tetra;      /* over the patches; NULL without quads or if not requested */
     qm_mesh_facts facts;
+    qm_extent extent; /* all zero if not requested, and after a deformation in memory */
     qm_box box;
     double diagonal;
     uint64_t revision;         /* number of deformations since the file */
@@ -23,7 +25,8 @@ typedef struct qm_loaded_mesh {
     qm_solids *solids;         /* what is known of it as a solid; NULL if not requested */
     qm_deformer *deformer;     /* created by the first deformation in memory; NULL before */
     qm_format format;
-    size_t file_size; /* compressed if it is */
+    char unit[QM_UNIT_SIZE]; /* of the file; "" when it does not tell */
+    size_t file_size;        /* compressed if it is */
     double parse_ms, topology_ms, patches_ms, bvh_ms;
     char (*warnings)[QM_CODEC_DETAIL_SIZE]; /* of the decoder, then of the facts */
     size_t warning_count;
@@ -32,6 +35,7 @@ typedef struct qm_loaded_mesh {
 /** The structures to build. Those that are not requested cost neither time nor memory. */
 typedef struct qm_preparation {
     bool has_facts;     /* counts facts and derives warnings; else facts are all zero */
+    bool has_extent;    /* measures area and volume */
     bool has_patches;   /* finds the regular patches of a mesh with quads; needs has_facts */
     bool keeps_pairs;   /* keeps self-collisions, for incremental searches after a deformation, and solids */
     bool has_tetra;     /* builds offset tetrahedra over the patches; needs a target tree */

@@ -71,6 +71,9 @@ static const char *const explanations[QM_PROBLEM_COUNT] = {
         "A face names a vertex that the file does not have. The detail names the line or the byte.",
     [QM_PROBLEM_SCALE_OUT_OF_RANGE] = "One mesh is so much larger than the other, or so far away, that "
                                       "double precision proves nothing about their distance.",
+    [QM_PROBLEM_UNITS_DIFFER] = "Both meshes have a unit, and not the same, so that a distance between them "
+                                "would mean nothing. Scale one of them, or "
+                                "correct the unit of the one that is wrong with PATCH.",
     [QM_PROBLEM_INVALID_LAYOUT] = "The curves do not bound patches with four sides each, or name nodes that "
                                   "do not exist. The detail names the curve or the patch.",
     [QM_PROBLEM_NOT_CLOSED] =

@@ -63,9 +63,9 @@ qm_stored qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out
     QM_STORE_RETURN_VERB(store, find_mesh, store, id, out);
 }
 
-qm_stored qm_store_find_revision(qm_store *store, const char *id, uint64_t *revision)
+qm_stored qm_store_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out)
 {
-    QM_STORE_RETURN_VERB(store, find_revision, store, id, revision);
+    QM_STORE_RETURN_VERB(store, find_mesh_state, store, id, out);
 }
 
 qm_stored qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
@@ -84,6 +84,11 @@ qm_stored qm_store_revise_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
     QM_ASSERT(mesh->revision > 0);
     QM_STORE_RETURN_VERB(store, revise_mesh, store, mesh);
+}
+
+qm_stored qm_store_set_notes(qm_store *store, const qm_store_mesh *mesh)
+{
+    QM_STORE_RETURN_VERB(store, set_notes, store, mesh);
 }
 
 qm_stored qm_store_set_expiry(qm_store *store, const char *id, const char *expires)
@@ -107,6 +112,7 @@ void qm_store_mesh_reset(qm_store_mesh *mesh)
     free(mesh->name);
     free(mesh->document);
     free(mesh->created);
+    free(mesh->labels);
     *mesh = (qm_store_mesh){0};
 }
 

@@ -26,6 +26,7 @@
 
 #include "base/clock.h"
 #include "base/id.h"
+#include "base/notes.h"
 #include "base/text.h"
 #include "qm/context.h"
 
@@ -228,7 +229,9 @@ typedef struct qm_store_mesh {
     char positions[QM_HASH_SIZE]; /* of the blob with the vertices of this revision: rows of three doubles
                                      as this machine writes them; "" for those of the file */
     char expires[QM_TIME_SIZE];   /* RFC 3339; "": never */
-    int64_t sequence;             /* order of creation; given by the store */
+    qm_notes notes;
+    char *labels;     /* each after a line feed and before the next one; or NULL as "" */
+    int64_t sequence; /* order of creation; given by the store */
 } qm_store_mesh;
 
 /**
@@ -237,12 +240,16 @@ typedef struct qm_store_mesh {
  */
 qm_stored qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh);
 qm_stored qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
-/** Finds the revision of a mesh alone. */
-qm_stored qm_store_find_revision(qm_store *store, const char *id, uint64_t *revision);
+/** What of a mesh changes the answers to questions about it. */
+typedef struct qm_store_mesh_state {
+    uint64_t revision;
+    qm_notes notes;
+} qm_store_mesh_state;
+qm_stored qm_store_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out);
 qm_stored qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
                                         qm_store_mesh *out);
 typedef struct qm_store_mesh_filter {
-    const char *name, *hash;
+    const char *name, *hash, *label;
 } qm_store_mesh_filter;
 qm_stored qm_store_list_meshes(qm_store *store, const qm_store_page *page, const qm_store_mesh_filter *filter,
                                qm_store_mesh *out, size_t *count);
@@ -251,6 +258,8 @@ qm_stored qm_store_list_meshes(qm_store *store, const qm_store_page *page, const
  * positions before. QM_STORED_LATE when the mesh is no longer at the revision before, QM_STORED_NONE when it is gone.
  */
 qm_stored qm_store_revise_mesh(qm_store *store, const qm_store_mesh *mesh);
+/** Sets notes, labels and options of a mesh to those of a row. QM_STORED_NONE when there is no such mesh. */
+qm_stored qm_store_set_notes(qm_store *store, const qm_store_mesh *mesh);
 /** Sets when a mesh expires. QM_STORED_NONE when there is no such mesh. */
 qm_stored qm_store_set_expiry(qm_store *store, const char *id, const char *expires);
 /** Finds a mesh that expired before a time, and that no unfinished job, layout or reconstruction needs. */

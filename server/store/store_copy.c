@@ -99,8 +99,8 @@ static int64_t find_mesh_sequence(const void *row)
 
 static qm_stored find_mesh(qm_store *store, const void *row)
 {
-    uint64_t revision;
-    return qm_store_find_revision(store, ((const qm_store_mesh *)row)->id, &revision);
+    qm_store_mesh_state state;
+    return qm_store_find_mesh_state(store, ((const qm_store_mesh *)row)->id, &state);
 }
 
 /** *is_good: the bytes are in the other store. */

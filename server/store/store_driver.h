@@ -22,12 +22,13 @@ typedef struct qm_store_driver {
 
     qm_stored (*put_mesh)(qm_store *store, const qm_store_mesh *mesh);
     qm_stored (*find_mesh)(qm_store *store, const char *id, qm_store_mesh *out);
-    qm_stored (*find_revision)(qm_store *store, const char *id, uint64_t *revision);
+    qm_stored (*find_mesh_state)(qm_store *store, const char *id, qm_store_mesh_state *out);
     qm_stored (*find_mesh_by_content)(qm_store *store, const char *hash, const char *options,
                                       qm_store_mesh *out);
     qm_stored (*list_meshes)(qm_store *store, const qm_store_page *page, const qm_store_mesh_filter *filter,
                              qm_store_mesh *out, size_t *count);
     qm_stored (*revise_mesh)(qm_store *store, const qm_store_mesh *mesh);
+    qm_stored (*set_notes)(qm_store *store, const qm_store_mesh *mesh);
     qm_stored (*set_expiry)(qm_store *store, const char *id, const char *expires);
     qm_stored (*find_expired_mesh)(qm_store *store, const char *before, qm_store_mesh *out);
     qm_stored (*delete_mesh)(qm_store *store, const char *id);

@@ -97,7 +97,7 @@ qm_stored qm_postgres_find_row_by(qm_store *store, const char *sql, const char *
 
 /** A query for pages: SELECT ... FROM ..., its column of sequence numbers, conditions "column = $" with a text each,
  * of which those whose value is NULL are left out, and one without a value, or NULL. */
-#define QM_POSTGRES_CONDITIONS 2
+#define QM_POSTGRES_CONDITIONS 3
 typedef struct qm_postgres_listing {
     const char *select, *sequence;
     const char *conditions[QM_POSTGRES_CONDITIONS];
@@ -255,7 +255,7 @@ qm_stored qm_postgres_open_chunks(qm_store *store, qm_place **out, char message[
 /** Adds the parameters 1 to 11, a mesh, or nulls for NULL; QM_POSTGRES_MESH_VALUES are its columns. */
 void qm_postgres_add_mesh(qm_postgres_query *query, const qm_store_mesh *mesh);
 #define QM_POSTGRES_MESH_COLUMNS                                                                             \
-    "(id, hash, options, name, document, format, revision, positions, created, expires)"
+    "id, hash, options, name, document, format, revision, positions, created, expires"
 #define QM_POSTGRES_MESH_VALUES                                                                              \
     "$1::text, $2::text, $3::text, $4::text, $5::text, $6::smallint, $7::bigint, nullif($8::text, ''),"      \
     " $9::text, clock_timestamp() + make_interval(secs =>"                                                   \
@@ -287,8 +287,8 @@ void qm_postgres_add_effect(qm_postgres_query *query, const qm_store_effect *eff
     "target AS (SELECT id FROM quadmeshd.reconstructions"                                                    \
     "  WHERE id = $12::text AND revision = $13::bigint - 1 FOR UPDATE)"
 #define QM_POSTGRES_EFFECT                                                                                   \
-    QM_POSTGRES_MESH_BLOBS ", mesh AS (INSERT INTO quadmeshd.meshes " QM_POSTGRES_MESH_COLUMNS               \
-                           "  SELECT " QM_POSTGRES_MESH_VALUES " FROM ready WHERE $1::text IS NOT NULL),"    \
+    QM_POSTGRES_MESH_BLOBS ", mesh AS (INSERT INTO quadmeshd.meshes (" QM_POSTGRES_MESH_COLUMNS              \
+                           ")  SELECT " QM_POSTGRES_MESH_VALUES " FROM ready WHERE $1::text IS NOT NULL),"   \
                            " applied AS (UPDATE quadmeshd.reconstructions r SET mesh = $14, layout = $15,"   \
                            "  steps = $16, records = $17, state = $18, revision = $13::bigint FROM ready"    \
                            "  WHERE r.id = $12::text)"
@@ -325,12 +325,13 @@ void qm_postgres_end_claiming(qm_store *store);
 
 qm_stored qm_postgres_put_mesh(qm_store *store, const qm_store_mesh *mesh);
 qm_stored qm_postgres_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
-qm_stored qm_postgres_find_revision(qm_store *store, const char *id, uint64_t *revision);
+qm_stored qm_postgres_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out);
 qm_stored qm_postgres_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
                                            qm_store_mesh *out);
 qm_stored qm_postgres_list_meshes(qm_store *store, const qm_store_page *page,
                                   const qm_store_mesh_filter *filter, qm_store_mesh *out, size_t *count);
 qm_stored qm_postgres_revise_mesh(qm_store *store, const qm_store_mesh *mesh);
+qm_stored qm_postgres_set_notes(qm_store *store, const qm_store_mesh *mesh);
 qm_stored qm_postgres_set_expiry(qm_store *store, const char *id, const char *expires);
 qm_stored qm_postgres_find_expired_mesh(qm_store *store, const char *before, qm_store_mesh *out);
 qm_stored qm_postgres_delete_mesh(qm_store *store, const char *id);

@@ -8,7 +8,7 @@
 
 #define COLUMNS                                                                                              \
     "id, hash, options, name, document, format, sequence, revision, positions, created,"                     \
-    " to_char(expires AT TIME ZONE 'UTC', 'YYYY-MM-DD\"T\"HH24:MI:SS.MS\"Z\"')"
+    " to_char(expires AT TIME ZONE 'UTC', 'YYYY-MM-DD\"T\"HH24:MI:SS.MS\"Z\"'), unit, uncertainty, labels"
 
 void qm_postgres_add_mesh(qm_postgres_query *query, const qm_store_mesh *mesh)
 {
@@ -31,10 +31,15 @@ static const char has_mesh[] = "SELECT 1 FROM quadmeshd.meshes WHERE id = $1";
 
 qm_stored qm_postgres_put_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
-    qm_postgres_query query = {
-        .sql = "WITH " QM_POSTGRES_MESH_BLOBS " INSERT INTO quadmeshd.meshes " QM_POSTGRES_MESH_COLUMNS
-               " VALUES (" QM_POSTGRES_MESH_VALUES ") ON CONFLICT DO NOTHING RETURNING 1"};
+    qm_postgres_query query = {.sql = "WITH " QM_POSTGRES_MESH_BLOBS
+                                      " INSERT INTO quadmeshd.meshes (" QM_POSTGRES_MESH_COLUMNS
+                                      ", unit, uncertainty, labels) VALUES (" QM_POSTGRES_MESH_VALUES
+                                      ", $12::text, $13::float8, $14::text)"
+                                      " ON CONFLICT DO NOTHING RETURNING 1"};
     qm_postgres_add_mesh(&query, mesh);
+    qm_postgres_add_text(&query, mesh->notes.unit);
+    qm_postgres_add_real(&query, mesh->notes.uncertainty);
+    qm_postgres_add_text(&query, mesh->labels ? mesh->labels : "");
     return qm_postgres_create_row(store, &query, has_mesh, mesh->id);
 }
 
@@ -43,13 +48,16 @@ static bool read_row(const qm_postgres_rows *rows, int row, void *out)
     qm_store_mesh *mesh = out;
     *mesh = (qm_store_mesh){.format = (int)qm_postgres_integer(rows, row, 5),
                             .sequence = qm_postgres_integer(rows, row, 6),
-                            .revision = (uint64_t)qm_postgres_integer(rows, row, 7)};
+                            .revision = (uint64_t)qm_postgres_integer(rows, row, 7),
+                            .notes.uncertainty = qm_postgres_real(rows, row, 12)};
     qm_postgres_read(rows, row, 0, mesh->id, sizeof mesh->id);
     qm_postgres_read(rows, row, 1, mesh->hash, sizeof mesh->hash);
     qm_postgres_read(rows, row, 8, mesh->positions, sizeof mesh->positions);
     qm_postgres_read(rows, row, 10, mesh->expires, sizeof mesh->expires);
+    qm_postgres_read(rows, row, 11, mesh->notes.unit, sizeof mesh->notes.unit);
     if (qm_postgres_copy(rows, row, 2, &mesh->options) && qm_postgres_copy(rows, row, 3, &mesh->name) &&
-        qm_postgres_copy(rows, row, 4, &mesh->document) && qm_postgres_copy(rows, row, 9, &mesh->created))
+        qm_postgres_copy(rows, row, 4, &mesh->document) && qm_postgres_copy(rows, row, 9, &mesh->created) &&
+        qm_postgres_copy(rows, row, 13, &mesh->labels))
         return true;
     qm_store_mesh_reset(mesh);
     return false;
@@ -68,17 +76,20 @@ qm_stored qm_postgres_find_mesh(qm_store *store, const char *id, qm_store_mesh *
                                    &table, out);
 }
 
-static bool read_revision(const qm_postgres_rows *rows, int row, void *out)
+static bool read_state(const qm_postgres_rows *rows, int row, void *out)
 {
-    *(uint64_t *)out = (uint64_t)qm_postgres_integer(rows, row, 0);
+    qm_store_mesh_state *state = out;
+    *state = (qm_store_mesh_state){.revision = (uint64_t)qm_postgres_integer(rows, row, 0),
+                                   .notes.uncertainty = qm_postgres_real(rows, row, 2)};
+    qm_postgres_read(rows, row, 1, state->notes.unit, sizeof state->notes.unit);
     return true;
 }
 
-qm_stored qm_postgres_find_revision(qm_store *store, const char *id, uint64_t *revision)
+qm_stored qm_postgres_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out)
 {
-    static const qm_postgres_table revisions = {sizeof *revision, read_revision, NULL};
-    return qm_postgres_find_row_by(store, "SELECT revision FROM quadmeshd.meshes WHERE id = $1", id,
-                                   &revisions, revision);
+    static const qm_postgres_table states = {sizeof *out, read_state, NULL};
+    return qm_postgres_find_row_by(
+        store, "SELECT revision, unit, uncertainty FROM quadmeshd.meshes WHERE id = $1", id, &states, out);
 }
 
 qm_stored qm_postgres_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
@@ -94,11 +105,12 @@ qm_stored qm_postgres_find_mesh_by_content(qm_store *store, const char *hash, co
 qm_stored qm_postgres_list_meshes(qm_store *store, const qm_store_page *page,
                                   const qm_store_mesh_filter *filter, qm_store_mesh *out, size_t *count)
 {
-    const qm_postgres_listing listing = {"SELECT " COLUMNS " FROM quadmeshd.meshes",
-                                         "sequence",
-                                         {"name = $", "hash = $"},
-                                         {filter->name, filter->hash},
-                                         NULL};
+    const qm_postgres_listing listing = {
+        "SELECT " COLUMNS " FROM quadmeshd.meshes",
+        "sequence",
+        {"name = $", "hash = $", "strpos(labels, chr(10) || $ || chr(10)) > 0"},
+        {filter->name, filter->hash, filter->label},
+        NULL};
     return qm_postgres_list_rows(store, &listing, page, &table, out, count);
 }
 
@@ -127,6 +139,19 @@ qm_stored qm_postgres_revise_mesh(qm_store *store, const qm_store_mesh *mesh)
     qm_postgres_add_text(&query, mesh->document);
     qm_stored status = qm_postgres_change_row(store, &query);
     return status == QM_STORED_NONE ? explain_revision(store, mesh) : status;
+}
+
+qm_stored qm_postgres_set_notes(qm_store *store, const qm_store_mesh *mesh)
+{
+    qm_postgres_query query = {
+        .sql = "UPDATE quadmeshd.meshes SET unit = $2, uncertainty = $3::float8, labels = $4,"
+               " options = $5 WHERE id = $1 RETURNING 1"};
+    qm_postgres_add_text(&query, mesh->id);
+    qm_postgres_add_text(&query, mesh->notes.unit);
+    qm_postgres_add_real(&query, mesh->notes.uncertainty);
+    qm_postgres_add_text(&query, mesh->labels ? mesh->labels : "");
+    qm_postgres_add_text(&query, mesh->options);
+    return qm_postgres_change_row(store, &query);
 }
 
 qm_stored qm_postgres_set_expiry(qm_store *store, const char *id, const char *expires)

@@ -183,8 +183,11 @@ static char *print_page(const qm_postgres_listing *listing, const qm_store_page 
     int64_t after = page->newest_first && page->after == 0 ? INT64_MAX : page->after;
     qm_text_printf(&sql, "%s WHERE %s %c %" PRId64, listing->select, listing->sequence,
                    page->newest_first ? '<' : '>', after);
-    for (int i = 0; i < QM_POSTGRES_CONDITIONS; i++)
-        if (listing->values[i]) qm_text_printf(&sql, " AND %s%d::text", listing->conditions[i], index++);
+    for (int i = 0; i < QM_POSTGRES_CONDITIONS; i++) {
+        if (!listing->values[i]) continue;
+        const char *condition = listing->conditions[i], *rest = strchr(condition, '$') + 1;
+        qm_text_printf(&sql, " AND %.*s%d::text%s", (int)(rest - condition), condition, index++, rest);
+    }
     if (listing->condition) qm_text_printf(&sql, " AND %s", listing->condition);
     qm_text_printf(&sql, " ORDER BY %s %s LIMIT %zu", listing->sequence, page->newest_first ? "DESC" : "ASC",
                    page->limit);

@@ -34,8 +34,8 @@ qm_stored qm_postgres_put_reconstruction(qm_store *store, const qm_store_reconst
 {
     qm_postgres_query query = {
         .sql = "WITH " QM_POSTGRES_MESH_BLOBS ","
-               " mesh AS (INSERT INTO quadmeshd.meshes " QM_POSTGRES_MESH_COLUMNS
-               "   SELECT " QM_POSTGRES_MESH_VALUES " WHERE $1::text IS NOT NULL)"
+               " mesh AS (INSERT INTO quadmeshd.meshes (" QM_POSTGRES_MESH_COLUMNS
+               ")   SELECT " QM_POSTGRES_MESH_VALUES " WHERE $1::text IS NOT NULL)"
                " INSERT INTO quadmeshd.reconstructions (id, source, layout_id, mesh, layout, document, steps,"
                "  records, state, revision, cover_share, pull_curves, idempotency_key, request)"
                " VALUES ($12, $13, $14, $15, $16, $17, $18, $19, $20, $21, $22, $23, $24, $25)"};

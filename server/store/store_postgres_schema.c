@@ -138,12 +138,18 @@ static const char second[] =
     "  generation text PRIMARY KEY COLLATE \"C\", is_going boolean NOT NULL DEFAULT false,"
     "  since timestamptz NOT NULL DEFAULT clock_timestamp())";
 
+/** What is known of meshes besides their files; labels stand between line feeds. */
+static const char third[] =
+    "ALTER TABLE quadmeshd.meshes ADD COLUMN unit text NOT NULL DEFAULT '' COLLATE \"C\","
+    "  ADD COLUMN uncertainty double precision NOT NULL DEFAULT 0,"
+    "  ADD COLUMN labels text NOT NULL DEFAULT '' COLLATE \"C\"";
+
 /**
  * Each brings the tables to the next version, the first one to version 1. A step only adds to the tables, so that
  * daemons of the version before go on with them; what it replaces is dropped by the step after it. One that was released is never
  * changed.
  */
-static const char *const steps[] = {first, second};
+static const char *const steps[] = {first, second, third};
 enum { VERSION = sizeof steps / sizeof steps[0] }; /* of these tables */
 
 /** What the database is. */

@@ -17,7 +17,7 @@
 #define BUSY_TIMEOUT_MS 5000
 #define OLDEST_SCHEMA 7
 #define FIRST_SUMMED 10 /* schema whose pages have checksums */
-#define SCHEMA 14
+#define SCHEMA 15
 
 static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON;";
 
@@ -52,6 +52,12 @@ static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = 
     "  entries BLOB NOT NULL, epoch INTEGER NOT NULL DEFAULT 0);"                                            \
     "CREATE INDEX job_parts_by_upper ON job_parts (job, upper DESC);"
 
+/** What is known of meshes besides their files; labels stand between line feeds. */
+#define ADD_NOTES                                                                                            \
+    "ALTER TABLE meshes ADD COLUMN unit TEXT NOT NULL DEFAULT '';"                                           \
+    "ALTER TABLE meshes ADD COLUMN uncertainty REAL NOT NULL DEFAULT 0;"                                     \
+    "ALTER TABLE meshes ADD COLUMN labels TEXT NOT NULL DEFAULT '';"
+
 /** Of a new database. */
 static const char schema[] =
     "CREATE TABLE meshes ("
@@ -83,7 +89,7 @@ static const char schema[] =
     "  layout_id TEXT NOT NULL, mesh TEXT NOT NULL, layout TEXT NOT NULL, document TEXT NOT NULL,"
     "  steps TEXT NOT NULL, records TEXT NOT NULL, state TEXT NOT NULL, revision INTEGER NOT NULL,"
     "  cover_share REAL NOT NULL, pull_curves INTEGER NOT NULL, idempotency_key TEXT UNIQUE,"
-    "  request TEXT NOT NULL);" CREATE_ARRAYS CREATE_FILTERS CREATE_EXPIRY CREATE_PARTS;
+    "  request TEXT NOT NULL);" CREATE_ARRAYS CREATE_FILTERS CREATE_EXPIRY CREATE_PARTS ADD_NOTES;
 
 /** The step from a version of the schema to the next one; the task runs after the statements, in the same
  * transaction. */
@@ -114,6 +120,7 @@ static const migration migrations[SCHEMA - OLDEST_SCHEMA] = {
     {"ALTER TABLE jobs ADD COLUMN cancel INTEGER NOT NULL DEFAULT 0;"
      "DROP TABLE job_parts; DROP TABLE job_bounds;" CREATE_PARTS,
      NULL},
+    {ADD_NOTES, NULL}, /* 14 to 15 */
 };
 
 /** Writes the value of a pragma; false, and "", after a fault. */
@@ -309,10 +316,11 @@ const qm_store_driver qm_sqlite_driver = {
     .close = close_store,
     .put_mesh = qm_sqlite_put_mesh,
     .find_mesh = qm_sqlite_find_mesh,
-    .find_revision = qm_sqlite_find_revision,
+    .find_mesh_state = qm_sqlite_find_mesh_state,
     .find_mesh_by_content = qm_sqlite_find_mesh_by_content,
     .list_meshes = qm_sqlite_list_meshes,
     .revise_mesh = qm_sqlite_revise_mesh,
+    .set_notes = qm_sqlite_set_notes,
     .set_expiry = qm_sqlite_set_expiry,
     .find_expired_mesh = qm_sqlite_find_expired_mesh,
     .delete_mesh = qm_sqlite_delete_mesh,

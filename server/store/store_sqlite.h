@@ -156,12 +156,13 @@ void qm_sqlite_bind_text(sqlite3_stmt *statement, int index, const char *text);
 /* The verbs of the driver (store_driver.h). */
 qm_stored qm_sqlite_put_mesh(qm_store *store, const qm_store_mesh *mesh);
 qm_stored qm_sqlite_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
-qm_stored qm_sqlite_find_revision(qm_store *store, const char *id, uint64_t *revision);
+qm_stored qm_sqlite_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out);
 qm_stored qm_sqlite_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
                                          qm_store_mesh *out);
 qm_stored qm_sqlite_list_meshes(qm_store *store, const qm_store_page *page,
                                 const qm_store_mesh_filter *filter, qm_store_mesh *out, size_t *count);
 qm_stored qm_sqlite_revise_mesh(qm_store *store, const qm_store_mesh *mesh);
+qm_stored qm_sqlite_set_notes(qm_store *store, const qm_store_mesh *mesh);
 qm_stored qm_sqlite_set_expiry(qm_store *store, const char *id, const char *expires);
 qm_stored qm_sqlite_find_expired_mesh(qm_store *store, const char *before, qm_store_mesh *out);
 qm_stored qm_sqlite_delete_mesh(qm_store *store, const char *id);

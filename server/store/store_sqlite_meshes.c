@@ -7,14 +7,17 @@
 
 #include "store_sqlite.h"
 
-#define COLUMNS "id, hash, options, name, document, format, sequence, revision, positions, created, expires"
+#define COLUMNS                                                                                              \
+    "id, hash, options, name, document, format, sequence, revision, positions, created, expires, unit,"      \
+    " uncertainty, labels"
 
 qm_stored qm_sqlite_add_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
     sqlite3_stmt *statement = qm_sqlite_prepare(
-        store, "INSERT INTO meshes (id, hash, options, name, document, format, revision, positions, created,"
-               "  expires) SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10"
-               " WHERE NOT EXISTS (SELECT 1 FROM meshes WHERE hash = ?2 AND options = ?3)");
+        store,
+        "INSERT INTO meshes (id, hash, options, name, document, format, revision, positions, created,"
+        "  expires, unit, uncertainty, labels) SELECT ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13"
+        " WHERE NOT EXISTS (SELECT 1 FROM meshes WHERE hash = ?2 AND options = ?3)");
     if (!statement) return QM_STORED_FAULT;
     qm_sqlite_bind_text(statement, 1, mesh->id);
     qm_sqlite_bind_text(statement, 2, mesh->hash);
@@ -26,6 +29,9 @@ qm_stored qm_sqlite_add_mesh(qm_store *store, const qm_store_mesh *mesh)
     qm_sqlite_bind_text(statement, 8, mesh->positions);
     qm_sqlite_bind_text(statement, 9, mesh->created);
     qm_sqlite_bind_text(statement, 10, mesh->expires);
+    qm_sqlite_bind_text(statement, 11, mesh->notes.unit);
+    sqlite3_bind_double(statement, 12, mesh->notes.uncertainty);
+    qm_sqlite_bind_text(statement, 13, mesh->labels ? mesh->labels : "");
     if (!qm_sqlite_run(store, statement)) return QM_STORED_FAULT;
     return qm_sqlite_has_changed(store) ? QM_STORED : QM_STORED_TAKEN;
 }
@@ -44,14 +50,17 @@ static bool read_row(sqlite3_stmt *statement, void *row)
     qm_store_mesh *out = row;
     *out = (qm_store_mesh){.format = sqlite3_column_int(statement, 5),
                            .sequence = sqlite3_column_int64(statement, 6),
-                           .revision = (uint64_t)sqlite3_column_int64(statement, 7)};
+                           .revision = (uint64_t)sqlite3_column_int64(statement, 7),
+                           .notes.uncertainty = sqlite3_column_double(statement, 12)};
     if (qm_sqlite_read_text(statement, 0, out->id, sizeof out->id) &&
         qm_sqlite_read_text(statement, 1, out->hash, sizeof out->hash) &&
         qm_sqlite_copy_text(statement, 2, &out->options) && qm_sqlite_copy_text(statement, 3, &out->name) &&
         qm_sqlite_copy_text(statement, 4, &out->document) &&
         qm_sqlite_read_text(statement, 8, out->positions, sizeof out->positions) &&
         qm_sqlite_copy_text(statement, 9, &out->created) &&
-        qm_sqlite_read_text(statement, 10, out->expires, sizeof out->expires))
+        qm_sqlite_read_text(statement, 10, out->expires, sizeof out->expires) &&
+        qm_sqlite_read_text(statement, 11, out->notes.unit, sizeof out->notes.unit) &&
+        qm_sqlite_copy_text(statement, 13, &out->labels))
         return true;
     qm_store_mesh_reset(out);
     return false;
@@ -69,16 +78,19 @@ qm_stored qm_sqlite_find_mesh(qm_store *store, const char *id, qm_store_mesh *ou
     return qm_sqlite_find_row_by(store, "SELECT " COLUMNS " FROM meshes WHERE id = ?", id, &table, out);
 }
 
-static bool read_revision(sqlite3_stmt *statement, void *row)
+static bool read_state(sqlite3_stmt *statement, void *row)
 {
-    *(uint64_t *)row = (uint64_t)sqlite3_column_int64(statement, 0);
-    return true;
+    qm_store_mesh_state *out = row;
+    *out = (qm_store_mesh_state){.revision = (uint64_t)sqlite3_column_int64(statement, 0),
+                                 .notes.uncertainty = sqlite3_column_double(statement, 2)};
+    return qm_sqlite_read_text(statement, 1, out->notes.unit, sizeof out->notes.unit);
 }
 
-qm_stored qm_sqlite_find_revision(qm_store *store, const char *id, uint64_t *revision)
+qm_stored qm_sqlite_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out)
 {
-    static const qm_sqlite_table revisions = {sizeof *revision, read_revision, NULL};
-    return qm_sqlite_find_row_by(store, "SELECT revision FROM meshes WHERE id = ?", id, &revisions, revision);
+    static const qm_sqlite_table states = {sizeof *out, read_state, NULL};
+    return qm_sqlite_find_row_by(store, "SELECT revision, unit, uncertainty FROM meshes WHERE id = ?", id,
+                                 &states, out);
 }
 
 qm_stored qm_sqlite_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
@@ -95,7 +107,10 @@ qm_stored qm_sqlite_list_meshes(qm_store *store, const qm_store_page *page,
                                 const qm_store_mesh_filter *filter, qm_store_mesh *out, size_t *count)
 {
     const qm_sqlite_listing listing = {
-        "SELECT " COLUMNS " FROM meshes", "sequence", {"name = ?", "hash = ?"}, {filter->name, filter->hash}};
+        "SELECT " COLUMNS " FROM meshes",
+        "sequence",
+        {"name = ?", "hash = ?", "instr(labels, char(10) || ? || char(10)) > 0"},
+        {filter->name, filter->hash, filter->label}};
     return qm_sqlite_list_rows(store, &listing, page, &table, out, count);
 }
 
@@ -108,6 +123,20 @@ static qm_stored change_row(qm_store *store, sqlite3_stmt *statement)
     qm_sqlite_end(store, statement);
     if (step != SQLITE_DONE) return QM_STORED_FAULT;
     return is_found ? QM_STORED : QM_STORED_NONE;
+}
+
+qm_stored qm_sqlite_set_notes(qm_store *store, const qm_store_mesh *mesh)
+{
+    sqlite3_stmt *statement = qm_sqlite_begin(
+        store,
+        "UPDATE meshes SET unit = ?, uncertainty = ?, labels = ?, options = ? WHERE id = ? RETURNING 1");
+    if (!statement) return QM_STORED_FAULT;
+    qm_sqlite_bind_text(statement, 1, mesh->notes.unit);
+    sqlite3_bind_double(statement, 2, mesh->notes.uncertainty);
+    qm_sqlite_bind_text(statement, 3, mesh->labels ? mesh->labels : "");
+    qm_sqlite_bind_text(statement, 4, mesh->options);
+    qm_sqlite_bind_text(statement, 5, mesh->id);
+    return change_row(store, statement);
 }
 
 qm_stored qm_sqlite_set_expiry(qm_store *store, const char *id, const char *expires)

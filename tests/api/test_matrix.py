@@ -1,4 +1,5 @@
 """The distances of all pairs of a set of meshes: intervals of known values, few searches, and sets that do not fit in memory."""
+import hashlib
 import json
 import math
 import struct
@@ -151,6 +152,28 @@ def test_a_mesh_that_is_missing_is_named(client, boxes):
     problem = check_problem(client.post("/v1/jobs", json={"type": "matrix", "meshes": [*boxes, "m_none"]}), 404,
                             "mesh_not_found")
     assert problem["errors"][0]["pointer"] == "/meshes/6"
+
+
+def test_meshes_by_the_hash_of_their_file(client):
+    data = [shapes.cube(origin=(shift, 0, 0)) for shift in (0, 3, 7)]
+    ids = [client.upload(text, name="by hash")["id"] for text in data]
+    names = ["sha256:" + hashlib.sha256(text.encode() if isinstance(text, str) else text).hexdigest() for text in data]
+    job = ask(client, [names[0], ids[1], names[2]])
+    assert job["result"]["meshes"] == ids
+    check_rows(rows_of(client, job), [(0, 0, 0), (3, 0, 0), (7, 0, 0)])
+    missing = "sha256:" + "0" * 64
+    problem = check_problem(client.post("/v1/jobs", json={"type": "matrix", "meshes": [*names, missing]}), 404,
+                            "mesh_not_found")
+    assert problem["errors"][0]["pointer"] == "/meshes/3"
+
+
+def test_meshes_of_different_units_are_refused(client):
+    ids = [client.upload(shapes.cube(origin=(shift, 5, 0)), name="in a unit")["id"] for shift in range(4)]
+    for mesh, unit in ((ids[1], "mm"), (ids[3], "m")):
+        assert client.patch(f"/v1/meshes/{mesh}", json={"unit": unit}).status_code == 200
+    problem = check_problem(client.post("/v1/jobs", json={"type": "matrix", "meshes": ids}), 422, "units_differ")
+    assert problem["errors"][0]["pointer"] == "/meshes/3"
+    assert ask(client, ids[:3])["state"] == "succeeded"
 
 
 def test_sizes_beyond_precision_have_their_boxes(client):

@@ -222,3 +222,18 @@ def test_layouts(frail):
     running, faults = frail
     mesh = mesh_of(running, shapes.saddle(4))
     fail_each(running, faults, lambda client, place: client.post("/v1/layouts", json={"mesh": mesh, **saddle_layout()}))
+
+
+def test_a_matrix(frail):
+    running, faults = frail
+    meshes = [mesh_of(running, shapes.cube(origin=(x, 0, 0))) for x in range(3)]
+    fail_each(running, faults, lambda client, place: client.post(
+        "/v1/jobs", json={"type": "matrix", "meshes": meshes, "want": {"nearest": 1}, "threads": 1},
+        headers={"Prefer": WAIT, "Cache-Control": "no-cache"}))
+
+
+def test_two_files_in_one_request(frail):
+    running, faults = frail
+    files = {"a": shapes.ply_little(shapes.cube()), "b": shapes.ply_little(shapes.cube(origin=(1, 0, 0))),
+             "options": json.dumps({"type": "hausdorff", "threads": 1}).encode()}
+    fail_each(running, faults, lambda client, place: client.post("/v1/compare", files=files))

@@ -72,6 +72,21 @@ test("meshes: upload, list, show, download, patches, delete", async () => {
   await assert.rejects(client.meshes.get(back.mesh.id), { code: "mesh_not_found", status: 404 });
 });
 
+test("meshes have notes and a quality", async () => {
+  const noted = await client.meshes.create(off(sphere()), { name: "noted", unit: "mm", uncertainty: 0.25, labels: ["js", "a-b"] });
+  assert.deepEqual([noted.mesh.unit, noted.mesh.uncertainty, noted.mesh.labels], ["mm", 0.25, ["js", "a-b"]]);
+  assert.deepEqual((await collect(client.meshes.list({ label: "js" }))).map((mesh) => mesh.id), [noted.mesh.id]);
+  const changed = await client.meshes.change(noted.mesh.id, { unit: null, labels: [] });
+  assert.deepEqual([changed.unit, changed.uncertainty, changed.labels], [null, 0.25, []]);
+
+  const { metrics } = await client.meshes.quality(noted.mesh.id);
+  assert.equal(metrics.length, 10);
+  const skew = await client.meshes.qualityOfFaces(noted.mesh.id, "skew");
+  assert.equal(skew.values.length, 4800);
+  assert.equal(skew.maximum, skew.values[skew.maximum_face ?? 0]);
+  await client.meshes.delete(noted.mesh.id);
+});
+
 test("nearest points come as rows, of float64 and float32 alike", async () => {
   for (const points of [new Float64Array([0, 0, 3, 2, 0, 0]), new Float32Array([0, 0, 3, 2, 0, 0])]) {
     const rows = (await collect(client.meshes.project(a.id, points))).flatMap((block) => [...block]);

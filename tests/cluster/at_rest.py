@@ -33,7 +33,9 @@ PARTS = "SELECT p.part FROM job_parts p JOIN jobs j USING (sequence) WHERE j.id 
 BOUNDS = """SELECT b.lower, greatest(b.lower, b.discarded, max(p.upper)) FROM job_bounds b JOIN jobs j USING (sequence)
             LEFT JOIN job_parts p USING (sequence) WHERE j.id = '{}' GROUP BY b.sequence"""
 NEXT_VERSION = "UPDATE about SET version = version + 1; ALTER TABLE jobs ADD COLUMN new int; CREATE TABLE new (n int)"
-FIRST_VERSION = "DROP TABLE job_parts, job_bounds, blob_place, blob_objects; UPDATE about SET version = 1"
+FIRST_VERSION = """DROP TABLE job_parts, job_bounds, blob_place, blob_objects;
+                   ALTER TABLE meshes DROP COLUMN unit, DROP COLUMN uncertainty, DROP COLUMN labels;
+                   UPDATE about SET version = 1"""
 DEAD = "SELECT id FROM nodes WHERE state = 2"
 
 

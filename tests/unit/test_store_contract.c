@@ -75,10 +75,51 @@ static void check_mesh(qm_store *store, const qm_store_mesh *expected)
     assert_string_equal(found.positions, expected->positions);
     assert_int_equal(found.format, expected->format);
     assert_int_equal(found.revision, expected->revision);
+    assert_string_equal(found.notes.unit, expected->notes.unit);
+    assert_true(found.notes.uncertainty == expected->notes.uncertainty);
+    assert_string_equal(found.labels, expected->labels ? expected->labels : "");
     qm_store_mesh_reset(&found);
-    uint64_t revision;
-    assert_int_equal(qm_store_find_revision(store, expected->id, &revision), QM_STORED);
-    assert_int_equal(revision, expected->revision);
+    qm_store_mesh_state state;
+    assert_int_equal(qm_store_find_mesh_state(store, expected->id, &state), QM_STORED);
+    assert_int_equal(state.revision, expected->revision);
+    assert_string_equal(state.notes.unit, expected->notes.unit);
+    assert_true(state.notes.uncertainty == expected->notes.uncertainty);
+}
+
+/** Notes come with a new row, are changed by themselves, and stay through a revision; labels find meshes. */
+static void test_notes(void **state)
+{
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
+    qm_store_mesh a = make_mesh(store, "m_a", "content"), b = make_mesh(store, "m_b", "other"), found[3];
+    size_t count;
+    a.notes = (qm_notes){"mm", 0.1};
+    a.labels = "\nnightly\npart-7\n";
+    assert_int_equal(qm_store_put_mesh(store, &a), QM_STORED);
+    assert_int_equal(qm_store_put_mesh(store, &b), QM_STORED);
+    check_mesh(store, &a);
+    check_mesh(store, &b);
+    const qm_store_page page = {.limit = 3};
+    static const char *const labels[] = {"nightly", "part-7", "night", "", "%", "part-7\nnightly"};
+    for (size_t i = 0; i < sizeof labels / sizeof *labels; i++) {
+        const qm_store_mesh_filter filter = {.label = labels[i]};
+        assert_int_equal(qm_store_list_meshes(store, &page, &filter, found, &count), QM_STORED);
+        assert_int_equal(count, i < 2 ? 1 : 0);
+        if (count > 0) assert_string_equal(found[0].id, "m_a");
+        for (size_t k = 0; k < count; k++)
+            qm_store_mesh_reset(&found[k]);
+    }
+    a.notes = (qm_notes){"", 0x1.123456789abcdp-7};
+    a.labels = "";
+    a.options = "noted m_a";
+    assert_int_equal(qm_store_set_notes(store, &a), QM_STORED);
+    assert_int_equal(qm_store_set_notes(store, &a), QM_STORED);
+    check_mesh(store, &a);
+    a.revision = 1;
+    assert_true(qm_stored_keep_blob(store, "moved", a.positions));
+    assert_int_equal(qm_store_revise_mesh(store, &a), QM_STORED);
+    check_mesh(store, &a);
+    snprintf(a.id, sizeof a.id, "m_none");
+    assert_int_equal(qm_store_set_notes(store, &a), QM_STORED_NONE);
 }
 
 static void test_meshes(void **state)
@@ -198,11 +239,11 @@ static void test_revisions_by_threads(void **state)
 {
     qm_store *store = ((qm_stored_fixture *)*state)->store;
     qm_store_mesh mesh = make_mesh(store, "m_a", "content");
-    uint64_t revision;
+    qm_store_mesh_state state_now;
     assert_int_equal(qm_store_put_mesh(store, &mesh), QM_STORED);
     assert_int_equal(run_threads(store, revise_again_and_again), THREADS * EACH);
-    assert_int_equal(qm_store_find_revision(store, "m_a", &revision), QM_STORED);
-    assert_int_equal(revision, THREADS * EACH);
+    assert_int_equal(qm_store_find_mesh_state(store, "m_a", &state_now), QM_STORED);
+    assert_int_equal(state_now.revision, THREADS * EACH);
 }
 
 static qm_store_job make_job(const char *id, const char *key)
@@ -862,6 +903,7 @@ static void test_parts_by_threads(void **state)
             cmocka_unit_test_setup_teardown(test_one_row_of_a_content, set_up, qm_stored_tear_down),         \
             cmocka_unit_test_setup_teardown(test_revisions, set_up, qm_stored_tear_down),                    \
             cmocka_unit_test_setup_teardown(test_revisions_by_threads, set_up, qm_stored_tear_down),         \
+            cmocka_unit_test_setup_teardown(test_notes, set_up, qm_stored_tear_down),                        \
             cmocka_unit_test_setup_teardown(test_expiry, set_up, qm_stored_tear_down),                       \
             cmocka_unit_test_setup_teardown(test_submissions, set_up, qm_stored_tear_down),                  \
             cmocka_unit_test_setup_teardown(test_one_job_of_a_key, set_up, qm_stored_tear_down),             \

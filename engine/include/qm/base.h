@@ -1,5 +1,5 @@
 /**
- * base.h: the version, the list of status codes, the assertion, the allocator hook and checked sizes.
+ * base.h: the version, the list of status codes, the assertion, the allocator hook, checked sizes and intervals.
  *
  * Conditions that only a programmer can break (a NULL argument) are asserted. Conditions that data can break
  * (a face index out of range) are reported as a qm_status, with a sentence in the context's message.
@@ -60,6 +60,11 @@ static inline bool qm_array_size(size_t count, size_t width, size_t *size)
 {
     return !__builtin_mul_overflow(count, width, size);
 }
+
+/** An interval that contains a true value. */
+typedef struct qm_interval {
+    double lower, upper;
+} qm_interval;
 
 /** Called when an assertion fails: prints to stderr and aborts. */
 _Noreturn void qm_core_abort(const char *condition, const char *file, int line);

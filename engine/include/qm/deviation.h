@@ -21,11 +21,6 @@
 #include "qm/hausdorff.h"
 #include "qm/solid.h"
 
-/** An interval that contains a true value. */
-typedef struct qm_interval {
-    double lower, upper;
-} qm_interval;
-
 /**
  * How the sides of B are told from one another, and which distances count as positive.
  *

@@ -82,14 +82,27 @@ typedef struct qm_mesh_facts {
     size_t irregular_vertices;    /* inner vertices with quads only and a valence other than 4 */
     size_t components;            /* connected by shared vertices; 0 for a point set */
     size_t repeated_corner_faces; /* faces that repeat a vertex: kept, as triangles, segments or points */
-    bool manifold; /* every edge has one or two faces, and the faces around each vertex form one fan */
+    size_t duplicate_faces; /* of the input: with the vertices of an earlier one in the same or the opposite
+                               order; polygons by the triangles of their fans */
+    size_t edges;
+    size_t boundary_loops;  /* closed curves of boundary edges; those that meet at a vertex count as one */
+    ptrdiff_t euler_number; /* vertices - edges + faces, of the faces that have edges */
+    size_t genus;           /* sum over the components; QM_NO_GENUS unless manifold, watertight and
+                                winding_consistent */
+    bool manifold;   /* every edge has one or two faces, and the faces around each vertex form one fan */
+    bool watertight; /* there are edges, and each has two faces */
+    bool winding_consistent; /* no two faces run through an edge in the same direction */
 } qm_mesh_facts;
 
+#define QM_NO_GENUS SIZE_MAX
+
 /**
- * Counts edges, components and irregular vertices. Vertices are equal when their indices are: meshes with
- * unshared corners (STL) must be welded before.
+ * Counts edges, components, loops, irregular vertices and duplicates. Vertices are equal when their indices are:
+ * meshes with unshared corners (STL) must be welded before. A face that repeats a vertex counts as what is left of
+ * it: a quad of three vertices as a triangle, one of two vertices as nothing.
  *
- * Cost:    linear in the faces; scratch memory of about 50 bytes an edge.
+ * Cost:    linear in the faces; scratch memory of about 50 bytes an edge, and 40 for each face whose vertices all have
+ *          crowded edges or several fans, among which duplicates are.
  * Returns: QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
  */
 qm_status qm_mesh_find_facts(qm_context *ctx, const qm_mesh *mesh, qm_mesh_facts *out);

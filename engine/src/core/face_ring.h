@@ -1,5 +1,5 @@
 /**
- * face_ring.h: the corners of a face without repeated vertices, as adjacency needs them.
+ * face_ring.h: the corners of a face, with and without repeated vertices, and the fans of polygons.
  */
 #ifndef QM_FACE_RING_H
 #define QM_FACE_RING_H
@@ -11,6 +11,15 @@
 static inline int qm_face_corners(const uint32_t face[4])
 {
     return face[3] == QM_NO_INDEX ? 3 : 4;
+}
+
+/** True when the face is part of a polygon: a neighbour in the list has its index in the input. */
+static inline bool qm_face_is_fan_part(const qm_mesh *mesh, size_t face)
+{
+    const uint32_t *origin = mesh->face_origin;
+    if (!origin) return false;
+    return (face > 0 && origin[face - 1] == origin[face]) ||
+           (face + 1 < mesh->face_count && origin[face + 1] == origin[face]);
 }
 
 static inline bool qm_face_repeats_vertex(const uint32_t face[4], int count)
