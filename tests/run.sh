@@ -74,7 +74,7 @@ unit() { # PROGRAM
 # The sandbox forbids what sanitizers do, and they put their own memory in place of large pages.
 released="test_sandbox test_large_pages"
 # These search for long: ASan would make minutes of it.
-slow="test_reconstruct test_collide test_distance test_bilinear_pair test_hausdorff test_hausdorff_adversarial
+slow="test_align test_reconstruct test_collide test_distance test_bilinear_pair test_hausdorff test_hausdorff_adversarial
     test_hausdorff_invariance test_hausdorff_property test_rigour test_wide test_locator test_pairs"
 for program in build/asan/tests/test_*; do
     case "$program" in *.d | *.o) continue ;; esac

@@ -28,6 +28,7 @@ typedef struct cli_verdict {
 typedef struct cli_check_settings {
     double gap; /* of the diagonal: nearer to the limit than this a distance is undecided */
     int threads;
+    bool aligns; /* the new mesh is moved onto the golden one before */
 } cli_check_settings;
 
 /**

@@ -54,6 +54,8 @@ static void conclude_problem(cli_verdict *verdict, const char *path, const qm_pr
         conclude(verdict, CLI_TROUBLE, "%s: %s", path, problem->detail);
 }
 
+#define ALIGN_GAP 1e-3 /* of the distance that an alignment measures, of which only the motion is used */
+
 /** Runs a job on the meshes, on the first one alone where is_pair is false; false after its problem. */
 static bool run_job(check_run *run, const qm_job_request *request, bool is_pair, qm_job_result *out)
 {
@@ -201,6 +203,38 @@ static void ask_all(check_run *run)
 
 /* ---- one check ---- */
 
+/** Moves the new mesh onto the golden one; false after a problem. */
+static bool align(check_run *run)
+{
+    qm_job_request request = make_request(run, QM_JOB_ALIGNMENT);
+    request.tolerance = ALIGN_GAP;
+    qm_job_result result;
+    if (!run_job(run, &request, true, &result)) return false;
+    qm_loaded_mesh *mesh = &run->mesh[0];
+    qm_context *ctx = &run->ctx;
+    size_t updated;
+    double *positions = qm_context_alloc(ctx, mesh->mesh.vertex_count, 3 * sizeof *positions);
+    qm_status status = positions
+                           ? qm_transform_positions(ctx, result.alignment.transform, &mesh->mesh, positions)
+                           : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the moved mesh");
+    if (status == QM_OK)
+        status = qm_loaded_mesh_deform(ctx, mesh, positions, NULL, 0, run->settings->threads, &updated);
+    else
+        qm_context_free(ctx, positions, mesh->mesh.vertex_count, 3 * sizeof *positions);
+    const double floor = result.alignment.floor, limit = run->check->rule.limit;
+    qm_job_result_reset(ctx, &result);
+    if (status == QM_OK && run->check->rule.percent >= 100.0 && run->check->rule.direction == QM_TWO_SIDED &&
+        floor > limit) {
+        char low[CLI_BOUND_SIZE];
+        conclude(&run->verdict, CLI_BEYOND, "no rigid motion brings the meshes nearer than %s",
+                 cli_format_bound(floor, false, low));
+    }
+    if (status == QM_OK) return true;
+    qm_problem problem = qm_problem_from_status(status, ctx->message);
+    conclude_problem(&run->verdict, run->check->path[0], &problem);
+    return false;
+}
+
 static void load_and_ask(check_run *run)
 {
     const qm_check *check = run->check;
@@ -216,10 +250,10 @@ static void load_and_ask(check_run *run)
     qm_problem units;
     for (int side = 0; side < 2; side++)
         memcpy(notes[side].unit, run->mesh[side].unit, sizeof notes[side].unit);
-    if (qm_job_check_units(notes, &units))
-        ask_all(run);
-    else
+    if (!qm_job_check_units(notes, &units))
         conclude_problem(&run->verdict, run->check->path[1], &units);
+    else if (!run->settings->aligns || align(run))
+        ask_all(run);
     cli_unload_pair(&run->ctx, run->mesh);
 }
 

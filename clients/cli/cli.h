@@ -60,6 +60,16 @@ bool cli_load_pair(qm_context *ctx, const char *const path[2], bool as_json,
                    const qm_preparation preparation[2], qm_loaded_mesh mesh[2]);
 void cli_unload_pair(qm_context *ctx, qm_loaded_mesh mesh[2]);
 
+/** Writes a mesh in the format of the name's end, PLY without one; "-" is standard output. False after a report. */
+bool cli_write_mesh(qm_context *ctx, const char *path, const qm_mesh *mesh, bool as_json);
+
+/** Reads a transform from a JSON file: an object with "transform", as align writes, or the 16 numbers alone. False after a
+ * report. */
+bool cli_read_transform(const char *path, double transform[QM_TRANSFORM_SIZE], bool as_json);
+
+/** The transform in the result of an alignment. */
+void cli_get_transform(const qm_json *result, double transform[QM_TRANSFORM_SIZE]);
+
 /* ---- progress (jobs.c) ---- */
 
 /** A bound in so many digits, or in 9, rounded outward, so that the printed interval contains the computed one. Returns
@@ -87,8 +97,10 @@ typedef struct cli_session cli_session;
 
 /** A job and how to run it. */
 typedef struct cli_job {
-    const char *path[2]; /* the second is NULL for a kind of one mesh */
-    const char *server;  /* NULL: in this process */
+    const char *path[2];   /* the second is NULL for a kind of one mesh */
+    const char *server;    /* NULL: in this process */
+    bool aligns;           /* the first is moved onto the second before, as `quadmesh align` does */
+    const char *transform; /* a file with the transform of the first; NULL: it stays where it is */
     qm_job_request request;
     bool as_json, shows_progress;
 } cli_job;

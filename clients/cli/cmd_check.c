@@ -96,6 +96,11 @@ static int run(int argc, char **argv)
          .choices = qm_check_meeting_names,
          .target = &o.rule.self_collides,
          .help = "whether NEW may meet itself: no, yes or any (default)"},
+        {.name = "align",
+         .type = CLI_FLAG,
+         .target = &o.settings.aligns,
+         .help = "moves NEW onto GOLDEN before, as align does without options; beyond at once where no\n"
+                 "rigid motion can bring it within the limit"},
         CLI_OPTION_QUADS(&o.rule.quads),
         {.name = "gap",
          .value = "X",

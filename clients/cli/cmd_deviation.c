@@ -219,13 +219,14 @@ static bool write_files(const file_names *names, const qm_mesh *mesh, const dist
     return is_written && (!names->ply || write_file(names->ply, mesh, distances, true));
 }
 
-/** Writes the files of a job that ran on a daemon. Positions are read from the input file again. */
+/** Writes the files of a job that ran on a daemon. Positions are read from the input file again, and moved as there. */
 static bool write_fetched(const file_names *names, const cli_job *job, cli_session *session)
 {
     distance_list distances;
     qm_context ctx = qm_host_context();
     qm_loaded_mesh mesh;
     qm_preparation positions_only = cli_prepare(false, job->request.quads, 1);
+    if (job->request.pose[0].is_given) positions_only.transform = job->request.pose[0].transform;
     bool is_written = false;
     if (cli_session_fetch_numbers(session, job->server, &distances.values, &distances.count) &&
         cli_load_mesh(&ctx, job->path[0], job->as_json, &positions_only, &mesh)) {
@@ -358,6 +359,7 @@ static int run(int argc, char **argv)
          .help = "ranges of signed distances FROM:TO, separated by commas: which share of A is in each"},
         CLI_OPTIONS_NOTES(request),
         CLI_OPTION_THREADS(&request->threads),
+        CLI_OPTION_TRANSFORM(&job.transform),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_PROGRESS(&job.shows_progress),
         CLI_OPTION_SERVER(&job.server)};

@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "base/host.h"
-#include "format/encoder.h"
 #include "ops/json_layout.h"
 #include "options.h"
 
@@ -76,33 +75,6 @@ static void on_step(void *user, const qm_refine_record *record)
     fprintf(p->out, ", %.1f ms\n", record->step_ms);
 }
 
-static bool write_mesh(qm_context *ctx, const reconstruct_options *options, const qm_mesh *mesh)
-{
-    qm_mesh_facts facts;
-    qm_encoder *encoder = NULL;
-    qm_format format = qm_format_from_path(options->output);
-    if (format == QM_FORMAT_UNKNOWN) format = QM_FORMAT_PLY;
-    qm_status status = qm_mesh_find_facts(ctx, mesh, &facts);
-    if (status == QM_OK) status = qm_encoder_create(ctx, mesh, &facts, format, 0, &encoder);
-    if (status != QM_OK) {
-        cli_report_status(options->output, status, ctx, options->as_json);
-        return false;
-    }
-    FILE *out = strcmp(options->output, "-") == 0 ? stdout : fopen(options->output, "wb");
-    bool is_written = out != NULL, goes_on = is_written;
-    while (goes_on) {
-        qm_text block = {0};
-        goes_on = qm_encoder_next(encoder, &block);
-        is_written = is_written && !block.failed && fwrite(block.data, 1, block.size, out) == block.size;
-        qm_text_reset(&block);
-    }
-    if (out && out != stdout && fclose(out) != 0) is_written = false;
-    qm_encoder_destroy(encoder);
-    if (is_written) return true;
-    cli_report_unwritable(options->output, options->as_json);
-    return false;
-}
-
 static bool write_picture(const reconstruct_options *options, const qm_mesh *mesh)
 {
     if (!options->picture || cli_write_picture(options->picture, mesh)) return true;
@@ -126,7 +98,8 @@ static int refine_and_write(qm_context *ctx, const reconstruct_options *options,
     }
     size_t points, uncovered;
     qm_reconstruction_coverage(r, &points, &uncovered);
-    bool is_done = write_mesh(ctx, options, &mesh) && write_picture(options, &mesh);
+    bool is_done =
+        cli_write_mesh(ctx, options->output, &mesh, options->as_json) && write_picture(options, &mesh);
     if (is_done && !options->as_json)
         fprintf(p.out, "%s: %zu quads in %zu patches; %.2f %% of the surface is covered; stopped by %s\n",
                 options->output, mesh.face_count, qm_reconstruction_patch_count(r),

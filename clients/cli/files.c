@@ -9,7 +9,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/json.h"
 #include "cli.h"
+#include "format/encoder.h"
 
 const char *cli_base_name(const char *path)
 {
@@ -122,6 +124,76 @@ bool cli_check_writable(const char *path, bool as_json)
     cli_report_unwritable(path, as_json);
     return false;
 }
+
+bool cli_write_mesh(qm_context *ctx, const char *path, const qm_mesh *mesh, bool as_json)
+{
+    qm_mesh_facts facts;
+    qm_encoder *encoder = NULL;
+    qm_format format = qm_format_from_path(path);
+    if (format == QM_FORMAT_UNKNOWN) format = QM_FORMAT_PLY;
+    qm_status status = qm_mesh_find_facts(ctx, mesh, &facts);
+    if (status == QM_OK) status = qm_encoder_create(ctx, mesh, &facts, format, 0, &encoder);
+    if (status != QM_OK) {
+        cli_report_status(path, status, ctx, as_json);
+        return false;
+    }
+    FILE *out = strcmp(path, "-") == 0 ? stdout : fopen(path, "wb");
+    bool is_written = out != NULL, goes_on = is_written;
+    while (goes_on) {
+        qm_text block = {0};
+        goes_on = qm_encoder_next(encoder, &block);
+        is_written = is_written && !block.failed && fwrite(block.data, 1, block.size, out) == block.size;
+        qm_text_reset(&block);
+    }
+    if (out && out != stdout && fclose(out) != 0) is_written = false;
+    qm_encoder_destroy(encoder);
+    if (is_written) return true;
+    cli_report_unwritable(path, as_json);
+    return false;
+}
+
+/* ---- poses ---- */
+
+/** The number i of the transform of a document; NAN: there is none. */
+static double transform_number(const qm_json *json, int i)
+{
+    char path[32];
+    snprintf(path, sizeof path, qm_json_has(json, "transform") ? "transform.%d" : "%d", i);
+    return qm_json_get_number(json, path);
+}
+
+void cli_get_transform(const qm_json *result, double transform[QM_TRANSFORM_SIZE])
+{
+    for (int i = 0; i < QM_TRANSFORM_SIZE; i++)
+        transform[i] = transform_number(result, i);
+}
+
+bool cli_read_transform(const char *path, double transform[QM_TRANSFORM_SIZE], bool as_json)
+{
+    size_t size;
+    uint8_t *bytes = cli_read_file(path, &size, as_json);
+    if (!bytes) return false;
+    char *text = strndup((const char *)bytes, size);
+    free(bytes);
+    qm_json *json = text ? qm_json_parse(text) : NULL;
+    free(text);
+    qm_context ctx = qm_context_make();
+    qm_status status = QM_OK;
+    bool has_all = json && isnan(transform_number(json, QM_TRANSFORM_SIZE));
+    for (int i = 0; i < QM_TRANSFORM_SIZE && has_all; i++) {
+        transform[i] = transform_number(json, i);
+        has_all = !isnan(transform[i]);
+    }
+    if (!has_all)
+        status = qm_context_fail(&ctx, QM_E_FORMAT,
+                                 "it has no transform: 16 numbers, alone or as \"transform\" of an object");
+    if (status == QM_OK) status = qm_transform_check(&ctx, transform);
+    qm_json_free(json);
+    if (status != QM_OK) cli_report_status(path, status, &ctx, as_json);
+    return status == QM_OK;
+}
+
+/* ---- meshes ---- */
 
 qm_preparation cli_prepare(bool is_target, qm_quad_reading quads, int threads)
 {

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "base/host.h"
+#include "base/json.h"
 #include "cli.h"
 
 /* ---- progress ---- */
@@ -146,12 +147,13 @@ static int run_here(const cli_job *job, cli_finish_fn *finish, const void *user)
         /* Only the kinds that search for nearest points need targets. */
         const qm_job_request *request = &job->request;
         const bool is_target =
-            request->kind == QM_JOB_COMPARISON ? true
+            request->kind == QM_JOB_COMPARISON || request->kind == QM_JOB_ALIGNMENT ? true
             : request->kind == QM_JOB_HAUSDORFF
                 ? request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A)
                 : (request->kind == QM_JOB_DEVIATION || request->kind == QM_JOB_HEATMAP) && side == 1;
         preparation[side] = cli_prepare(is_target, request->quads, request->threads);
         preparation[side].has_no_tree = job->request.kind == QM_JOB_COLLISION;
+        if (request->pose[side].is_given) preparation[side].transform = request->pose[side].transform;
     }
     qm_loaded_mesh mesh[2] = {{.revision = 0}};
     bool is_pair = job->path[1] != NULL;
@@ -165,24 +167,59 @@ static int run_here(const cli_job *job, cli_finish_fn *finish, const void *user)
 
 /* ---- in this process, or on a daemon ---- */
 
+static int run_anywhere(const cli_job *job, cli_finish_fn *finish, const void *user)
+{
+    if (!job->server) return run_here(job, finish, user);
+    int status = EXIT_BAD_INPUT;
+    cli_session *session = cli_session_open(job->server, job->as_json);
+    qm_job_request request = job->request;
+    double diagonal = 0.0;
+    bool is_ready =
+        session && cli_session_upload(session, job->path[0], &request.notes[0], request.a, &diagonal) &&
+        (!job->path[1] || cli_session_upload(session, job->path[1], &request.notes[1], request.b, NULL));
+    char *json = is_ready ? cli_session_run_job(session, &request, make_bar(job, diagonal)) : NULL;
+    const cli_job_output output = {.json = json, .session = session};
+    if (json) status = finish(user, job, &output);
+    free(json);
+    cli_session_close(session);
+    return status;
+}
+
+/** Keeps the transform of an alignment as the pose of another job. */
+static int keep_pose(const void *user, const cli_job *job, const cli_job_output *output)
+{
+    (void)job;
+    qm_job_pose *const *pose = user;
+    qm_json *result = qm_json_parse(output->json);
+    cli_get_transform(result, (*pose)->transform);
+    qm_json_free(result);
+    return EXIT_OK;
+}
+
+/** Finds the pose in which the first mesh lies on the second. */
+static int find_pose(const cli_job *job, qm_job_pose *pose)
+{
+    cli_job alignment = cli_job_make(QM_JOB_ALIGNMENT);
+    alignment.path[0] = job->path[0];
+    alignment.path[1] = job->path[1];
+    alignment.server = job->server;
+    alignment.as_json = job->as_json;
+    alignment.request.quads = job->request.quads;
+    alignment.request.threads = job->request.threads;
+    return run_anywhere(&alignment, keep_pose, &pose);
+}
+
 int cli_run_job(const cli_job *job, cli_finish_fn *finish, const void *user)
 {
-    int status = EXIT_BAD_INPUT;
-    if (job->server) {
-        cli_session *session = cli_session_open(job->server, job->as_json);
-        qm_job_request request = job->request;
-        double diagonal = 0.0;
-        bool is_ready =
-            session && cli_session_upload(session, job->path[0], &request.notes[0], request.a, &diagonal) &&
-            (!job->path[1] || cli_session_upload(session, job->path[1], &request.notes[1], request.b, NULL));
-        char *json = is_ready ? cli_session_run_job(session, &request, make_bar(job, diagonal)) : NULL;
-        const cli_job_output output = {.json = json, .session = session};
-        if (json) status = finish(user, job, &output);
-        free(json);
-        cli_session_close(session);
-    } else {
-        status = run_here(job, finish, user);
-    }
+    cli_job moved = *job;
+    qm_job_pose *pose = &moved.request.pose[0];
+    int status = EXIT_OK;
+    if (job->aligns)
+        status = find_pose(job, pose);
+    else if (job->transform && !cli_read_transform(job->transform, pose->transform, job->as_json))
+        status = EXIT_BAD_INPUT;
+    pose->is_given = job->aligns || job->transform;
+    if (status == EXIT_OK) status = run_anywhere(&moved, finish, user);
     /* After an interrupt an input that could not be read is not to blame. */
     return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
 }

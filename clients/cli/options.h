@@ -19,8 +19,8 @@ typedef struct cli_command {
 } cli_command;
 
 extern const cli_command cmd_hausdorff, cmd_deviation, cmd_project, cmd_distance, cmd_collide,
-    cmd_self_collide, cmd_info, cmd_quality, cmd_patches, cmd_reconstruct, cmd_compare, cmd_check, cmd_matrix,
-    cmd_heatmap;
+    cmd_self_collide, cmd_align, cmd_info, cmd_quality, cmd_patches, cmd_reconstruct, cmd_compare, cmd_check,
+    cmd_matrix, cmd_heatmap;
 
 typedef enum cli_option_type {
     CLI_FLAG,     /* bool: set */
@@ -101,6 +101,16 @@ bool cli_read_uncertainty(const char *text, void *request);
     {                                                                                                        \
         .name = "progress", .type = CLI_FLAG, .target = (address),                                           \
         .help = "lines of progress on standard error even if it is not a terminal"                           \
+    }
+#define CLI_OPTION_TRANSFORM(address)                                                                        \
+    {                                                                                                        \
+        .name = "transform", .value = "FILE", .type = CLI_TEXT, .target = (address),                         \
+        .help = "moves A by the transform in this file, as align --json writes it"                           \
+    }
+#define CLI_OPTION_ALIGN(address)                                                                            \
+    {                                                                                                        \
+        .name = "align", .type = CLI_FLAG, .target = (address),                                              \
+        .help = "moves A onto B before, as align does without options"                                       \
     }
 #define CLI_OPTION_SERVER(address)                                                                           \
     {                                                                                                        \

@@ -8,6 +8,7 @@ import { readAddress, setParameters } from "./core/route.js";
 import { on, state } from "./core/state.js";
 import { startTheme } from "./core/theme.js";
 import { askForToken } from "./core/token.js";
+import { listenToDrops } from "./core/upload.js";
 
 /** @typedef {(panel: HTMLElement) => () => void} Show fills the panel and returns what takes leave of it */
 /** @typedef {{ name: string, words: string, isWide?: boolean, sides?: ("a" | "b")[], fetch: () => Promise<Show> }} Page */
@@ -66,6 +67,7 @@ const names = pages.map(({ name }) => name);
 // Where somebody went, not what the address says by now: a view that arrives in between writes its choices there.
 addEventListener("hashchange", ({ newURL }) => readAddress(names, new URL(newURL).hash));
 startTheme();
+listenToDrops();
 startData();
 readAddress(names, location.hash);
 connect();

@@ -4,7 +4,7 @@ import { readPages } from "./pages.js";
 import { readRows } from "./stream.js";
 import { uploadWithProgress } from "./upload.js";
 
-/** @import { Accelerator, Format, Mesh, Patches, Point, QuadReading, QualitySummary, Unit } from "./types.js" */
+/** @import { Accelerator, Format, Mesh, Patches, Point, QuadReading, QualitySummary, Transform, Unit } from "./types.js" */
 /** @import { Transport } from "./transport.js" */
 /** @import { OnProgress } from "./upload.js" */
 
@@ -166,6 +166,19 @@ export class Meshes {
       method: "PATCH", body: isBinary ? moved : JSON.stringify(moved), signal,
       query: { dtype: moved instanceof Float32Array ? "f32" : undefined },
       headers: { "Content-Type": isBinary ? "application/octet-stream" : "application/json", "If-Match": ifMatch },
+    });
+  }
+
+  /**
+   * Keeps a moved copy, as a mesh of its own. Equal copies with equal names are one mesh.
+   * @param {string} id
+   * @param {Transform} transform
+   * @param {{ name?: string, signal?: AbortSignal }} [options]
+   * @returns {Promise<Mesh>}
+   */
+  copy(id, transform, { name, signal } = {}) {
+    return this.transport.json(`${pathOf(id)}/copies`, {
+      method: "POST", body: JSON.stringify({ transform, name }), signal, headers: { "Content-Type": "application/json" },
     });
   }
 

@@ -31,33 +31,41 @@
 /** @typedef {{ rows: number, columns: number, faces: number[] }} Patch */
 /** @typedef {{ patch_count: number, irregular_vertices: number, patches: Patch[] }} Patches */
 
+/** Sixteen numbers, column by column. @typedef {number[]} Transform */
+/** A mesh where it lies, or moved for one job. @typedef {string | { mesh: string, transform: Transform }} MeshName */
+
 /** @typedef {{ quads?: QuadReading, threads?: number, accelerator?: Accelerator, detach?: boolean }} CommonRequest */
 /** How closely an interval is searched; `tolerance` and `tolerance_unit` are the former names.
  * @typedef {{ gap?: number, gap_unit?: "relative" | "absolute", tolerance?: number,
  *   tolerance_unit?: "relative" | "absolute" }} Gap */
 /** `threshold` is the former name of `limit`.
- * @typedef {CommonRequest & Gap & { type: "hausdorff", a: string, b: string, direction?: Direction,
+ * @typedef {CommonRequest & Gap & { type: "hausdorff", a: MeshName, b: MeshName, direction?: Direction,
  *   limit?: number | null, threshold?: number | null, deadline_ms?: number, memory_limit?: number,
  *   bounds?: "cover" | "matching" }} HausdorffRequest */
-/** @typedef {CommonRequest & { type: "project", mesh: string, points: Point[] }} ProjectRequest */
-/** @typedef {CommonRequest & Gap & { type: "deviation", a: string, b: string, accuracy?: number, pieces?: number,
+/** @typedef {CommonRequest & { type: "project", mesh: MeshName, points: Point[] }} ProjectRequest */
+/** @typedef {CommonRequest & Gap & { type: "deviation", a: MeshName, b: MeshName, accuracy?: number, pieces?: number,
  *   percentiles?: number[], bins?: number, limit?: number | null, regions?: boolean,
  *   sign?: "none" | "outside" | "inside" | "normal", bands?: [number | null, number | null][] }} DeviationRequest */
-/** @typedef {CommonRequest & Gap & { type: "comparison", a: string, b: string, limits?: number[], percentiles?: number[],
+/** @typedef {CommonRequest & Gap & { type: "comparison", a: MeshName, b: MeshName, limits?: number[], percentiles?: number[],
  *   accuracy?: number, pieces?: number, worst?: { count: number, radius?: number } | null }} ComparisonRequest */
-/** @typedef {CommonRequest & { type: "heatmap", a: string, b: string, error?: number, pieces?: number }} HeatmapRequest */
-/** @typedef {CommonRequest & Gap & { type: "distance", a: string, b: string, limit?: number | null }} DistanceRequest */
+/** @typedef {CommonRequest & Gap & { type: "distance", a: MeshName, b: MeshName, limit?: number | null }} DistanceRequest */
 /** @typedef {CommonRequest & Gap & { mode?: "all" | "first" | "any", limit?: number }} AnyCollisionRequest */
-/** @typedef {AnyCollisionRequest & { type: "collision", a: string, b: string, solid?: boolean,
+/** @typedef {AnyCollisionRequest & { type: "collision", a: MeshName, b: MeshName, solid?: boolean,
  *   penetration?: boolean }} CollisionRequest */
-/** @typedef {AnyCollisionRequest & { type: "self_collision", mesh: string, incremental?: boolean }} SelfCollisionRequest */
+/** @typedef {AnyCollisionRequest & { type: "self_collision", mesh: MeshName, incremental?: boolean }} SelfCollisionRequest */
+/** @typedef {Gap & { type: "alignment", a: MeshName, b: MeshName, fit?: "least_squares" | "min_max",
+ *   start?: "principal" | "centroids" | "identity" | "landmarks", motion?: "rigid" | "rigid_scale" | "translation",
+ *   direction?: "auto" | Direction, landmarks?: [Point, Point][], trim?: number, max_distance?: number | null, mirror?: boolean,
+ *   samples?: number, quads?: QuadReading, threads?: number,
+ *   detach?: boolean }} AlignmentRequest */
+/** @typedef {CommonRequest & { type: "heatmap", a: MeshName, b: MeshName, error?: number, pieces?: number }} HeatmapRequest */
 /** @typedef {"all" | { nearest: number } | { within: number }} MatrixWant */
 /** @typedef {Gap & { type: "matrix", meshes: string[], want?: MatrixWant, measure?: "hausdorff", quads?: QuadReading,
  *   threads?: number, detach?: boolean, deadline_ms?: number }} MatrixRequest */
 /** @typedef {{ type: "reconstruction_step", reconstruction: string, steps?: number, measure?: boolean, threads?: number,
  *   until?: { hausdorff_relative?: number, max_quads?: number, edge_length?: number }, detach?: boolean }} StepRequest */
 /** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | ComparisonRequest | HeatmapRequest | DistanceRequest
- *   | CollisionRequest | SelfCollisionRequest | MatrixRequest | StepRequest} JobRequest */
+ *   | CollisionRequest | SelfCollisionRequest | AlignmentRequest | MatrixRequest | StepRequest} JobRequest */
 
 /** @typedef {{ elapsed_ms: number, lower: number, upper: number | null, lower_relative: number | null,
  *   upper_relative: number | null, gap_relative: number | null, iterations: number, projections: number,
@@ -127,8 +135,12 @@
 /** @typedef {{ reconstruction: string, mesh: string, quads: number, step_count: number,
  *   stopped_by: "steps" | "max_quads" | "edge_length" | "hausdorff" | "canceled", steps: StepRecord[],
  *   elapsed_ms: number }} StepResult */
+/** @typedef {{ transform: Transform, rms: number, scale: number, mirrored: boolean, floor: number | null,
+ *   certainty: { runner_up_rms: number | null }, hausdorff: LengthInterval & { converged: boolean },
+ *   fit: "least_squares" | "min_max", quads: QuadReading, tolerance: number, iterations: number, rounds: number,
+ *   converged: boolean, prepare_ms: { a: number, b: number }, elapsed_ms: number }} AlignmentResult */
 /** @typedef {HausdorffResult | ProjectResult | DeviationResult | ComparisonResult | HeatmapResult | DistanceResult | CollisionResult
- *   | MatrixResult | StepResult} JobResult */
+ *   | AlignmentResult | MatrixResult | StepResult} JobResult */
 
 /** @typedef {{ id: number, from: number, to: number, points: Point[] }} Curve */
 /** @typedef {{ mesh: string, nodes?: Point[], curves?: Curve[], patches?: number[][] }} LayoutRequest */

@@ -46,18 +46,23 @@ static bool read_format(const qm_request *request, qm_format *format, qm_problem
 }
 
 /** A name is for display: any text without control characters. */
-static bool read_name(const qm_request *request, const char **name, qm_problem *problem)
+static bool check_name(const char *name, qm_problem *problem)
 {
-    const char *given = qm_request_query(request, "name");
-    *name = given ? given : "";
-    bool is_clean = strlen(*name) < NAME_SIZE;
-    for (const char *c = *name; *c; c++)
+    bool is_clean = strlen(name) < NAME_SIZE;
+    for (const char *c = name; *c; c++)
         if ((unsigned char)*c < 0x20 || *c == 0x7f) is_clean = false;
     if (!is_clean)
         *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
                                    "`name` must have at most %d characters, none of them a control character",
                                    NAME_SIZE - 1);
     return is_clean;
+}
+
+static bool read_name(const qm_request *request, const char **name, qm_problem *problem)
+{
+    const char *given = qm_request_query(request, "name");
+    *name = given ? given : "";
+    return check_name(*name, problem);
 }
 
 /** Reads ?ttl_seconds=; 0 when it is absent. */
@@ -159,6 +164,15 @@ static void reply_mesh(qm_request *request, int status, qm_store_mesh *mesh)
     qm_store_mesh_reset(mesh);
 }
 
+/** Replies with a mesh of an upload or a copy, to which conditions like If-Match do not apply. */
+static void reply_stored(qm_request *request, bool is_new, qm_store_mesh *mesh)
+{
+    char tag[QM_ETAG_SIZE];
+    qm_etag_write_mesh(mesh->hash, mesh->revision, "", tag);
+    qm_reply_header(request, "ETag", "%s", tag);
+    reply_mesh(request, is_new ? 201 : 200, mesh);
+}
+
 void qm_handle_mesh_create(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
@@ -190,11 +204,30 @@ void qm_handle_mesh_create(qm_request *request)
         qm_reply_problem(request, &problem);
         return;
     }
-    /* Conditions like If-Match do not apply to an upload. */
-    char tag[QM_ETAG_SIZE];
-    qm_etag_write_mesh(mesh.hash, mesh.revision, "", tag);
-    qm_reply_header(request, "ETag", "%s", tag);
-    reply_mesh(request, is_new ? 201 : 200, &mesh);
+    reply_stored(request, is_new, &mesh);
+}
+
+void qm_handle_mesh_copy(qm_request *request)
+{
+    qm_app *app = qm_request_app(request);
+    size_t size;
+    const char *body = qm_request_body(request, &size);
+    qm_problem problem;
+    qm_moved_copy copy = {.name = NULL};
+    qm_store_mesh source, mesh;
+    bool is_new, is_stored = false;
+    if (!qm_handlers_find_mesh(request, &source)) return;
+    if (qm_json_read_copy(body, size, &copy, &problem)) {
+        const char *name = copy.name ? copy.name : source.name;
+        is_stored = check_name(name, &problem) &&
+                    qm_meshes_add_copy(app->meshes, source.id, &copy, name, &mesh, &is_new, &problem);
+    }
+    free(copy.name);
+    qm_store_mesh_reset(&source);
+    if (is_stored)
+        reply_stored(request, is_new, &mesh);
+    else
+        qm_reply_problem(request, &problem);
 }
 
 void qm_handle_mesh_list(qm_request *request)

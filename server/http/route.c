@@ -59,6 +59,8 @@ static const qm_route routes[] = {
      QM_LANE_DOWNLOAD, no_query},
     {"PATCH", "/v1/meshes/{id}/vertices", QM_SCOPE_WRITE, qm_handle_mesh_deform, json, QM_BODY_SPOOL,
      QM_LANE_EDIT, rows_query},
+    {"POST", "/v1/meshes/{id}/copies", QM_SCOPE_WRITE, qm_handle_mesh_copy, json, QM_BODY_MEMORY,
+     QM_LANE_DECODE, no_query},
     /* A projection is a POST only because of its size: it reads. */
     {"POST", "/v1/meshes/{id}/project", QM_SCOPE_READ, qm_handle_mesh_project, rows, QM_BODY_SPOOL,
      QM_LANE_QUERY, project_query},

@@ -622,6 +622,21 @@ typedef struct mesh_pair {
     qm_notes notes[2];
 } mesh_pair;
 
+/** True when b names the mesh that a names, at the same place. */
+static bool is_itself(const qm_job_request *request)
+{
+    const qm_job_pose *a = &request->pose[0], *b = &request->pose[1];
+    return strcmp(request->a, request->b) == 0 && a->is_given == b->is_given &&
+           (!a->is_given || memcmp(a->transform, b->transform, sizeof a->transform) == 0);
+}
+
+static qm_mesh_ref *acquire_posed(qm_meshes *meshes, const char *id, const qm_job_pose *pose, qm_notes *notes,
+                                  qm_problem *problem)
+{
+    return pose->is_given ? qm_meshes_acquire_moved(meshes, id, pose->transform, notes, problem)
+                          : qm_meshes_acquire_noted(meshes, id, notes, problem);
+}
+
 static bool acquire(qm_job *job, mesh_pair *pair, qm_problem *problem)
 {
     if (job->given[0]) {
@@ -634,9 +649,11 @@ static bool acquire(qm_job *job, mesh_pair *pair, qm_problem *problem)
     }
     qm_meshes *meshes = job->jobs->meshes;
     const qm_job_request *request = &job->request;
-    bool has_b = qm_job_type_of(request->kind)->mesh_field[1] && strcmp(request->a, request->b) != 0;
-    pair->a = qm_meshes_acquire_noted(meshes, request->a, &pair->notes[0], problem);
-    pair->b = pair->a && has_b ? qm_meshes_acquire_noted(meshes, request->b, &pair->notes[1], problem) : NULL;
+    bool has_b = qm_job_type_of(request->kind)->mesh_field[1] && !is_itself(request);
+    pair->a = acquire_posed(meshes, request->a, &request->pose[0], &pair->notes[0], problem);
+    pair->b = pair->a && has_b
+                  ? acquire_posed(meshes, request->b, &request->pose[1], &pair->notes[1], problem)
+                  : NULL;
     if (!has_b && qm_job_type_of(request->kind)->mesh_field[1]) pair->notes[1] = pair->notes[0];
     if (pair->a && (pair->b || !has_b)) return true;
     qm_meshes_release(meshes, pair->a);
@@ -644,9 +661,11 @@ static bool acquire(qm_job *job, mesh_pair *pair, qm_problem *problem)
     return false;
 }
 
+/** True when taking the meshes takes no time: moved copies may have to be made. */
 static bool has_loaded(const qm_job *job)
 {
     const qm_job_request *request = &job->request;
+    if (request->pose[0].is_given || request->pose[1].is_given) return false;
     if (job->given[0]) return true;
     return qm_meshes_has_loaded(job->jobs->meshes, request->a) &&
            (!qm_job_type_of(request->kind)->mesh_field[1] ||

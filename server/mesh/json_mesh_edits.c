@@ -1,5 +1,6 @@
 /**
- * json_mesh_edits.c: the bodies of requests that change a mesh: new positions of its vertices, and what is known of it.
+ * json_mesh_edits.c: the bodies of requests that change a mesh or copy it: new positions of its vertices, what is known of it, and
+ * where the copy lies.
  */
 #include <cjson/cJSON.h>
 #include <stdlib.h>
@@ -127,4 +128,32 @@ bool qm_json_read_mesh_change(const char *text, size_t size, qm_mesh_change *out
     free(out->labels);
     out->labels = NULL;
     return false;
+}
+
+bool qm_json_read_copy(const char *text, size_t size, qm_moved_copy *out, qm_problem *problem)
+{
+    static const char *const known[] = {"transform", "name", NULL};
+    *out = (qm_moved_copy){.name = NULL};
+    cJSON *object = qm_json_parse_object(text, size, "a copy", problem);
+    if (!object) return false;
+    const cJSON *transform = cJSON_GetObjectItemCaseSensitive(object, known[0]);
+    const cJSON *name = cJSON_GetObjectItemCaseSensitive(object, known[1]);
+    qm_json_location at = {0};
+    bool is_read = qm_json_check_members(object, known, problem);
+    if (is_read) {
+        *problem = (qm_problem){.code = QM_PROBLEM_INVALID_FIELD};
+        if (!transform)
+            qm_json_report(problem, known[0], "is missing");
+        else if (!qm_json_read_transform(transform, out->transform, &at))
+            qm_json_report_at(problem, known[0], &at, "");
+        if (name && !cJSON_IsString(name)) qm_json_report(problem, known[1], "must be a string");
+        is_read = problem->error_count == 0;
+    }
+    if (is_read && name) {
+        out->name = strdup(cJSON_GetStringValue(name));
+        is_read = out->name != NULL;
+        if (!is_read) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the name");
+    }
+    cJSON_Delete(object);
+    return is_read;
 }

@@ -15,6 +15,7 @@
 #include "base/log.h"
 #include "base/metrics.h"
 #include "etag.h"
+#include "format/encoder.h"
 #include "ops/json_out.h"
 #include "store/store_problem.h"
 
@@ -27,6 +28,8 @@ struct qm_mesh_ref {
     enum { QM_MESH_LOADING, QM_MESH_READY, QM_MESH_BROKEN } state; /* loading, or being changed in place */
     int references;                                                /* the list counts as one */
     bool listed;
+    bool is_moved; /* a copy of a mesh at the revision in `mesh`, moved by a transform: found by all three */
+    double transform[QM_TRANSFORM_SIZE];
     bool is_behind;     /* its next revision is about to be stored, and then to follow in memory */
     qm_problem problem; /* when broken */
     qm_meshes *meshes;
@@ -120,7 +123,7 @@ static qm_mesh_ref *find_listed(qm_meshes *meshes, const char *id)
 {
     QM_ASSERT(is_locked(&meshes->lock));
     for (qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
-        if (strcmp(ref->id, id) == 0) return ref;
+        if (!ref->is_moved && strcmp(ref->id, id) == 0) return ref;
     return NULL;
 }
 
@@ -161,7 +164,7 @@ qm_meshes_memory qm_meshes_measure(qm_meshes *meshes)
     qm_meshes_memory memory = {.used = atomic_load(&meshes->budget.used), .limit = meshes->budget.limit};
     uv_mutex_lock(&meshes->lock);
     for (const qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
-        memory.loaded++;
+        memory.loaded += !ref->is_moved;
     uv_mutex_unlock(&meshes->lock);
     return memory;
 }
@@ -438,6 +441,106 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *pr
     return qm_meshes_acquire_noted(meshes, id, &notes, problem);
 }
 
+/* ---- moved copies ---- */
+
+/** The entry of a moved copy. The lock is held. */
+static qm_mesh_ref *find_moved(qm_meshes *meshes, const char *id, uint64_t revision,
+                               const double transform[QM_TRANSFORM_SIZE])
+{
+    QM_ASSERT(is_locked(&meshes->lock));
+    for (qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
+        if (ref->is_moved && strcmp(ref->id, id) == 0 && ref->mesh.revision == revision &&
+            memcmp(ref->transform, transform, sizeof ref->transform) == 0)
+            return ref;
+    return NULL;
+}
+
+/** Copies of earlier revisions are asked for no more. The lock is held. */
+static void drop_moved_before(qm_meshes *meshes, const char *id, uint64_t revision)
+{
+    QM_ASSERT(is_locked(&meshes->lock));
+    for (qm_mesh_ref *ref = meshes->first, *next; ref; ref = next) {
+        next = ref->next;
+        const bool is_old = ref->is_moved && ref->mesh.revision < revision && strcmp(ref->id, id) == 0;
+        if (is_old && ref->state == QM_MESH_READY) unlist(meshes, ref);
+    }
+}
+
+/** Makes the mesh of a listed entry by moving another; called without the lock. */
+static void make_moved(qm_meshes *meshes, qm_mesh_ref *ref, const qm_loaded_mesh *from)
+{
+    qm_context ctx = qm_meshes_context(meshes);
+    ctx.parallel = qm_host_parallel;
+    qm_mesh moved = from->mesh;
+    qm_loaded_mesh copy;
+    const qm_preparation preparation = preparation_of(meshes);
+    moved.positions = qm_context_alloc(&ctx, moved.vertex_count, 3 * sizeof *moved.positions);
+    qm_status status = moved.positions
+                           ? qm_transform_positions(&ctx, ref->transform, &from->mesh, moved.positions)
+                           : qm_context_fail(&ctx, QM_E_NO_MEMORY, "out of memory for the moved mesh");
+    if (status == QM_OK) status = qm_mesh_validate(&ctx, &moved);
+    if (status == QM_OK) status = qm_loaded_mesh_copy(&ctx, from, moved.positions, &preparation, &copy);
+    if (status != QM_OK) {
+        ref->problem = qm_problem_from_status(status, ctx.message);
+        qm_context_free(&ctx, moved.positions, moved.vertex_count, 3 * sizeof *moved.positions);
+    }
+    uv_mutex_lock(&meshes->lock);
+    if (status == QM_OK) {
+        ref->mesh = copy;
+        ref->mesh.moved = qm_transform_find_change(ref->transform, &from->mesh);
+        ref->mesh.revision = from->revision;
+    }
+    ref->state = status == QM_OK ? QM_MESH_READY : QM_MESH_BROKEN;
+    if (status != QM_OK) unlist(meshes, ref);
+    uv_cond_broadcast(&meshes->changed);
+    uv_mutex_unlock(&meshes->lock);
+}
+
+/** A reference to the moved copy of a mesh, which is made when there is none. The lock is held, but for that time. */
+static qm_mesh_ref *take_moved(qm_meshes *meshes, const qm_mesh_ref *source,
+                               const double transform[QM_TRANSFORM_SIZE], qm_problem *problem)
+{
+    const qm_loaded_mesh *from = &source->mesh;
+    qm_mesh_ref *ref = find_moved(meshes, source->id, from->revision, transform);
+    if (ref) {
+        ref->references++;
+        if (ref->listed) move_to_front(meshes, ref);
+        while (ref->state == QM_MESH_LOADING)
+            uv_cond_wait(&meshes->changed, &meshes->lock);
+    } else {
+        drop_moved_before(meshes, source->id, from->revision);
+        ref = list_entry(meshes, source->id);
+        if (!ref) {
+            *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for mesh %s", source->id);
+            return NULL;
+        }
+        ref->references++;
+        ref->is_moved = true;
+        ref->mesh.revision = from->revision;
+        memcpy(ref->transform, transform, sizeof ref->transform);
+        uv_mutex_unlock(&meshes->lock);
+        make_moved(meshes, ref, from);
+        uv_mutex_lock(&meshes->lock);
+    }
+    if (ref->state == QM_MESH_READY) return ref;
+    *problem = ref->problem;
+    drop_reference(ref);
+    return NULL;
+}
+
+qm_mesh_ref *qm_meshes_acquire_moved(qm_meshes *meshes, const char *id,
+                                     const double transform[QM_TRANSFORM_SIZE], qm_notes *notes,
+                                     qm_problem *problem)
+{
+    qm_mesh_ref *source = qm_meshes_acquire_noted(meshes, id, notes, problem);
+    if (!source) return NULL;
+    uv_mutex_lock(&meshes->lock);
+    qm_mesh_ref *moved = take_moved(meshes, source, transform, problem);
+    uv_mutex_unlock(&meshes->lock);
+    qm_meshes_release(meshes, source);
+    return moved;
+}
+
 const qm_loaded_mesh *qm_mesh_ref_get(const qm_mesh_ref *ref)
 {
     return &ref->mesh;
@@ -496,6 +599,7 @@ static qm_stored remove_row(qm_meshes *meshes, const char *id)
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = find_listed(meshes, id);
     if (ref && stored == QM_STORED) unlist(meshes, ref);
+    if (stored == QM_STORED) drop_moved_before(meshes, id, UINT64_MAX);
     uv_mutex_unlock(&meshes->lock);
     return stored;
 }
@@ -865,6 +969,48 @@ bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm
     }
     if (!adopted) qm_store_mesh_reset(out);
     return adopted;
+}
+
+/* ---- copies ---- */
+
+/** Writes the file of a mesh; false with a problem. */
+static bool write_copy(qm_meshes *meshes, const qm_loaded_mesh *mesh, qm_blob_writer **out,
+                       qm_problem *problem)
+{
+    qm_context ctx = qm_context_make();
+    qm_encoder *encoder = NULL;
+    qm_status status = qm_encoder_create(&ctx, &mesh->mesh, &mesh->facts, QM_FORMAT_PLY, 0, &encoder);
+    if (status != QM_OK) {
+        *problem = qm_problem_from_status(status, ctx.message);
+        return false;
+    }
+    uint64_t size = 0;
+    qm_encoder_size(encoder, &size);
+    status = qm_blob_begin(meshes->store, size, out);
+    for (bool goes_on = true; goes_on && status == QM_OK;) {
+        qm_text block = {0};
+        goes_on = qm_encoder_next(encoder, &block);
+        status = block.failed ? QM_E_NO_MEMORY : qm_blob_write(*out, block.data, block.size);
+        qm_text_reset(&block);
+    }
+    qm_encoder_destroy(encoder);
+    if (status == QM_OK) return true;
+    qm_blob_abort(*out);
+    *problem = qm_problem_from_write(status, "the copy");
+    return false;
+}
+
+bool qm_meshes_add_copy(qm_meshes *meshes, const char *id, const qm_moved_copy *copy, const char *name,
+                        qm_store_mesh *out, bool *is_new, qm_problem *problem)
+{
+    qm_mesh_options options = {.name = name, .format = QM_FORMAT_PLY};
+    qm_mesh_ref *moved = qm_meshes_acquire_moved(meshes, id, copy->transform, &options.notes, problem);
+    if (!moved) return false;
+    qm_blob_writer *writer = NULL;
+    bool is_written = write_copy(meshes, &moved->mesh, &writer, problem);
+    qm_loaded_mesh_move_notes(&moved->mesh, &options.notes);
+    qm_meshes_release(meshes, moved);
+    return is_written && qm_meshes_add(meshes, writer, &options, out, is_new, problem);
 }
 
 /* ---- revisions ----

@@ -13,6 +13,7 @@
 #include "base/host.h"
 #include "ops/mesh_load.h"
 #include "ops/problem.h"
+#include "qm/transform.h"
 #include "store/store.h"
 
 typedef struct qm_meshes qm_meshes;
@@ -79,6 +80,16 @@ bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm
 qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem);
 qm_mesh_ref *qm_meshes_acquire_noted(qm_meshes *meshes, const char *id, qm_notes *notes, qm_problem *problem);
 
+/**
+ * Takes a reference to a mesh with its positions moved by a transform (qm/transform.h), which passes its check: the mesh of the
+ * rounded positions, kept in memory for the next one who asks for the same revision and transform. It
+ * counts against the budget, and is dropped as any other. The notes are those of the mesh before it is moved. NULL with a
+ * problem.
+ */
+qm_mesh_ref *qm_meshes_acquire_moved(qm_meshes *meshes, const char *id,
+                                     const double transform[QM_TRANSFORM_SIZE], qm_notes *notes,
+                                     qm_problem *problem);
+
 /** Makes a mesh of bytes that is in no list and no store, and lives as long as its reference. False with a problem. */
 bool qm_meshes_load_apart(qm_meshes *meshes, const uint8_t *bytes, size_t size, qm_format format,
                           qm_mesh_ref **out, qm_problem *problem);
@@ -142,6 +153,22 @@ bool qm_json_read_mesh_change(const char *text, size_t size, qm_mesh_change *out
 #define QM_MESH_LABELS "must be at most 16 words of up to 64 letters, digits and . _ - : /"
 /** Adds a label to a list as of qm_store_mesh unless it is there; false when it is not one, or one too many. */
 bool qm_mesh_add_label(qm_text *labels, const char *label, size_t length);
+
+/** The body of a request for a moved copy. */
+typedef struct qm_moved_copy {
+    double transform[QM_TRANSFORM_SIZE];
+    char *name; /* on the heap; NULL: none is given */
+} qm_moved_copy;
+
+/** Reads {"transform": [...], "name": ...}, the second optional; name is the caller's to free. False with a problem (400). */
+bool qm_json_read_copy(const char *text, size_t size, qm_moved_copy *out, qm_problem *problem);
+
+/**
+ * Stores a mesh of its own, of a mesh moved by a transform: its binary PLY file, as of an upload with that name. out and
+ * is_new are as of qm_meshes_add. False with a problem.
+ */
+bool qm_meshes_add_copy(qm_meshes *meshes, const char *id, const qm_moved_copy *copy, const char *name,
+                        qm_store_mesh *out, bool *is_new, qm_problem *problem);
 
 /** Removes meshes that have expired and that no unfinished job, layout or reconstruction needs. */
 void qm_meshes_drop_expired(qm_meshes *meshes);

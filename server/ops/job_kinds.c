@@ -36,6 +36,7 @@ qm_job_request qm_job_request_default(void)
         .worst_radius = NAN,
         .mode = QM_COLLIDE_ALL,
         .list_limit = 1000,
+        .align = qm_align_options_default(),
         .within = NAN,
         .goal = {.measures = true},
     };
@@ -180,6 +181,8 @@ qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const q
                            .notes = {request->notes[0], request->notes[1]},
                            .prepare_a_ms = prepare_ms(a),
                            .prepare_b_ms = prepare_ms(b)};
+    if (a) qm_loaded_mesh_move_notes(a, &out->notes[0]);
+    if (b) qm_loaded_mesh_move_notes(b, &out->notes[1]);
     QM_ASSERT(ctx && (a || request->set) && request->kind < QM_JOB_KIND_COUNT);
     const qm_job_call call = {
         ctx, request, a, b, progress, progress_user, request->threads > 0 ? request->threads : 1};

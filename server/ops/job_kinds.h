@@ -15,6 +15,7 @@
 #include "listed_pairs.h"
 #include "problem.h"
 #include "projections.h"
+#include "qm/align.h"
 #include "qm/comparison.h"
 #include "qm/distance.h"
 #include "qm/hausdorff.h"
@@ -31,6 +32,7 @@
 #define QM_JOB_MAX_LIMITS 64
 #define QM_JOB_MAX_PLACES 100
 #define QM_JOB_MAX_STEPS 64
+#define QM_JOB_MAX_LANDMARKS 32
 #define QM_JOB_MAX_PIECES 1e7
 #define QM_JOB_MAX_BINS 1e4
 #define QM_JOB_MAX_LISTED 1e5    /* pairs */
@@ -40,16 +42,20 @@
 #define QM_JOB_MAX_MEMORY 1099511627776.0
 
 /** Names of the values of some fields, in the order of their enums, with NULL after the last. */
-extern const char *const qm_job_kind_names[];       /* qm_job_kind */
-extern const char *const qm_priority_names[];       /* qm_priority */
-extern const char *const qm_direction_names[];      /* qm_direction */
-extern const char *const qm_quads_names[];          /* qm_quad_reading */
-extern const char *const qm_accelerator_names[];    /* qm_accelerator */
-extern const char *const qm_bounds_names[];         /* qm_bounds, then the former name of the first */
-extern const char *const qm_collide_mode_names[];   /* qm_collide_mode */
-extern const char *const qm_sign_names[];           /* qm_sign */
-extern const char *const qm_relation_names[];       /* qm_relation */
-extern const char *const qm_tolerance_unit_names[]; /* qm_job_request.tolerance_is_absolute */
+extern const char *const qm_job_kind_names[];        /* qm_job_kind */
+extern const char *const qm_priority_names[];        /* qm_priority */
+extern const char *const qm_direction_names[];       /* qm_direction */
+extern const char *const qm_quads_names[];           /* qm_quad_reading */
+extern const char *const qm_accelerator_names[];     /* qm_accelerator */
+extern const char *const qm_bounds_names[];          /* qm_bounds, then the former name of the first */
+extern const char *const qm_collide_mode_names[];    /* qm_collide_mode */
+extern const char *const qm_align_fit_names[];       /* qm_align_fit */
+extern const char *const qm_align_start_names[];     /* qm_align_start */
+extern const char *const qm_align_motion_names[];    /* qm_align_motion */
+extern const char *const qm_align_direction_names[]; /* qm_job_align_direction */
+extern const char *const qm_tolerance_unit_names[];  /* qm_job_request.tolerance_is_absolute */
+extern const char *const qm_sign_names[];            /* qm_sign */
+extern const char *const qm_relation_names[];        /* qm_relation */
 
 /** XX(suffix, name in "type"). */
 #define QM_JOB_MAP(XX)                                                                                       \
@@ -61,6 +67,7 @@ extern const char *const qm_tolerance_unit_names[]; /* qm_job_request.tolerance_
     XX(DISTANCE, distance)                                                                                   \
     XX(COLLISION, collision)                                                                                 \
     XX(SELF_COLLISION, self_collision)                                                                       \
+    XX(ALIGNMENT, alignment)                                                                                 \
     XX(MATRIX, matrix)                                                                                       \
     XX(RECONSTRUCTION_STEP, reconstruction_step)
 
@@ -111,6 +118,21 @@ typedef struct qm_job_search {
     void *user;
 } qm_job_search;
 
+/** Where a mesh of a request lies: its positions moved by a transform, and rounded once. The map that moves nothing is never
+ * given, so that it is no other request. */
+typedef struct qm_job_pose {
+    bool is_given;
+    double transform[QM_TRANSFORM_SIZE];
+} qm_job_pose;
+
+/** Which distances an alignment counts: auto is both directions for a scale and for min-max, and those of A else. */
+typedef enum qm_job_align_direction {
+    QM_JOB_ALIGN_AUTO,
+    QM_JOB_ALIGN_TWO_SIDED,
+    QM_JOB_ALIGN_A_TO_B,
+    QM_JOB_ALIGN_B_TO_A
+} qm_job_align_direction;
+
 /** Who has the meshes of a matrix; set by the caller of qm_job_execute. A mesh stays in memory between the two calls, of
  * which two or more may be open. A status other than QM_OK ends the job with it. */
 typedef struct qm_job_set {
@@ -131,6 +153,7 @@ typedef struct qm_job_request {
     char a[QM_JOB_MESH_SIZE],
         b[QM_JOB_MESH_SIZE]; /* meshes (never file names); b is "" for a kind of one mesh */
     qm_notes notes[2];       /* of these, set by the caller of qm_job_execute */
+    qm_job_pose pose[2];     /* of a and of b; whoever loads the meshes for qm_job_execute moves them */
     qm_quad_reading quads;
     int threads; /* 0: the host decides */
     bool detach; /* the job continues when the client that streams it disconnects */
@@ -179,6 +202,12 @@ typedef struct qm_job_request {
     bool penetration;  /* collision: and how deep each is in the other */
     bool incremental;  /* self_collision: search only near vertices moved since the last search, if known */
 
+    /* alignment */
+    qm_align_options align; /* without direction, quads, landmarks and threads, which it takes from here */
+    qm_job_align_direction align_direction;
+    qm_align_landmark landmarks[QM_JOB_MAX_LANDMARKS];
+    size_t landmark_count;
+
     /* matrix, whose a is the first of its meshes */
     char (*meshes)[QM_JOB_MESH_SIZE]; /* malloc'ed, owned by the request */
     size_t mesh_count;
@@ -196,7 +225,7 @@ typedef struct qm_job_request {
 /** The defaults: a Hausdorff job, two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points.
  * Deviation and comparison: accuracy 1e-2, 2^20 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99, no limits;
  * no sign, no bands.
- * Collisions: all pairs, 1000 of them listed. */
+ * Collisions: all pairs, 1000 of them listed. Alignment: those of the engine. */
 qm_job_request qm_job_request_default(void);
 
 /** Frees the points and the list of meshes. */
@@ -239,6 +268,9 @@ typedef struct qm_job_result {
     qm_listed_pairs pairs;
     qm_relation relation;                     /* with solid */
     qm_deviation_side a_inside_b, b_inside_a; /* with penetration: of A in B, and of B in A */
+
+    /* alignment; the distance of the moved mesh is in hausdorff */
+    qm_align_result alignment;
 
     /* matrix */
     qm_matrix matrix;

@@ -17,7 +17,8 @@ struct qm_json_location;
 
 /** How the value of a field is read. */
 typedef enum qm_field_type {
-    QM_FIELD_ID,       /* char[QM_JOB_MESH_SIZE] */
+    QM_FIELD_ID,       /* char[QM_ID_SIZE] */
+    QM_FIELD_MESH,     /* char[QM_JOB_MESH_SIZE], and the pose where the value is an object */
     QM_FIELD_POSITIVE, /* double above 0 */
     QM_FIELD_LIMIT,    /* double of 0 or more; null leaves the default */
     QM_FIELD_COUNT,    /* size_t from min to max */
@@ -49,9 +50,14 @@ typedef struct qm_job_field {
         name, QM_FIELD_ID, QM_FIELD_AT(member), .is_required = true, .expected = text                        \
     }
 #define QM_JOB_NAMES_MESH "must be the id of a mesh, or sha256: and the hash of its file in hex"
-#define QM_JOB_FIELD_MESH QM_JOB_FIELD_ID("mesh", a, QM_JOB_NAMES_MESH)
-#define QM_JOB_FIELD_PAIR                                                                                    \
-    QM_JOB_FIELD_ID("a", a, QM_JOB_NAMES_MESH), QM_JOB_FIELD_ID("b", b, QM_JOB_NAMES_MESH)
+#define QM_JOB_FIELD_POSED(name, member)                                                                     \
+    {                                                                                                        \
+        name, QM_FIELD_MESH, QM_FIELD_AT(member),                                                            \
+            .is_required = true,                                                                             \
+            .expected = QM_JOB_NAMES_MESH ", or an object with \"mesh\" and \"transform\""                   \
+    }
+#define QM_JOB_FIELD_MESH QM_JOB_FIELD_POSED("mesh", a)
+#define QM_JOB_FIELD_PAIR QM_JOB_FIELD_POSED("a", a), QM_JOB_FIELD_POSED("b", b)
 #define QM_JOB_FIELD_QUADS                                                                                   \
     {                                                                                                        \
         "quads", QM_FIELD_CHOICE, QM_FIELD_AT(quads), .names = qm_quads_names                                \
@@ -103,6 +109,9 @@ typedef struct qm_job_hooks {
     qm_job_type type;
     const qm_job_field *fields; /* besides those of all kinds */
     const qm_job_array *array;  /* NULL: its results have none */
+
+    /** Reports members that do not go together, by qm_json_report; NULL: all do. */
+    void (*check)(const qm_job_request *request, struct qm_problem *problem);
 
     /** Calls the engine and sets the result's members of this kind. */
     qm_status (*run)(const qm_job_call *call, qm_job_result *out);

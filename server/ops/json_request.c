@@ -159,6 +159,7 @@ static void make_pointer(char out[POINTER_SIZE], const char *name, const qm_json
     }
     QM_ASSERT(length < POINTER_SIZE && at->depth <= 2);
     out[length] = '\0';
+    if (at->member) length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%s", at->member);
     for (int i = 0; i < at->depth; i++)
         length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%zu", at->index[i]);
 }
@@ -167,6 +168,7 @@ void qm_json_report_at(qm_problem *problem, const char *name, const qm_json_loca
 {
     char pointer[POINTER_SIZE];
     make_pointer(pointer, name, at);
+    if (at->detail[0]) message = at->detail;
     if (at->no_memory) message = "does not fit in memory";
     qm_problem_code code = at->no_memory ? QM_PROBLEM_OUT_OF_MEMORY : QM_PROBLEM_INVALID_FIELD;
     bool overrides = code == QM_PROBLEM_INVALID_FIELD && problem->code != code;
@@ -180,6 +182,26 @@ void qm_json_report_at(qm_problem *problem, const char *name, const qm_json_loca
 void qm_json_report(qm_problem *problem, const char *name, const char *message)
 {
     qm_json_report_at(problem, name, &(qm_json_location){0}, message);
+}
+
+bool qm_json_read_transform(const cJSON *value, double out[QM_TRANSFORM_SIZE], qm_json_location *at)
+{
+    snprintf(at->detail, sizeof at->detail, "must be 16 finite numbers, the columns of a 4 x 4 matrix");
+    if (!cJSON_IsArray(value) || cJSON_GetArraySize(value) != QM_TRANSFORM_SIZE) return false;
+    at->depth++;
+    int i = 0;
+    for (const cJSON *number = value->child; number; number = number->next, i++) {
+        at->index[at->depth - 1] = (size_t)i;
+        if (!qm_json_read_number(number, &out[i])) return false;
+    }
+    at->depth--;
+    qm_context ctx = qm_context_make();
+    if (qm_transform_check(&ctx, out) != QM_OK) {
+        snprintf(at->detail, sizeof at->detail, "cannot move a mesh: %.100s", ctx.message);
+        return false;
+    }
+    at->detail[0] = '\0';
+    return true;
 }
 
 bool qm_json_reject(qm_problem *problem, const char *message, const char *format, size_t i, size_t k)

@@ -10,6 +10,7 @@
 
 #include "base/id.h"
 #include "problem.h"
+#include "qm/transform.h"
 
 struct cJSON;
 
@@ -39,8 +40,10 @@ bool qm_json_read_numbers(const struct cJSON *value, int count, double *out);
 
 /* ---- reports ---- */
 
-/** Where in a member a value is invalid: array indices, outermost first. */
+/** Where in a member a value is invalid: a member of it, then array indices, outermost first. */
 typedef struct qm_json_location {
+    const char *member; /* NULL: none */
+    char detail[128];   /* what is wrong there; "": what the reader of the member says */
     int depth;
     size_t index[2];
     bool no_memory; /* the value may be valid, but memory ran out */
@@ -62,6 +65,9 @@ void qm_json_report_at(qm_problem *problem, const char *name, const qm_json_loca
 
 /** Adds a fault of a member as a whole. */
 void qm_json_report(qm_problem *problem, const char *name, const char *message);
+
+/** Reads a transform (qm/transform.h): 16 numbers, column by column, that move a mesh. False with the location of the fault. */
+bool qm_json_read_transform(const struct cJSON *value, double out[QM_TRANSFORM_SIZE], qm_json_location *at);
 
 /** Sets *problem to one fault and returns false; the pointer is a printf format with up to two indices. */
 bool qm_json_reject(qm_problem *problem, const char *message, const char *format, size_t i, size_t k);

@@ -104,6 +104,21 @@ static qm_status set_positions(qm_context *ctx, const qm_preparation *preparatio
     return status;
 }
 
+/** Moves a mesh to where it is asked for. */
+static qm_status move(qm_context *ctx, const double *transform, qm_loaded_mesh *loaded,
+                      qm_codec_report *report)
+{
+    qm_mesh *mesh = &loaded->mesh;
+    ctx->message[0] = '\0';
+    loaded->moved = qm_transform_find_change(transform, mesh);
+    qm_status status = qm_transform_positions(ctx, transform, mesh, mesh->positions);
+    drop_normals(ctx, mesh);
+    if (status == QM_OK) status = qm_mesh_validate(ctx, mesh);
+    if (status != QM_OK)
+        snprintf(report->detail, sizeof report->detail, "the moved mesh is no mesh: %.150s", ctx->message);
+    return status;
+}
+
 /** The content of a file, which may be compressed with gzip. */
 typedef struct file_content {
     const uint8_t *bytes;
@@ -187,6 +202,7 @@ qm_status qm_mesh_make_ready(qm_context *ctx, const qm_preparation *preparation,
 {
     qm_status status = QM_OK;
     if (preparation->positions) status = set_positions(ctx, preparation, &mesh->mesh, report);
+    if (status == QM_OK && preparation->transform) status = move(ctx, preparation->transform, mesh, report);
     if (status == QM_OK) {
         status = prepare(ctx, preparation, mesh);
         if (status == QM_OK) status = set_warnings(mesh, report);
@@ -243,6 +259,13 @@ qm_status qm_loaded_mesh_copy(qm_context *ctx, const qm_loaded_mesh *mesh, doubl
     out->mesh.positions = NULL;
     qm_loaded_mesh_reset(ctx, out);
     return status;
+}
+
+void qm_loaded_mesh_move_notes(const qm_loaded_mesh *mesh, qm_notes *notes)
+{
+    const qm_transform_change *moved = &mesh->moved;
+    if (moved->norm > 0.0 && notes->uncertainty > 0.0) /* a product and a sum, each rounded once */
+        notes->uncertainty = (moved->norm * notes->uncertainty + moved->rounding) * (1.0 + 0x1p-50);
 }
 
 qm_status qm_loaded_mesh_deform(qm_context *ctx, qm_loaded_mesh *mesh, double *positions,

@@ -5,9 +5,11 @@
 #ifndef QM_MESH_LOAD_H
 #define QM_MESH_LOAD_H
 
+#include "base/notes.h"
 #include "format/codec.h"
 #include "qm/deform.h"
 #include "qm/extent.h"
+#include "qm/transform.h"
 #include "self_pairs.h"
 #include "solids.h"
 
@@ -20,6 +22,7 @@ typedef struct qm_loaded_mesh {
     qm_extent extent; /* all zero if not requested, and after a deformation in memory */
     qm_box box;
     double diagonal;
+    qm_transform_change moved; /* what its transform has done to distances; all zero: it is where it was */
     uint64_t revision;         /* number of deformations since the file */
     qm_self_pairs *self_pairs; /* cache of its self-collisions; NULL if not requested */
     qm_solids *solids;         /* what is known of it as a solid; NULL if not requested */
@@ -44,6 +47,7 @@ typedef struct qm_preparation {
     int thread_count;   /* 1 or more; ctx->parallel is needed for more than one */
     const double *positions; /* x y z of each vertex of a revision; NULL: those of the file */
     size_t position_count;   /* points in positions */
+    const double *transform; /* moves the mesh (qm/transform.h), which passes its check; NULL: it stays */
 } qm_preparation;
 
 /**
@@ -104,5 +108,8 @@ size_t qm_loaded_mesh_memory_size(const qm_loaded_mesh *mesh);
 
 /** "triangles", "quads", "mixed" or "points". */
 const char *qm_loaded_mesh_kind(const qm_loaded_mesh *mesh);
+
+/** Brings the notes of a mesh along when it was moved: how far the true surface, which is moved with it, may be. */
+void qm_loaded_mesh_move_notes(const qm_loaded_mesh *mesh, qm_notes *notes);
 
 #endif

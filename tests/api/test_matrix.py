@@ -155,9 +155,9 @@ def test_a_mesh_that_is_missing_is_named(client, boxes):
 
 
 def test_meshes_by_the_hash_of_their_file(client):
-    data = [shapes.cube(origin=(shift, 0, 0)) for shift in (0, 3, 7)]
+    data = [shapes.obj(shapes.cube(origin=(shift, 0, 0))) for shift in (0, 3, 7)]
     ids = [client.upload(text, name="by hash")["id"] for text in data]
-    names = ["sha256:" + hashlib.sha256(text.encode() if isinstance(text, str) else text).hexdigest() for text in data]
+    names = ["sha256:" + hashlib.sha256(text).hexdigest() for text in data]
     job = ask(client, [names[0], ids[1], names[2]])
     assert job["result"]["meshes"] == ids
     check_rows(rows_of(client, job), [(0, 0, 0), (3, 0, 0), (7, 0, 0)])

@@ -202,3 +202,19 @@ def test_ids_alone_for_shells(client):
                         headers={**text, "Prefer": WAIT})
     assert reply.status_code == 200 and client.get(f"/v1/jobs/{reply.text.strip()}").json()["state"] == "succeeded"
     check_problem(client.post("/v1/jobs", json={"type": "self_collision", "mesh": "m_none"}, headers=text), 404)
+
+
+def test_the_uncertainty_is_moved_with_a_mesh(client):
+    text = shapes.obj(box(2))
+    exact = client.upload(text)["id"]
+    name = "sha256:" + hashlib.sha256(text).hexdigest()
+    vague = client.upload(text, uncertainty=0.25)["id"]  # and the newest one with this content
+    twice = [2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 10, 0, 0, 1]
+    moved = {"mesh": name, "transform": twice}
+    result = run(client, type="hausdorff", a=moved, b={"mesh": exact, "transform": twice})["result"]
+    assert result["upper"] <= 1e-9 and result["of_true"]["lower"] == 0
+    assert 0.5 <= result["of_true"]["upper"] - result["upper"] <= 0.5 + 1e-9
+    reply = client.post(f"/v1/meshes/{vague}/copies", json={"transform": twice})
+    assert reply.status_code == 201, reply.text
+    assert 0.5 <= reply.json()["uncertainty"] <= 0.5 + 1e-9
+    assert not client.post(f"/v1/meshes/{exact}/copies", json={"transform": twice}).json().get("uncertainty")

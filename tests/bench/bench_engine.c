@@ -31,7 +31,9 @@ static const char usage[] =
     "       bench_engine draw MESH PREFIX --count N --seed N        PREFIX.near, PREFIX.mid, PREFIX.far\n"
     "       bench_engine patches MESH                               regular patches\n"
     "       bench_engine agree MESH --count N --seed N              accelerators against one another\n"
-    "       bench_engine export MESH PREFIX [--shift X] [--noise X] [--turn X]\n"
+    "       bench_engine align A B MOTIONS [--threads N]            arrays of A, moved by each motion, onto "
+    "those of B\n"
+    "       bench_engine export MESH PREFIX [--shift X] [--noise X] [--turn X] [--part X]\n"
     "                                                               PREFIX.vertices, PREFIX.triangles\n"
     "       bench_engine vary MESH OUT.off [--shift X] [--noise X] [--turn X] [--coarsen X] [--refine]\n"
     "                                                               another mesh of the same model\n"
@@ -42,6 +44,7 @@ static const char usage[] =
     "  --shift X      moves the last mesh along (1, 1, 1) by this share of its diagonal\n"
     "  --noise X      moves its coordinates at random by up to this share of its diagonal\n"
     "  --turn X       turns it about its middle, in radians\n"
+    "  --part X       keeps the faces that begin in this share of its width\n"
     "  --coarsen X    one vertex for each cell of a grid, X mean edges wide\n"
     "  --refine       cuts every face in four\n"
     "  --accuracy X   of the deviation's mean (default 0.001)\n"
@@ -61,6 +64,7 @@ enum {
     SHIFT,
     NOISE,
     TURN,
+    PART,
     COARSEN,
     REFINE,
     COUNT,
@@ -100,6 +104,9 @@ static bool read_option(settings *out, int option)
         return read_accelerator(optarg, &question->accelerator);
     case TURN:
         return isfinite(question->change_b.turn = atof(optarg));
+    case PART:
+        question->change_b.part = atof(optarg);
+        return question->change_b.part > 0.0 && question->change_b.part <= 1.0;
     case COARSEN:
         return (question->change_b.coarsen = atof(optarg)) > 0.0;
     case REFINE:
@@ -165,6 +172,10 @@ static bool run(const char *command, char **operands, int operand_count, setting
         bench_deviation(&of_surface);
         return true;
     }
+    if (strcmp(command, "align") == 0 && operand_count == 3) {
+        bench_align(first, second, operands[2], question->threads);
+        return true;
+    }
     if (operand_count != 2) return false;
     if (strcmp(command, "hausdorff") == 0) {
         question->path_a = first;
@@ -198,6 +209,7 @@ int main(int argc, char **argv)
                                             {"shift", required_argument, NULL, SHIFT},
                                             {"noise", required_argument, NULL, NOISE},
                                             {"turn", required_argument, NULL, TURN},
+                                            {"part", required_argument, NULL, PART},
                                             {"coarsen", required_argument, NULL, COARSEN},
                                             {"refine", no_argument, NULL, REFINE},
                                             {"count", required_argument, NULL, COUNT},

@@ -15,6 +15,7 @@ typedef struct bench_change {
     double coarsen; /* one vertex for each cell of a grid; the cell's side as a share of the mean edge */
     double shift;   /* moves along (1, 1, 1), by this share of the diagonal */
     double noise;   /* moves every coordinate of every vertex by up to this share of the diagonal */
+    double part;    /* keeps the faces whose first corner lies in this share of the box along x; 0: all */
     double turn;    /* about the axis (1, 2, 3) through the middle of its box; radians */
 } bench_change;
 
@@ -114,6 +115,10 @@ void bench_matrix(const char *kind, const char *want, size_t count, double toler
 
 /** Times pairs of faces of a mesh that meet after a hundredth part of its vertices has moved. */
 void bench_moved(const char *path);
+
+/** Times alignments of A, moved by each of a file of motions (rows of 16 doubles), onto B, and prints how many ended where; A and B
+ * are arrays as bench_export writes them. */
+void bench_align(const char *prefix_a, const char *prefix_b, const char *motions_path, int threads);
 
 /** Times a reconstruction from a layout file up to so many quads, and picks on the surface, and prints
  * them. */

@@ -7,6 +7,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* The same twin on every machine. */
 #define NOISE_SEED 20240607
@@ -68,6 +69,21 @@ static void turn(qm_mesh *mesh, double angle)
     }
 }
 
+static void cut(qm_context *ctx, qm_mesh *mesh, double part)
+{
+    qm_box box = qm_mesh_bounding_box(mesh);
+    const double end = box.min[0] + part * (box.max[0] - box.min[0]);
+    size_t kept = 0;
+    for (size_t i = 0; i < mesh->face_count; i++)
+        if (mesh->positions[3 * (size_t)mesh->faces[4 * i]] <= end)
+            memmove(mesh->faces + 4 * kept++, mesh->faces + 4 * i, 4 * sizeof *mesh->faces);
+    if (kept == 0 || mesh->face_origin) bench_fail("part", "the mesh has no such part, or polygons");
+    uint32_t *fewer = qm_context_resize(ctx, mesh->faces, mesh->face_count, kept, 4 * sizeof *mesh->faces);
+    if (!fewer) bench_fail("memory", "there is not enough");
+    mesh->faces = fewer;
+    mesh->face_count = kept;
+}
+
 qm_mesh bench_read_mesh(qm_context *ctx, const char *path, const bench_change *change)
 {
     qm_mesh mesh = bench_read_any(ctx, path);
@@ -77,6 +93,7 @@ qm_mesh bench_read_mesh(qm_context *ctx, const char *path, const bench_change *c
     if (change->coarsen != 0.0) bench_coarsen(&mesh, change->coarsen);
     if (change->shift != 0.0 || change->noise != 0.0) disturb(&mesh, change);
     if (change->turn != 0.0) turn(&mesh, change->turn);
+    if (change->part != 0.0) cut(ctx, &mesh, change->part);
     return mesh;
 }
 

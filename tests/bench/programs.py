@@ -26,6 +26,7 @@ class Peer:
     project: str = ""    # "double" or "float"; "": it has none
     collide: str = ""    # what its pairs are worth: "exact" or "rounded"; "": it finds none
     reads: bool = False  # answers `COMMAND files A B TOLERANCE`, the distance between two files, too
+    aligns: bool = False  # answers `COMMAND align A B MOTIONS` and `COMMAND search A B MOTIONS`
     self: str = ""       # the same of one mesh with itself; "partly": leaves pairs with a common corner out
 
 
@@ -47,6 +48,9 @@ class Programs:
     def projecting(self):
         return [peer for peer in self.peers if peer.project]
 
+    def aligning(self):
+        return [peer for peer in self.peers if peer.aligns]
+
     def colliding(self):
         return [peer for peer in self.peers if peer.collide]
 
@@ -61,6 +65,7 @@ PYTHON_PEERS = (
     python_peer("igl", "libigl", hausdorff="vertices only", project="double"),
     python_peer("coal", "coal", collide="rounded"),
     python_peer("trueform", "trueform", collide="rounded"),
+    python_peer("open3d", "open3d", aligns=True),
     python_peer("meshlab", "pymeshlab", hausdorff="samples", reads=True),
 )
 COMPILED_PEERS = (

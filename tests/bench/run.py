@@ -29,6 +29,7 @@ import time
 
 import bench_accelerators
 import bench_agreement
+import bench_align
 import bench_collide
 import bench_deviation
 import bench_files
@@ -49,7 +50,7 @@ import variants
 
 PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "files": bench_files,
          "project": bench_projection,
-         "collide": bench_collide, "deviation": bench_deviation, "matrix": bench_matrix,
+         "collide": bench_collide, "deviation": bench_deviation, "align": bench_align, "matrix": bench_matrix,
          "accelerators": bench_accelerators, "agreement": bench_agreement, "service": bench_service, "store": bench_store,
          "reconstruct": bench_reconstruct}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")

@@ -52,12 +52,20 @@ test("contacts are counted, stepped through and flown to; apart, the least dista
 test("a dragged region refits, folds are found as they come, and can be undone", async () => {
   const page = await browser.open(`${daemon.url}/#deform?a=${ids.ball}`);
   await waitForView(page);
-  const revision = async () => (await daemon.client().meshes.get(ids.ball)).revision;
+  /** That of the copy that the first drag makes; what was uploaded stays. */
+  const copy = () => new URLSearchParams(new URL(page.url()).hash.split("?")[1]).get("a");
+  const revision = async () => (await daemon.client().meshes.get(copy())).revision;
   await page.getByRole("button", { name: "Take the middle of the view" }).click();
   await page.locator("#folds", { hasText: "The handle is taken" }).waitFor();
   await page.getByRole("button", { name: "Pull out" }).click();
   await page.locator("#folds", { hasText: "No faces meet" }).waitFor();
+  assert.notEqual(copy(), ids.ball);
+  assert.equal((await daemon.client().meshes.get(copy())).name, "ball, deformed");
   assert.equal(await revision(), 1);
+  await page.getByRole("link", { name: "Jobs" }).click(); // Undo outlives the view
+  await page.locator('body[data-page="jobs"]').waitFor();
+  await page.getByRole("link", { name: "Deform" }).click();
+  await waitForView(page);
   await page.getByRole("button", { name: "Undo" }).click();
   await page.locator("#folds", { hasText: "undone" }).waitFor();
   await waitForView(page);
@@ -77,7 +85,8 @@ test("a dragged region refits, folds are found as they come, and can be undone",
   for (let step = 0; step < 24; step++) await page.getByRole("button", { name: "Push in" }).click();
   await page.locator("#folds.fault", { hasText: "of faces meet" }).waitFor();
   await until(async () => (await page.locator(".figures dd").first().innerText()) === String(await revision()), "the last revision");
-  const job = await daemon.client().jobs.create({ type: "self_collision", mesh: ids.ball }, { wait: 30 });
+  const job = await daemon.client().jobs.create({ type: "self_collision", mesh: copy() }, { wait: 30 });
   await until(async () => (await page.locator("#folds").innerText()).startsWith(job.result.count.toLocaleString("en")), "the last round");
+  assert.equal((await daemon.client().meshes.get(ids.ball)).revision, 0);
   await finish(page);
 });

@@ -6,7 +6,7 @@ import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
 import { Browser, drawnShare, finish, waitForView } from "./support/page.js";
-import { HEAP_DISTANCE, SPHERE_DISTANCE, SPHERE_TURN, ball, heaps, moved, off, sphere } from "./support/shapes.js";
+import { HEAP_DISTANCE, SPHERE_DISTANCE, SPHERE_TURN, ball, chance, heaps, moved, off, sphere } from "./support/shapes.js";
 
 let daemon;
 let browser;
@@ -91,9 +91,10 @@ test("the heat map comes with colour bar, histogram and percentiles; a link brin
   await words(page, "Done");
   await page.getByRole("button", { name: "Map the distances" }).click();
   await page.locator(".legend").waitFor();
-  assert.equal(await page.locator("#deviation tbody tr").count(), 8);
-  assert.match(await page.locator("#deviation").innerText(), /Mean\s+1\.6\d+e-4 ±|Mean\s+0\.00016\d+ ±/);
+  assert.equal(await page.locator("#deviation tbody tr").count(), 3 + 8);
+  assert.match(await page.locator("#deviation").innerText(), /Mean\s+1\.6\d* ± 0\.0\d+ e-4/);
   assert.match(await page.locator(".legend .ticks span").last().innerText(), /^0\.00049\d$/);
+  assert.match(await page.locator(".legend").innerText(), /Distance of a\.off from b\.off[\s\S]*off by [\d.e-]+ at most/);
   const [csv] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Distances, CSV" }).click()]);
   assert.equal(readFileSync(await csv.path(), "utf8").trim().split("\n").length, 4901);
   const [png] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Picture, PNG" }).click()]);
@@ -125,9 +126,10 @@ test("signed distances distinguish inside from outside; a link restores the view
   await page.locator("#deviation").waitFor();
   await page.locator(".stage-tools").getByRole("button", { name: "Edges" }).click();
   await page.getByRole("button", { name: "Signed" }).click();
-  await page.locator(".legend", { hasText: "inside B, or outside" }).waitFor();
+  await page.locator(".legend", { hasText: "outside" }).waitFor();
   const ticks = await page.locator(".legend .ticks span").allInnerTexts();
-  assert.deepEqual([Number(ticks[0]), ticks[1]], [-Number(ticks[2]), "0"]);
+  assert.match(ticks.join(), /^(-[\d.]+) inside,0,outside \+[\d.]+$/);
+  assert.equal(ticks[0].replace(" inside", ""), ticks[2].replace("outside +", "-"));
   const [csv] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Distances, CSV" }).click()]);
   const rows = readFileSync(await csv.path(), "utf8").trim().split("\n").slice(1).map((row) => row.split(","));
   moved(ball(8), [0.3, 0, 0]).vertices.forEach((point, vertex) => {
@@ -138,12 +140,134 @@ test("signed distances distinguish inside from outside; a link restores the view
   await page.waitForFunction(() => location.hash.includes("eye="));
 
   const other = await browser.open(page.url());
-  await other.locator(".legend", { hasText: "inside B, or outside" }).waitFor();
+  await other.locator(".legend", { hasText: "outside" }).waitFor();
   const look = (where) => where.locator(".stage-tools button").evaluateAll((all) => all.map((one) => `${one.textContent} ${one.getAttribute("aria-pressed")}`));
   assert.deepEqual(await look(other), await look(page));
   assert((await look(page)).includes("Edges true") && (await look(page)).includes("B false"));
   await finish(page);
   await finish(other);
+});
+
+/** A flat square of one quad, and one with a hill in its middle that the square's corners know nothing of. */
+async function uploadHill() {
+  const steps = 24;
+  const hill = { vertices: [], faces: [] };
+  for (let n = 0; n < (steps + 1) ** 2; n++) {
+    const [x, y] = [Math.floor(n / (steps + 1)) / steps, (n % (steps + 1)) / steps];
+    hill.vertices.push([x, y, 0.3 * Math.max(0, 1 - ((x - 0.5) ** 2 + (y - 0.5) ** 2) / 0.16) ** 2]);
+  }
+  for (let i = 0; i < steps; i++) for (let j = 0; j < steps; j++) hill.faces.push([[0, 0], [1, 0], [1, 1], [0, 1]].map(([u, v]) => (i + u) * (steps + 1) + j + v));
+  const square = { vertices: [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], faces: [[0, 1, 2, 3]] };
+  return Promise.all([square, hill].map(async (mesh, place) => (await daemon.client().meshes.create(off(mesh), { name: `hill_${place}.off` })).mesh.id));
+}
+
+/** The colours of the view at shares of its width and height. */
+const coloursAt = (page, places) => page.evaluate(async (all) => {
+  const stage = (await import("/dashboard/view/view.js")).currentStage();
+  await stage.rest();
+  const copy = document.createElement("canvas");
+  [copy.width, copy.height] = [stage.canvas.width, stage.canvas.height];
+  const context = copy.getContext("2d", { willReadFrequently: true });
+  context.drawImage(stage.canvas, 0, 0);
+  return all.map(([x, y]) => [...context.getImageData(Math.floor(x * copy.width), Math.floor(y * copy.height), 1, 1).data].slice(0, 3));
+}, places);
+
+const SQUARE_FROM_ABOVE = "&eye=0,0,1.6,0,0,0"; // half of the view's height shows 0.5 of its diagonal
+
+test("a coarse mesh shows distances between its corners, and the value at each place can be read", async () => {
+  const [square, hill] = await uploadHill();
+  const page = await browser.open(`${daemon.url}/#compare?a=${square}&b=${hill}${SQUARE_FROM_ABOVE}`);
+  await waitForView(page);
+  await page.getByRole("button", { name: "Map the distances" }).click();
+  await page.locator(".legend", { hasText: "off by" }).waitFor();
+  await page.locator(".stage-tools").getByRole("button", { name: "B", exact: true }).click();
+  await waitForView(page);
+  const [middle, edge] = await coloursAt(page, [[0.5, 0.5], [0.5, 0.78]]);
+  assert(middle[0] > 2 * edge[0] && middle[0] > 150, `middle ${middle}, edge ${edge}`); // navy has little red
+  const most = Number((await page.locator("#deviation tr", { hasText: "Maximum" }).locator("td").innerText()).split(" ")[0]);
+
+  const box = await page.locator(".canvas canvas").boundingBox();
+  await page.mouse.move(box.x + box.width / 2, box.y + box.height / 2);
+  await page.locator(".tip:not([hidden])").waitFor();
+  const value = Number(await page.locator(".tip").innerText());
+  assert(value > 0.9 * most && value <= 1.0001 * most, `${value} of ${most}`);
+  await page.mouse.click(box.x + box.width / 2, box.y + box.height / 2);
+  await page.locator(".pin").waitFor();
+  await page.getByRole("button", { name: "Value in the middle" }).click();
+  await page.locator(".pin").nth(1).waitFor();
+  await page.locator(".pin").last().click();
+  assert.equal(await page.locator(".pin").count(), 1);
+  const pinned = await page.locator(".pin").innerText();
+  const [png] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Picture, PNG" }).click()]);
+  assert(readFileSync(await png.path()).length > 10000);
+
+  const other = await browser.open(page.url());
+  await other.locator(".pin").waitFor();
+  assert.equal(await other.locator(".pin").innerText(), pinned);
+  await finish(page);
+  await finish(other);
+});
+
+test("the colours' range is the user's, stays, and is in the link; bands show what is within limits", async () => {
+  const [square, hill] = await uploadHill();
+  const page = await browser.open(`${daemon.url}/#compare?a=${square}&b=${hill}&heat=1${SQUARE_FROM_ABOVE}`);
+  await page.locator(".legend").waitFor();
+  await page.locator("input[name=high]").fill("0.05");
+  await page.locator("input[name=high]").press("Tab");
+  await page.locator(".legend .ticks", { hasText: "≥ 0.0500" }).waitFor();
+  await page.getByRole("button", { name: "Swap A and B" }).click();
+  await page.getByRole("button", { name: "Map the distances" }).click();
+  await page.locator(".legend", { hasText: "hill_1.off from hill_0.off" }).waitFor();
+  await page.locator(".legend .ticks", { hasText: "≥ 0.0500" }).waitFor();
+  await page.getByRole("button", { name: "Swap A and B" }).click();
+  await page.getByRole("button", { name: "Map the distances" }).click();
+  await page.locator(".legend", { hasText: "hill_0.off from hill_1.off" }).waitFor();
+
+  await page.locator("input[name=threshold]").fill("0.04");
+  await page.getByRole("button", { name: "Bands" }).click();
+  await page.locator(".legend .band", { hasText: "within 0.0400" }).waitFor();
+  await page.waitForFunction(() => location.hash.includes("limits=-0.04,0.04"));
+  await page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage().eye.fromText("0,0,1.6,0,0,0"));
+  await waitForView(page);
+  const [[red, green], [edgeRed, edgeGreen]] = await coloursAt(page, [[0.5, 0.5], [0.5, 0.78]]);
+  assert(red > 2 * green && edgeGreen > 1.5 * edgeRed, `${red} ${green}, ${edgeRed} ${edgeGreen}`);
+  const other = await browser.open(page.url());
+  await other.locator(".legend .band", { hasText: "beyond 0.0400" }).waitFor();
+  await other.getByRole("button", { name: "Bands" }).click();
+  await other.locator(".legend .ticks", { hasText: "≥ 0.0500" }).waitFor();
+  await other.getByRole("button", { name: "99 %" }).click();
+  await other.waitForFunction(() => !location.hash.includes("range=0,0.05"));
+  await other.getByRole("button", { name: "All", exact: true }).click();
+  await other.waitForFunction(() => !location.hash.includes("range="));
+  await other.getByRole("button", { name: "B from A, too" }).click();
+  await other.locator("#deviation th", { hasText: "B from A" }).waitFor();
+  await finish(page);
+  await finish(other);
+});
+
+test("a search of distances over A tells how far it is, and can be stopped", async () => {
+  const page = await browser.open(`${daemon.url}/#compare?a=${ids.low}&b=${ids.high}&quads=bilinear`);
+  await waitForView(page);
+  await page.getByRole("button", { name: "Map the distances" }).click();
+  const line = page.locator(".searching", { hasText: /Searching, [\d.]+ s/ });
+  await line.waitFor();
+  await line.getByRole("button", { name: "Stop" }).click();
+  await page.locator("#deviation", { hasText: "stopped before its end" }).waitFor();
+  await finish(page);
+});
+
+test("intervals are written with the digits that are known, and hold what they stand for", async () => {
+  const { intervals } = await import("../../clients/dashboard/core/format.js");
+  assert.deepEqual(intervals([{ lower: 0.00031172, upper: 0.00032992 }]), ["3.208 ± 0.092 e-4"]);
+  assert.deepEqual(intervals([{ lower: 0.5, upper: 0.5 }, { lower: 0, upper: 0.001 }]), ["0.5", "0.00050 ± 0.00050"]);
+  const random = chance(7);
+  for (let n = 0; n < 5000; n++) {
+    const lower = random() * 10 ** (12 * random() - 8);
+    const upper = lower + random() * 10 ** (-9 * random()) * lower;
+    const [middle, half, power] = intervals([{ lower, upper }])[0].match(/^([\d.]+) ± ([\d.]+)(?: e(-?\d+))?$/).slice(1).map((text) => Number(text ?? 0));
+    const slack = 1e-13 * upper;
+    assert((middle - half) * 10 ** power <= lower + slack && (middle + half) * 10 ** power >= upper - slack, `seed 7: ${lower} ${upper}`);
+  }
 });
 
 test("a fault of the request is shown in words", async () => {

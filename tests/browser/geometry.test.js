@@ -7,15 +7,9 @@ import { cloudNormals } from "../../clients/dashboard/view/cloud.js";
 import { patchTint, scaleColour, signedColour } from "../../clients/dashboard/view/colours.js";
 import { colourCells, fillCells } from "../../clients/dashboard/view/regions.js";
 import { Sides } from "../../clients/dashboard/view/sides.js";
-import { buildPiece, buildValues, gridSteps, pieces } from "../../clients/dashboard/view/soup.js";
+import { buildPiece, gridSteps, pieces } from "../../clients/dashboard/view/soup.js";
 import { cornerNormals, faceNormals, facesOfVertices, irregularVertices } from "../../clients/dashboard/view/topology.js";
-import { box, boxLayout, chance, sheet, sphere } from "./support/shapes.js";
-
-function shapeOf({ vertices, faces }) {
-  const starts = new Uint32Array(faces.length + 1);
-  faces.forEach((corners, face) => { starts[face + 1] = starts[face] + corners.length; });
-  return { points: new Float64Array(vertices.flat()), corners: new Uint32Array(faces.flat()), starts };
-}
+import { box, boxLayout, chance, shapeOf, sheet, sphere } from "./support/shapes.js";
 
 const FRAME = { centre: [0.5, 0.5, 0.5], scale: 2 };
 
@@ -59,19 +53,6 @@ test("irregular vertices are the eight corners of a box, and none of a sheet or 
   assert.deepEqual(found(box(4)).valences, [3, 3, 3, 3, 3, 3, 3, 3]);
   assert.equal(found(sheet(4, 4)).vertices.length, 0);
   assert.equal(found(sphere(0, 10, 20)).vertices.length, 0);
-});
-
-test("values of vertices come to the corners, and between them bilinearly", () => {
-  const shape = shapeOf({ vertices: [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], faces: [[0, 1, 2, 3]] });
-  const values = new Float64Array([0, 1, 3, 2]);
-  const [plain] = [...pieces(shape, 1)];
-  assert.deepEqual([...buildValues(shape, 1, plain, values)], [0, 1, 3, 0, 3, 2]);
-  const [fine] = [...pieces(shape, 2)];
-  const [{ position }] = build(shape, 2);
-  buildValues(shape, 2, fine, values).forEach((value, corner) => {
-    const [x, y] = [position[3 * corner] / 2 + 0.5, position[3 * corner + 1] / 2 + 0.5];
-    assert(Math.abs(value - (x + 2 * y)) < 1e-6);
-  });
 });
 
 test("large meshes come in pieces that together are whole", () => {

@@ -5,7 +5,7 @@ import { writeFileSync } from "node:fs";
 import path from "node:path";
 import { after, before, test } from "node:test";
 
-import { Daemon } from "./support/daemon.js";
+import { Daemon, until } from "./support/daemon.js";
 import { Browser, finish, upload, waitForView } from "./support/page.js";
 import { SLOW, box, heaps, off } from "./support/shapes.js";
 
@@ -48,6 +48,50 @@ test("jobs are listed with their state, canceled, and shown again", () => withDa
   await page.locator("tbody tr").last().getByRole("link").click();
   await page.locator("#outcome", { hasText: "Stopped; the bounds hold" }).waitFor();
   assert.equal(await page.locator("select[name=quads]").inputValue(), "bilinear");
+  await finish(page);
+}));
+
+test("the history is read a page at a time, filtered by kind and state, looked into and deleted", () => withDaemon([], async (daemon) => {
+  const client = daemon.client();
+  const [a, b] = await Promise.all([box(2), box(3)].map(async (mesh, place) => (await client.meshes.create(off(mesh), { name: `box_${place}` })).mesh.id));
+  for (let n = 0; n < 70; n++) await client.jobs.create({ type: "project", mesh: a, points: [[n, 0, 0]] }, { wait: 10 });
+  for (let n = 0; n < 3; n++) await client.jobs.create({ type: "hausdorff", a, b, tolerance: 10 ** (-3 - n) }, { wait: 10 });
+  const page = await browser.open("about:blank");
+  let read = 0;
+  page.on("response", async (response) => {
+    if (new URL(response.url()).pathname === "/v1/jobs") read += (await response.json()).jobs.length;
+  });
+  await page.goto(`${daemon.url}/#jobs`);
+  await page.locator("tbody tr").nth(24).waitFor();
+  await page.waitForTimeout(6000); // it is looked at again meanwhile
+  assert(read <= 3 * 25, `${read} jobs were read`);
+  assert.equal(await page.locator("tbody tr").count(), 25);
+  const [first] = await page.locator("tbody tr").elementHandles();
+  await page.getByRole("button", { name: "Older jobs" }).click();
+  await page.locator("tbody tr").nth(49).waitFor();
+  assert(await first.evaluate((row) => row.isConnected), "rows that are the same stay");
+
+  await page.locator("select[name=type]").selectOption("hausdorff");
+  await page.locator("tbody tr").nth(3).waitFor({ state: "detached" });
+  assert.equal(await page.locator("tbody tr", { hasText: "Hausdorff distance" }).count(), 3);
+  assert(page.url().includes("type=hausdorff"));
+  await page.getByRole("button", { name: /^Details/ }).first().click();
+  await page.locator("dialog pre", { hasText: '"tolerance": 0.00001' }).first().waitFor();
+  await page.getByRole("button", { name: "Close" }).click();
+  const remove = () => page.getByRole("button", { name: /^Delete the record/ }).first().click();
+  await remove();
+  await page.locator("tbody tr").nth(2).waitFor({ state: "detached" });
+  await page.getByRole("button", { name: "Undo" }).click();
+  await page.locator("tbody tr").nth(2).waitFor();
+  await remove();
+  const count = async () => {
+    let number = 0;
+    for await (const job of client.jobs.list({ type: "hausdorff" })) if (job) number++;
+    return number;
+  };
+  await until(async () => (await count()) === 2, "the deletion");
+  await page.locator("select[name=state]").selectOption("failed");
+  await page.getByText("There are no such jobs").waitFor();
   await finish(page);
 }));
 

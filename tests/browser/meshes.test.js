@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 
-import { Daemon } from "./support/daemon.js";
+import { Daemon, until } from "./support/daemon.js";
 import { Browser, drawnShare, finish, rest, upload, waitForView } from "./support/page.js";
 import { box, off, ply, sphere, torusPoints } from "./support/shapes.js";
 
@@ -91,6 +91,19 @@ test("every tool changes the picture, and quads can be read as bilinear patches"
   await finish(page);
 });
 
+test("Fit shows all from where one is", async () => {
+  const page = await browser.open(daemon.url);
+  await page.locator(".meshes .name", { hasText: "box.off" }).first().click();
+  await waitForView(page);
+  const side = () => page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage().eye.side.toArray());
+  await page.locator(".canvas canvas").focus();
+  for (const key of ["ArrowLeft", "ArrowLeft", "ArrowDown", "+", "+"]) await page.keyboard.press(key);
+  const before = await side();
+  await page.locator(".stage-tools").getByRole("button", { name: "Fit" }).click();
+  (await side()).forEach((value, k) => assert(Math.abs(value - before[k]) < 1e-6));
+  await finish(page);
+});
+
 test("points are drawn as discs with a size", async () => {
   const page = await browser.open(daemon.url);
   await upload(page, { name: "torus.ply", content: ply(torusPoints(20000)) });
@@ -104,7 +117,7 @@ test("points are drawn as discs with a size", async () => {
   await finish(page);
 });
 
-test("a mesh is downloaded in every format, and deleted", async () => {
+test("a mesh is downloaded in every format", async () => {
   const page = await browser.open(daemon.url);
   await page.locator(".meshes .name", { hasText: "box.off" }).click();
   for (const format of ["obj", "ply", "stl", "off", "glb", "drc"]) {
@@ -116,8 +129,83 @@ test("a mesh is downloaded in every format, and deleted", async () => {
     assert.equal(mesh.faces.quads * 2 + mesh.faces.triangles, 768, format);
     await daemon.client().meshes.delete(mesh.id);
   }
-  await page.getByRole("button", { name: "Delete" }).click();
-  await page.getByRole("button", { name: "Delete for good" }).click();
-  await page.locator(".meshes .name", { hasText: "box.off" }).waitFor({ state: "detached" });
+  await finish(page);
+});
+
+test("a deleted mesh is gone at once, comes back by Undo, and is deleted when the time for that is over", async () => {
+  const client = daemon.client();
+  const { mesh } = await client.meshes.create(off(box(3)), { name: "gone.off" });
+  const page = await browser.open(`${daemon.url}/#meshes?mesh=${mesh.id}`);
+  const name = page.locator(".meshes .name", { hasText: "gone.off" });
+  await name.waitFor();
+  await page.locator("h2", { hasText: "gone.off" }).waitFor();
+  const remove = async () => {
+    await page.getByRole("button", { name: "Delete" }).click();
+    await name.waitFor({ state: "detached" });
+  };
+  await remove();
+  assert.equal((await client.meshes.get(mesh.id)).name, "gone.off");
+  await page.getByRole("link", { name: "Jobs" }).click(); // Undo goes along
+  await page.locator(".message", { hasText: "gone.off is deleted" }).getByRole("button", { name: "Undo" }).click();
+  await page.getByRole("link", { name: "Meshes" }).click();
+  await name.click();
+  await page.locator("h2", { hasText: "gone.off" }).waitFor();
+  await remove();
+  await until(() => client.meshes.get(mesh.id).then(() => false, (error) => error.status === 404), "the deletion");
+  await finish(page);
+});
+
+test("a sample pair is a click away, and is compared", async () => {
+  const page = await browser.open(daemon.url);
+  assert.equal(await page.getByRole("link", { name: "the API" }).getAttribute("href"), "/docs");
+  await page.getByRole("button", { name: "Coarse quads and a fine surface" }).click();
+  await page.locator('body[data-page="compare"]').waitFor();
+  await page.locator(".legend", { hasText: "coarse quads.obj from fine surface.obj" }).waitFor();
+  await page.getByRole("link", { name: "Meshes" }).click();
+  await page.getByRole("button", { name: "A part and what it should be" }).click();
+  await page.locator(".legend", { hasText: "part.obj from design.obj" }).waitFor();
+  const most = await page.locator("#deviation tr", { hasText: "Maximum" }).locator("td").innerText();
+  assert(Number(most.split(" ")[0]) > 0.05, most);
+  await finish(page);
+});
+
+test("a file that is dropped on a view that was opened by its address is uploaded, with its progress", async () => {
+  for (const view of ["compare", "sketch", "jobs"]) {
+    const page = await browser.open(`${daemon.url}/#${view}`);
+    await page.locator(`body[data-page="${view}"]`).waitFor();
+    const rows = page.evaluate(() => new Promise((resolve) => {
+      new MutationObserver(() => resolve(document.querySelector("#uploads").textContent)).observe(document.querySelector("#uploads"), { childList: true });
+    }));
+    const isPrevented = await page.evaluate((text) => {
+      const dataTransfer = new DataTransfer();
+      dataTransfer.items.add(new File([text], "dropped.off"));
+      return ["dragover", "drop"].map((name) => !document.body.dispatchEvent(new DragEvent(name, { dataTransfer, bubbles: true, cancelable: true })));
+    }, off(box(2)));
+    assert.deepEqual(isPrevented, [true, true]);
+    assert.match(await rows, /dropped\.off/);
+    await page.locator(".message", { hasText: "dropped.off is here" }).waitFor();
+    await finish(page);
+  }
+});
+
+test("a mesh that somebody else uploads appears by itself", async () => {
+  const page = await browser.open(daemon.url);
+  await page.locator(".mesh").first().waitFor();
+  await daemon.client().meshes.create(off(box(5)), { name: "from elsewhere.off" });
+  await page.locator(".meshes .name", { hasText: "from elsewhere.off" }).waitFor();
+  await finish(page);
+});
+
+test("a long list is narrowed by name, and what is known of a mesh stays at hand", async () => {
+  for (let n = 0; n < 12; n++) await daemon.client().meshes.create(off(box(2)), { name: `step ${n}.off` });
+  const page = await browser.open(daemon.url, { viewport: { width: 1300, height: 900 } });
+  await page.locator(".meshes .name", { hasText: "step 11.off" }).waitFor();
+  const place = await page.getByRole("button", { name: "Download" }).boundingBox();
+  assert(place.y < 2 * 900, `${place.y} px down`);
+  await page.getByPlaceholder("Part of a name").fill("STEP 7");
+  await page.locator(".mesh").nth(1).waitFor({ state: "detached" });
+  assert.equal(await page.locator(".meshes .name").innerText(), "step 7.off");
+  await page.getByPlaceholder("Part of a name").fill("no such name");
+  await page.getByText("No name has this in it").waitFor();
   await finish(page);
 });

@@ -142,6 +142,67 @@ test("what an end will snap to is shown; curves are chosen, split, merged, redra
   await finish(page);
 });
 
+test("ends snap within some pixels, however near the eye is, and with Alt to nothing", async () => {
+  const layout = await daemon.client().layouts.create({ mesh: mesh.id, nodes, curves });
+  const page = await open(layout.id);
+  const node = nodes[7];
+  const zoomed = async (distance) => {
+    const place = await page.evaluate(async ({ at, far }) => {
+      const { currentStage } = await import("/dashboard/view/view.js");
+      const { toWindow } = await import("/dashboard/sketch/window.js");
+      const stage = currentStage();
+      const scene = stage.toScene(at);
+      stage.eye.controls.target.copy(scene);
+      stage.eye.camera.position.copy(scene).addScaledVector(scene.clone().normalize(), far);
+      stage.eye.controls.update();
+      stage.drawNow();
+      return toWindow(stage, at);
+    }, { at: node, far: distance });
+    const box = await page.locator(".canvas canvas").boundingBox();
+    return [place[0] + box.x, place[1] + box.y];
+  };
+  const mark = page.locator('.snap[data-kind="node"]:not([hidden])');
+  for (const distance of [1.4, 0.2]) {
+    const [x, y] = await zoomed(distance);
+    await page.mouse.move(x + 200, y + 150);
+    await page.mouse.move(x + 6, y);
+    await mark.waitFor();
+    await page.mouse.move(x + 40, y + 40);
+    await page.waitForTimeout(100);
+    assert.equal(await mark.count(), 0, `at a distance of ${distance}`);
+    await page.keyboard.down("Alt");
+    await page.mouse.move(x + 5, y);
+    await page.waitForTimeout(100);
+    assert.equal(await mark.count(), 0);
+    await page.keyboard.up("Alt");
+  }
+  await finish(page);
+});
+
+test("Space turns the view after a click on Undo, and undoes nothing; a deleted layout comes back", async () => {
+  const layout = await daemon.client().layouts.create({ mesh: mesh.id, nodes, curves });
+  await daemon.client().layouts.deleteCurve(layout.id, 3);
+  await daemon.client().layouts.deleteCurve(layout.id, 7);
+  const page = await open(layout.id);
+  await says(page, "10 curves");
+  await page.getByRole("button", { name: "Undo" }).click();
+  await says(page, "11 curves");
+  await page.keyboard.down("Space");
+  assert.equal(await page.locator("canvas.draws").count(), 0); // the pen is put away
+  await page.keyboard.up("Space");
+  await did(page, "Undone");
+  await page.waitForTimeout(300);
+  await says(page, "11 curves");
+
+  await page.getByRole("button", { name: "Delete layout" }).click();
+  await page.locator("select[name=layout]").locator(`option[value="${layout.id}"]`).waitFor({ state: "detached" });
+  await page.locator(".message", { hasText: "The layout is deleted" }).getByRole("button", { name: "Undo" }).click();
+  await says(page, "11 curves");
+  assert.equal((await daemon.client().layouts.get(layout.id)).curves.length, 11);
+  assert.equal(await page.locator("select[name=layout]").inputValue(), layout.id);
+  await finish(page);
+});
+
 test("fingers and pens draw as mice do; strokes that go on are joined, and cut what they meet", async () => {
   const page = await browser.open(`${daemon.url}/#sketch?a=${mesh.id}`, { hasTouch: true });
   await waitForPen(page);

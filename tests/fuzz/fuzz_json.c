@@ -50,6 +50,14 @@ static void read_moved_vertices(void)
     if (taken) qm_json_reset_moved_vertices(&moved);
 }
 
+static void read_copy(void)
+{
+    qm_moved_copy copy;
+    qm_problem problem = {0};
+    check(qm_json_read_copy(text, text_size, &copy, &problem), &problem);
+    free(copy.name);
+}
+
 static void read_layout(void)
 {
     qm_context ctx = qm_context_make();
@@ -107,6 +115,8 @@ static void read_as(char letter)
         read_batch_line();
     else if (letter == 'm')
         read_moved_vertices();
+    else if (letter == 'k')
+        read_copy();
     else if (letter == 'l')
         read_layout();
     else if (letter == 'c')

@@ -309,6 +309,27 @@ static void descents_find_both_sheets_of_a_bow_tie(void **state)
     }
 }
 
+/** The segments of a bow-tie shrink to a point, or to nearly one: a crumb below which they count as a point, or above. */
+static void descents_pass_segments_that_shrink(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < 1000; ++seed) {
+        qm_random random = qm_random_make(qm_check_seed(), seed);
+        double corner[4][3], p[3], crumb = seed % 3 ? pow(10, qm_random_range(&random, -16, -6)) : 0;
+        for (int i = 0; i < 4; i++)
+            qm_random_point(&random, -1, 1, corner[i]);
+        for (int k = 0; k < 3; k++)
+            corner[2][k] =
+                corner[1][k] - (corner[3][k] - corner[0][k]) + crumb * qm_random_range(&random, -1, 1);
+        qm_bilinear patch = engine_patch(corner);
+        draw_query(&random, &patch, p);
+        double found = qm_bilinear_minimise(&patch, qm_vec_load(p), INFINITY).distance;
+        double nearest = qm_slow_patch_distance(p, corner, 1e-9).upper;
+        QM_CHECK(found <= nearest + 1e-8, "seed %llu: %.17g, slow twin %.17g, crumb %g",
+                 (unsigned long long)seed, found, nearest, crumb);
+    }
+}
+
 /** A folded patch has several local minima, two of them close to one another beside its fold: the nearest is
  * found, from points on the fold and away from it. */
 static void descents_find_the_nearest_local_minimum(void **state)
@@ -396,6 +417,7 @@ int main(void)
         cmocka_unit_test(halves_are_within_their_slack),
         cmocka_unit_test(collapsed_patches_are_triangles),
         cmocka_unit_test(descents_find_both_sheets_of_a_bow_tie),
+        cmocka_unit_test(descents_pass_segments_that_shrink),
         cmocka_unit_test(descents_find_the_nearest_local_minimum),
         cmocka_unit_test(saddles_are_certified_at_their_centres_of_curvature),
         cmocka_unit_test(degenerate_patches_are_segments_and_points),

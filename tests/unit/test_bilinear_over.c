@@ -1,10 +1,10 @@
 /*
- * The bounds of a triangle and of a polygon over a patch: never below the distance of any of its points, whatever points of the
+ * The bounds of a triangle, of a polygon and of a part of another patch over a patch: never below the distance of any of its points, whatever points of the
  * patch lie under its corners, and close to the greatest of them where these are the nearest.
  */
 #include "check.h"
 
-#include "prim/bilinear.h"
+#include "prim/bilinear_match.h"
 #include "random.h"
 #include "slow_twin.h"
 
@@ -13,6 +13,7 @@
 
 #define ERROR 1e-13
 #define POLYGONS 1500
+#define RECTANGLES 150
 #define GRID 6 /* points a side that are measured */
 
 static void draw_corners(qm_random *random, double twist, double corner[4][3])
@@ -234,6 +235,120 @@ static void a_flat_wedge_is_as_near_as_its_corners(void **state)
     QM_CHECK(bound < 1.1e-5, "bound %.17g", bound);
 }
 
+/** The point of a patch by its definition, in more digits than a double has. */
+static void wide_patch_point(const double c[4][3], double s, double t, double out[3])
+{
+    long double u = s, v = t;
+    for (int k = 0; k < 3; k++)
+        out[k] = (double)((1 - u) * (1 - v) * c[0][k] + u * (1 - v) * c[1][k] + u * v * c[2][k] +
+                          (1 - u) * v * c[3][k]);
+}
+
+/** Greatest distance of points in a rectangle of a patch from another patch. */
+static double farthest_of_rectangle(const double source[4][3], const qm_uv_box *box,
+                                    const double target[4][3])
+{
+    double most = 0.0;
+    for (int i = 0; i <= GRID; i++)
+        for (int j = 0; j <= GRID; j++) {
+            double p[3];
+            wide_patch_point(source, box->low[0] + (box->high[0] - box->low[0]) * i / GRID,
+                             box->low[1] + (box->high[1] - box->low[1]) * j / GRID, p);
+            most = fmax(most, qm_slow_patch_distance(p, target, ERROR).lower);
+        }
+    return most;
+}
+
+static qm_uv_box draw_box(qm_random *random, double size)
+{
+    qm_uv_box box;
+    for (int k = 0; k < 2; k++) {
+        box.low[k] = qm_random_range(random, 0.0, 1.0 - size);
+        box.high[k] = box.low[k] + qm_random_range(random, 0.1, 1.0) * size;
+    }
+    return box;
+}
+
+/** Parameters of the points of a patch nearest to the corners of a rectangle. */
+static void feet_of_box(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
+                        double uv[4][2])
+{
+    qm_vec corner[4];
+    qm_uv_box_corners(source, box, corner);
+    for (int i = 0; i < 4; i++) {
+        qm_bilinear_footpoint foot = qm_bilinear_project(target, corner[i], ERROR, INFINITY);
+        uv[i][0] = foot.uv[0];
+        uv[i][1] = foot.uv[1];
+    }
+}
+
+/** Rectangles of a patch over one like it or another, folded ones among them; under the corners their footpoints, or
+ * points that are off by a little or by all of the patch. */
+static void no_point_of_a_rectangle_is_farther(void **state)
+{
+    (void)state;
+    for (int number = 0; number < RECTANGLES; number++) {
+        qm_random random = qm_random_make(qm_check_seed(), (uint64_t)(30000 + number));
+        double from[4][3], to[4][3], uv[4][2];
+        double bend = (const double[]){1e-9, 1e-2, 0.3, 1.0}[qm_random_below(&random, 4)],
+               noise = (const double[]){1e-9, 1e-4, 1e-2, 0.3}[qm_random_below(&random, 4)],
+               off = (const double[]){0.0, 0.0, 0.02, 1.0}[qm_random_below(&random, 4)];
+        draw_flat(&random, (const double[]){0.0, 0.02, 0.3}[qm_random_below(&random, 3)], bend, from);
+        for (int i = 0; i < 4; i++)
+            for (int k = 0; k < 3; k++)
+                to[i][k] = from[i][k] + qm_random_range(&random, -noise, noise);
+        qm_uv_box box = draw_box(&random, (const double[]){1.0, 0.3, 1e-2}[qm_random_below(&random, 3)]);
+        qm_bilinear source = patch_of(from), target = patch_of(to);
+        feet_of_box(&source, &box, &target, uv);
+        for (int i = 0; i < 4; i++)
+            for (int k = 0; k < 2; k++)
+                uv[i][k] = qm_clamp(uv[i][k] + off * qm_random_range(&random, -1.0, 1.0), 0.0, 1.0);
+        double bound = qm_bilinear_rectangle_upper(&source, &box, &target, uv);
+        double most = farthest_of_rectangle(from, &box, to);
+        QM_CHECK(most <= bound + 2 * ERROR, "seed %llu, case %d: %.17g is farther than %.17g",
+                 (unsigned long long)qm_check_seed(), number, most, bound);
+    }
+}
+
+/** Each half of a rectangle, and the inside of its edges, may be the farthest from the target. */
+static void all_of_a_rectangle_counts(void **state)
+{
+    (void)state;
+    const double flat[4][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}};
+    const qm_uv_box box = {{0.0, 0.0}, {1.0, 1.0}};
+    const double uv[4][2] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
+    for (int tip = 0; tip < 4; tip++) {
+        double bent[4][3];
+        memcpy(bent, flat, sizeof bent);
+        bent[tip][2] = 0.1;
+        qm_bilinear source = patch_of(bent), target = patch_of(flat);
+        double bound = qm_bilinear_rectangle_upper(&source, &box, &target, uv);
+        QM_CHECK(bound >= 0.1 && bound < 0.1 + 1e-12, "corner %d: bound %.17g", tip, bound);
+    }
+    /* Over one point of the target: interpolated parameters stay there, and the corners are the farthest. */
+    const double still[4][2] = {{0.5, 0.5}, {0.5, 0.5}, {0.5, 0.5}, {0.5, 0.5}};
+    qm_bilinear patch = patch_of(flat);
+    double far = sqrt(0.5), bound = qm_bilinear_rectangle_upper(&patch, &box, &patch, still);
+    QM_CHECK(bound >= far && bound < 1.5 * far, "bound %.17g of %.17g", bound, far);
+}
+
+/** Over a patch whose corners have moved, each in a way of its own, the excess is of the fourth order of the size. */
+static void the_excess_of_a_rectangle_is_small(void **state)
+{
+    (void)state;
+    const double from[4][3] = {{0, 0, 0}, {1, 0, 0.1}, {1, 1, -0.2}, {0, 1, 0.3}};
+    const double to[4][3] = {{-0.1, -0.2, 0.2}, {1.1, -0.1, 0.4}, {1.2, 1.1, 0.1}, {-0.1, 1.2, 0.5}};
+    qm_bilinear source = patch_of(from), target = patch_of(to);
+    for (double size = 0.4; size > 0.04; size *= 0.5) {
+        const qm_uv_box box = {{0.5 - size, 0.5 - size}, {0.5 + size, 0.5 + size}};
+        double uv[4][2];
+        feet_of_box(&source, &box, &target, uv);
+        double excess =
+            qm_bilinear_rectangle_upper(&source, &box, &target, uv) - farthest_of_rectangle(from, &box, to);
+        QM_CHECK(excess >= -ERROR && excess <= 0.1 * pow(size, 4.0), "size %g: %g", size, excess);
+    }
+}
+
 /** Numbers the corners of a patch from another one on: the parameters turn with them. */
 static void renumber(int first, const double from[4][3], int count, const double uv[][2], double to[4][3],
                      double turned[][2])
@@ -418,6 +533,9 @@ int main(void)
         cmocka_unit_test(a_reflex_corner_is_not_passed_over),
         cmocka_unit_test(roundings_are_in_the_bound),
         cmocka_unit_test(a_sliver_is_as_near_as_a_side),
+        cmocka_unit_test(no_point_of_a_rectangle_is_farther),
+        cmocka_unit_test(all_of_a_rectangle_counts),
+        cmocka_unit_test(the_excess_of_a_rectangle_is_small),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

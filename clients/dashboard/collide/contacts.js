@@ -26,14 +26,6 @@ export async function drawContacts(stage, { pairs, isSelf, current }) {
     fills: [{ triangles: allA, colour: light, opacity: 0.35 }, { triangles: allB, colour: light, opacity: 0.35 },
       { triangles: oneA, colour: strong, opacity: 0.9 }, { triangles: oneB, colour: strong, opacity: 0.9 }],
     ribbons: points.length > 1 ? [{ points, colour: strong, width: 2.5 }] : [],
-    dots: points.map((point) => ({ point, colour: strong, size: 11 })),
+    dots: points.map((point) => ({ point, colour: strong, size: 11, isMark: true })),
   });
-}
-
-/** Flies to a contact. @param {Stage} stage @param {CollisionPair} pair */
-export function flyToContact(stage, pair) {
-  const points = pair.points.map((point) => stage.toScene(point));
-  const middle = points.reduce((sum, point) => sum.add(point), points[0].clone().multiplyScalar(0)).divideScalar(points.length);
-  const outward = middle.lengthSq() > 1e-6 ? middle.clone() : stage.eye.camera.position.clone();
-  stage.eye.flyTo(middle, 0.35, outward);
 }

@@ -83,7 +83,7 @@ function drawAxes(context, { x, y, low, high, begin, end, width, height, isEmpty
   const every = niceStep(end - begin, 4);
   for (let ms = Math.ceil(begin / every) * every; ms <= end * 1.0001; ms += every) {
     context.textAlign = x(ms) > width - 40 ? "right" : x(ms) < LEFT + 20 ? "left" : "center";
-    context.fillText(ms === 0 ? "0" : duration(ms), x(ms), height - 7);
+    context.fillText(ms === 0 ? "0" : every < 1 ? `${ms.toFixed(Math.ceil(-Math.log10(every)))} ms` : duration(ms), x(ms), height - 7);
   }
 }
 

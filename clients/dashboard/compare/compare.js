@@ -1,103 +1,124 @@
 // The page that compares two meshes: both bounds run towards each other, the farthest points, the heat map.
 
 import { h } from "../core/dom.js";
-import { run, sayFault } from "../core/messages.js";
+import { run } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
-import { meshOf, nameOf, on, state } from "../core/state.js";
+import { changed, meshOf, on, state } from "../core/state.js";
 import { drawTools, toggle } from "../view/tools.js";
-import { currentStage, look, setLook, show } from "../view/view.js";
-import { drawDeviation } from "./deviation.js";
+import { currentStage, look, lookAt, setLook, show } from "../view/view.js";
 import { copyLink, saveBounds, saveDistances, savePicture } from "./exports.js";
 import { makeForm, readRequest, settings } from "./form.js";
-import { Heat } from "./heat.js";
+import { DeviationMap } from "./map.js";
 import { Measurement } from "./measurement.js";
 import { makeOutcome } from "./outcome.js";
+import { readWanted } from "./range.js";
 
 /** @import { Wish } from "../view/stage.js" */
 
 /** @param {HTMLElement} panel */
 export function showCompare(panel) {
-  for (const name of /** @type {const} */ (["direction", "quads", "tolerance", "threshold"])) settings[name] = parameter(name) ?? settings[name];
-  const hidden = (parameter("hide") ?? "").split("");
-  const shown = { a: !hidden.includes("a"), b: !hidden.includes("b") };
-  const heat = new Heat();
-  heat.isSigned = parameter("signed") === "1";
-  let redrawHistogram = () => {};
-  let isFollowed = false;
-  let pairKey = "";
-  let view = "nothing yet";
-  setLook({ structure: false, ...(parameter("edges") ? { wire: true } : {}) });
+  const page = new Compare(panel);
+  return () => page.leave();
+}
 
-  const measurement = new Measurement(() => requestDraw());
-  const outcome = makeOutcome();
-  const form = makeForm({ onMeasure: () => measure(), onStop: () => run(() => measurement.stop()), onReading: () => { drawView(); forgetHeat(); } });
-  const fly = h("button", { type: "button", disabled: true, onclick: () => currentStage()?.flyToPair() }, "Show the farthest points");
-  const map = h("button", { type: "button", onclick: () => run(() => paintHeat()) }, "Map the distances");
-  const sign = toggle("Signed", "Tell what lies outside B from what lies inside", heat.isSigned, (isOn) => {
-    heat.isSigned = isOn;
-    setParameters({ signed: isOn ? 1 : null });
-    run(async () => {
-      await heat.paint();
-      draw();
-    });
-  });
-  const distances = h("div", { className: "section" });
-  const csv = h("button", { type: "button", disabled: true, onclick: () => saveBounds(measurement) }, "Bounds, CSV");
-  const distancesCsv = h("button", { type: "button", disabled: true, onclick: () => saveDistances(heat) }, "Distances, CSV");
-  panel.append(
-    h("section", { className: "section", "aria-labelledby": "compare-title" }, h("header", {}, h("h2", { id: "compare-title" }, "Compare")), form.form),
-    h("section", { className: "section", "aria-labelledby": "distance-title" },
-      h("header", {}, h("h2", { id: "distance-title" }, "Hausdorff distance"), fly), outcome.element),
-    h("section", { className: "section", "aria-labelledby": "deviation-title" },
-      h("header", {}, h("h2", { id: "deviation-title" }, "Deviation of A from B"), map), distances),
-    h("section", { className: "section", "aria-labelledby": "take-title" },
-      h("h2", { id: "take-title" }, "Take along"),
-      h("div", { className: "row" }, h("button", { type: "button", onclick: () => run(() => copyLink(lookOfLink())) }, "Copy link"),
-        h("button", { type: "button", onclick: () => run(() => savePicture(heat.scale)) }, "Picture, PNG"),
-        csv, distancesCsv)));
+class Compare {
+  /** @param {HTMLElement} panel */
+  constructor(panel) {
+    for (const name of /** @type {const} */ (["direction", "quads", "tolerance", "threshold"])) settings[name] = parameter(name) ?? settings[name];
+    readWanted();
+    const hidden = (parameter("hide") ?? "").split("");
+    this.shown = { a: !hidden.includes("a"), b: !hidden.includes("b") };
+    /** Was the view led to the farthest points yet? */
+    this.isFollowed = false;
+    this.pairKey = "";
+    this.view = "nothing yet";
+    this.pair = "";
+    this.isWaiting = false;
+    setLook({ structure: false, ...(parameter("edges") ? { wire: true } : {}) });
+    this.measurement = new Measurement(() => this.requestDraw());
+    this.outcome = makeOutcome();
+    this.form = makeForm({ onMeasure: () => this.measure(), onStop: () => run(() => this.measurement.stop()), onReading: () => this.onReading(), onSwap: () => swap() });
+    this.map = new DeviationMap({
+      quads: () => settings.quads, firstLimit: () => (settings.threshold.trim() === "" ? null : Number(settings.threshold)),
+      onChange: () => this.requestDraw(), onMeasured: () => this.clearForMap() });
+    this.fly = h("button", { type: "button", disabled: true, onclick: () => run(() => this.flyToPair()) }, "Show the farthest points");
+    this.csv = h("button", { type: "button", disabled: true, onclick: () => saveBounds(this.measurement) }, "Bounds, CSV");
+    this.distancesCsv = h("button", { type: "button", disabled: true, onclick: () => saveDistances(this.map.heat) }, "Distances, CSV");
+    this.fill(panel);
+    this.openJob(parameter("job"));
+    this.onChoice();
+    const redraw = () => { this.draw(); this.map.draw(); };
+    this.sizes = new ResizeObserver(redraw);
+    this.sizes.observe(panel);
+    this.off = [on(["meshes", "choice"], () => this.onChoice()), on("theme", redraw)];
+  }
 
-  let isWaiting = false;
+  /** @param {HTMLElement} panel */
+  fill(panel) {
+    panel.append(
+      h("section", { className: "section", "aria-labelledby": "compare-title" }, h("header", {}, h("h2", { id: "compare-title" }, "Compare")), this.form.form),
+      h("section", { className: "section", "aria-labelledby": "distance-title" },
+        h("header", {}, h("h2", { id: "distance-title" }, "Hausdorff distance"), this.fly), this.outcome.element),
+      this.map.element,
+      h("section", { className: "section", "aria-labelledby": "export-title" },
+        h("h2", { id: "export-title" }, "Export"),
+        h("div", { className: "row" }, h("button", { type: "button", onclick: () => run(() => copyLink(this.lookOfLink())) }, "Copy link"),
+          h("button", { type: "button", onclick: () => run(() => savePicture(this.map)) }, "Picture, PNG"), this.csv, this.distancesCsv)));
+  }
+
   /** Events may come faster than the screen shows them. */
-  function requestDraw() {
-    if (isWaiting) return;
-    isWaiting = true;
+  requestDraw() {
+    if (this.isWaiting) return;
+    this.isWaiting = true;
     requestAnimationFrame(() => {
-      isWaiting = false;
-      draw();
+      this.isWaiting = false;
+      this.draw();
     });
   }
 
-  function draw() {
-    form.draw(measurement.isRunning);
+  draw() {
+    const { measurement, map } = this;
+    this.form.draw(measurement.isRunning);
     const request = measurement.job?.request;
-    outcome.draw(measurement, request?.threshold ?? (settings.threshold === "" ? null : Number(settings.threshold)));
-    csv.disabled = measurement.samples.length === 0;
-    distancesCsv.disabled = heat.deviation === null;
-    map.disabled = state.a === null || state.b === null || map.dataset.busy !== undefined;
-    sign.disabled = !heat.hasSides;
-    showPair();
+    this.outcome.draw(measurement, request?.threshold ?? (settings.threshold === "" ? null : Number(settings.threshold)));
+    this.csv.disabled = measurement.samples.length === 0;
+    this.distancesCsv.disabled = !map.deviation?.distances.length;
+    map.button.disabled = state.a === null || state.b === null || map.search.isRunning;
+    map.sign.disabled = !map.heat.hasSides;
+    this.showPair();
   }
 
   /** What a link says of the look. @returns {Record<string, string>} */
-  function lookOfLink() {
-    const away = (shown.a ? "" : "a") + (shown.b ? "" : "b");
+  lookOfLink() {
+    const away = (this.shown.a ? "" : "a") + (this.shown.b ? "" : "b");
     return { ...(look.wire ? { edges: "1" } : {}), ...(away ? { hide: away } : {}) };
   }
 
-  function showPair() {
-    const witness = measurement.result?.witness;
-    const isSamePair = measurement.job?.request.a === state.a && measurement.job?.request.b === state.b;
-    fly.disabled = !witness || !isSamePair || !currentStage();
-    const points = witness && isSamePair ? { from: witness.from.point, to: witness.to.point } : null;
-    const key = currentStage() ? JSON.stringify([points, currentStage()?.frame]) : "";
-    if (key !== pairKey) currentStage()?.setPair(points);
-    pairKey = key;
-    if (!witness || !isSamePair || isFollowed || !currentStage()) return;
-    isFollowed = true;
-    if (!parameter("eye")) currentStage()?.flyToPair();
+  /** The farthest points of what is shown, that on A before that on B. */
+  get witness() {
+    const { job, result } = this.measurement;
+    if (!result?.witness || job?.request.a !== state.a || job?.request.b !== state.b) return null;
+    return { from: result.witness.from.point, to: result.witness.to.point };
   }
 
-  function drawView() {
+  showPair() {
+    const points = this.witness;
+    const stage = currentStage();
+    this.fly.disabled = !points || !stage;
+    const key = stage ? JSON.stringify([points, stage.frame]) : "";
+    if (key !== this.pairKey) stage?.setPair(points);
+    this.pairKey = key;
+    if (!points || this.isFollowed || !stage?.models.get("a")?.isWhole) return;
+    this.isFollowed = true;
+    if (!parameter("eye")) run(() => this.flyToPair());
+  }
+
+  async flyToPair() {
+    if (this.witness) await lookAt([this.witness.from, this.witness.to], "the farthest points");
+  }
+
+  drawView() {
+    const { shown } = this;
     /** @type {Wish[]} */
     const wishes = [];
     const isBilinear = settings.quads === "bilinear";
@@ -106,87 +127,76 @@ export function showCompare(panel) {
       if (mesh) wishes.push({ mesh, role, isBilinear, isHidden: !shown[role], isGhost: role === "b" && shown.a });
     }
     const key = wishes.map((wish) => `${wish.role} ${wish.mesh.id} ${wish.mesh.revision} ${isBilinear} ${wish.isHidden} ${wish.isGhost}`).join();
-    if (key === view) return;
-    view = key;
+    if (key === this.view) return;
+    this.view = key;
     drawTools(wishes.map(({ mesh }) => mesh), { more: [
-      toggle("A", "Show A", shown.a, (isOn) => { shown.a = isOn; drawView(); }),
-      toggle("B", "Show B", shown.b, (isOn) => { shown.b = isOn; drawView(); })] });
-    show(wishes, "Choose two meshes to compare.").then((isWhole) => {
-      if (!isWhole) return;
-      const eye = parameter("eye");
-      if (eye) currentStage()?.eye.fromText(eye);
-      showPair();
-      if (heat.deviation) run(() => heat.paint());
-      else if (parameter("heat") && map.dataset.busy === undefined) run(() => paintHeat());
-    });
+      toggle("A", "Show A", shown.a, (isOn) => { shown.a = isOn; this.drawView(); }),
+      toggle("B", "Show B", shown.b, (isOn) => { shown.b = isOn; this.drawView(); })] });
+    show(wishes, "Choose two meshes to compare.").then((isWhole) => { if (isWhole) this.onWhole(); });
   }
 
-  function measure() {
-    isFollowed = false;
+  /** What is to be shown has come. */
+  onWhole() {
+    const eye = parameter("eye");
+    if (eye) currentStage()?.eye.fromText(eye);
+    this.showPair();
+    if (this.map.deviation) run(() => this.map.paint());
+    else if (parameter("heat") && !this.map.search.isRunning) run(() => this.map.measure());
+  }
+
+  measure() {
+    this.isFollowed = false;
     setParameters({ ...settings, a: state.a, b: state.b, job: null, eye: null });
-    measurement.ask(readRequest()).then(() => setParameters({ job: measurement.job?.id }));
+    this.measurement.ask(readRequest()).then(() => setParameters({ job: this.measurement.job?.id }));
   }
 
-  async function paintHeat() {
-    if (state.a === null || state.b === null) return;
-    map.dataset.busy = "yes";
-    map.disabled = true;
-    distances.replaceChildren(h("p", { className: "muted", role: "status" }, "Measuring the distances over A …"));
-    const names = { a: nameOf(state.a), b: nameOf(state.b) };
-    try {
-      const drawn = drawDeviation(await heat.measure({ a: state.a, b: state.b, quads: settings.quads }), names);
-      distances.replaceChildren(h("div", { className: "row" }, sign), drawn.element);
-      redrawHistogram = drawn.redraw;
-      drawn.redraw();
-      setParameters({ heat: 1 });
-      if (shown.a && !parameter("eye")) shown.b = false; // its ghost would dull the colours
-      drawView();
-      await heat.paint();
-    } catch (error) {
-      distances.replaceChildren();
-      sayFault(error);
-    } finally {
-      delete map.dataset.busy;
-      draw();
+  /** A ghost of B would dull the colours. */
+  clearForMap() {
+    if (this.shown.a && !parameter("eye")) this.shown.b = false;
+    this.drawView();
+  }
+
+  onReading() {
+    this.map.forget();
+    this.drawView();
+  }
+
+  onChoice() {
+    const pair = `${state.a} ${state.b}`;
+    if (pair !== this.pair) {
+      if (this.pair !== "") setParameters({ a: state.a, b: state.b, heat: null, eye: null, pins: null });
+      this.pair = pair;
+      this.map.forget();
     }
+    this.drawView();
+    this.draw();
   }
 
-  function forgetHeat() {
-    heat.forget();
-    distances.replaceChildren(h("p", { className: "muted" }, "How far each part of A lies from B: colours on A, a histogram and percentiles."));
-  }
-
-  let pair = "";
-  function onChoice() {
-    if (`${state.a} ${state.b}` !== pair) {
-      const isFirst = pair === "";
-      pair = `${state.a} ${state.b}`;
-      if (!isFirst) setParameters({ a: state.a, b: state.b, heat: null, eye: null });
-      forgetHeat();
-    }
-    drawView();
-    draw();
-  }
-
-  const job = parameter("job");
-  if (job) {
-    isFollowed = parameter("eye") !== null;
-    measurement.open(job).then((opened) => {
+  /** The job of a link. @param {string | null} id */
+  openJob(id) {
+    if (!id) return;
+    this.isFollowed = parameter("eye") !== null;
+    this.measurement.open(id).then((opened) => {
       if (!opened || opened.type !== "hausdorff") return;
-      form.fill(opened.request);
+      this.form.fill(opened.request);
       [state.a, state.b] = [opened.request.a, opened.request.b];
-      onChoice();
+      this.onChoice();
     });
   }
-  onChoice();
-  const resize = new ResizeObserver(() => { draw(); redrawHistogram(); });
-  resize.observe(panel);
-  const forget = [on(["meshes", "choice"], onChoice), on("theme", () => { draw(); redrawHistogram(); })];
-  return () => {
-    forget.forEach((off) => off());
-    resize.disconnect();
-    measurement.leave();
-    forgetHeat();
+
+  leave() {
+    this.off.forEach((off) => off());
+    this.sizes.disconnect();
+    this.measurement.leave();
+    this.map.forget();
+    setLook({ through: false });
     currentStage()?.setPair(null);
-  };
+  }
+}
+
+/** A becomes B, and B becomes A. */
+function swap() {
+  [state.a, state.b] = [state.b, state.a];
+  setParameters({ a: state.a, b: state.b, job: null });
+  changed("choice");
 }

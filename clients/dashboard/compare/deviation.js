@@ -1,62 +1,66 @@
-// The deviation of A from B over the whole surface: heat map, colour bar, histogram, percentiles.
+// The deviation of A from B over the whole surface, and of B from A: figures, percentiles, histogram.
 
 import { client } from "../core/connection.js";
-import { colour, figures, h } from "../core/dom.js";
-import { count, length } from "../core/format.js";
-import { scaleColour } from "../view/colours.js";
+import { colour, h } from "../core/dom.js";
+import { count, intervals, length } from "../core/format.js";
+import { colourOf } from "../view/scale.js";
 import { prepare } from "./canvas.js";
 
-/** @import { DeviationRequest, DeviationResult, LengthInterval } from "../../js/types.js" */
-/** @typedef {{ id: string, result: DeviationResult, distances: Float64Array }} Deviation */
+/** @import { Search } from "../core/search.js" */
+/** @import { DeviationResult } from "../../js/types.js" */
+/** @import { Scale } from "../view/scale.js" */
+/** @typedef {{ id: string, result: DeviationResult, distances: Float64Array, isStopped: boolean }} Deviation */
+/** @typedef {{ a: string, b: string, quads: any, accuracy?: number, pieces?: number }} Question */
+
+export const FIRST_ACCURACY = 0.02;
+const FIRST_PIECES = 262144;
 
 /**
- * @param {{ a: string, b: string, quads: any }} request
- * @param {AbortSignal} signal
+ * @param {Search} search
+ * @param {Question} question
  * @returns {Promise<Deviation>}
  */
-export async function measureDeviation(request, signal) {
-  /** @type {DeviationRequest} */
-  const full = { type: "deviation", ...request, accuracy: 0.02, pieces: 262144 };
-  const job = await client.jobs.create(full, { signal });
-  for await (const event of client.jobs.events(job.id, { signal })) {
-    if (event.event === "error") throw new Error(event.problem.detail);
-    if (event.event === "result") {
-      return { id: job.id, result: /** @type {DeviationResult} */ (event.result), distances: await client.jobs.distances(job.id, { signal }) };
-    }
-  }
-  throw new Error("the job ended without a result");
+export async function measureDeviation(search, question) {
+  const found = await search.run({ type: "deviation", accuracy: FIRST_ACCURACY, pieces: FIRST_PIECES, ...question });
+  const result = /** @type {DeviationResult} */ (found.result);
+  const distances = result.vertex_count > 0 ? await client.jobs.distances(found.id, { signal: search.reader.signal }) : new Float64Array(0);
+  return { ...found, result, distances };
 }
 
-/** An interval as one number where its digits agree. @param {LengthInterval} interval */
-function interval({ lower, upper }) {
-  const mean = lower / 2 + upper / 2;
-  const half = upper / 2 - lower / 2;
-  return `${length(mean, 5)} ± ${half === 0 ? "0" : half.toExponential(1)}`;
+/**
+ * The figures of A from B, and beside them those of B from A where they were asked for.
+ * @param {Deviation} there
+ * @param {Deviation | null} back
+ * @param {{ a: string, b: string }} names
+ */
+export function drawDeviation(there, back, names) {
+  const columns = back ? [there.result, back.result] : [there.result];
+  const over = { area: "area", vertices: "vertices", points: "points" }[there.result.over];
+  const heads = ["", "A from B", ...(back ? ["B from A"] : [])];
+  const rows = [["Mean", columns.map(({ mean }) => mean)], ["RMS", columns.map(({ rms }) => rms)], ["Maximum", columns.map(({ max }) => max)],
+    ...there.result.percentiles.map(({ percent }, place) => [`${percent} % lie within`, columns.map(({ percentiles }) => percentiles[place])])];
+  const written = intervals(rows.flatMap(([, cells]) => /** @type {{ lower: number, upper: number }[]} */ (cells)));
+  const table = h("table", {},
+    h("caption", { className: "unseen" }, "Figures of the distance"),
+    h("thead", {}, h("tr", {}, ...heads.map((head, place) => (place === 0 ? h("td", {}) : h("th", { scope: "col", className: "number" }, head))))),
+    h("tbody", {}, ...rows.map(([name], row) => h("tr", {}, h("th", { scope: "row" }, /** @type {string} */ (name)),
+      ...columns.map((_, column) => h("td", { className: "number" }, written[row * columns.length + column]))))));
+  const stopped = [there, back].some((one) => one?.isStopped) ? " It was stopped before its end; what is written holds." : "";
+  return h("div", { className: "section", id: "deviation" },
+    h("p", { className: "muted small" }, `Of ${names.a} from ${names.b}, over its ${over}, without a sign, in ${count(there.result.pieces)} pieces; each figure is proven.${stopped}`),
+    h("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "Figures of the distance" }, table));
 }
 
-/** @param {Deviation} deviation @param {{ a: string, b: string }} names */
-export function drawDeviation({ result }, names) {
-  const over = { area: "its area", vertices: "its vertices", points: "its points" }[result.over];
-  const canvas = h("canvas", { className: "drawing low", role: "img", "aria-label": "Histogram of the distances; its figures are in the table below" });
-  const percentiles = h("table", {},
-    h("caption", { className: "unseen" }, "Percentiles of the distance"),
-    h("thead", {}, h("tr", {}, h("th", { scope: "col", className: "number" }, "Share of A"), h("th", { scope: "col", className: "number" }, "lies within"))),
-    h("tbody", {}, ...result.percentiles.map((entry) => h("tr", {},
-      h("td", { className: "number" }, `${entry.percent} %`), h("td", { className: "number" }, interval(entry))))));
-  const element = h("div", { className: "section", id: "deviation" },
-    h("p", { className: "muted small" }, `Of ${names.a} from ${names.b}, over ${over}; each figure is proven.`),
-    figures([["Mean", interval(result.mean)], ["RMS", interval(result.rms)], ["Maximum", interval(result.max)],
-      ["Pieces", count(result.pieces)]], "figures single"),
-    canvas, percentiles);
-  return { element, redraw: () => drawHistogram(canvas, result) };
-}
+/** @returns {HTMLCanvasElement} */
+export const makeHistogram = () => h("canvas", { className: "drawing low", role: "img", "aria-label": "Histogram of the distances; its figures are in the table" });
 
 /**
  * Bars in the colours of the heat map, with a mark from the lower to the upper bound of each share.
  * @param {HTMLCanvasElement} canvas
  * @param {DeviationResult} result
+ * @param {Scale} scale
  */
-function drawHistogram(canvas, { histogram: { bin_width: width, shares } }) {
+export function drawHistogram(canvas, { histogram: { bin_width: width, shares } }, scale) {
   const { context, width: right, height } = prepare(canvas);
   const bottom = height - 20;
   const top = Math.max(...shares.map(([, upper]) => upper), 1e-12);
@@ -64,7 +68,7 @@ function drawHistogram(canvas, { histogram: { bin_width: width, shares } }) {
   const y = (/** @type {number} */ share) => bottom - (share / top) * (bottom - 8);
   shares.forEach(([lower, upper], place) => {
     const middle = lower / 2 + upper / 2;
-    const [r, g, b] = scaleColour((place + 0.5) / shares.length).map((x) => Math.round(255 * x));
+    const [r, g, b] = colourOf({ ...scale, isSigned: false, low: Math.max(0, scale.low) }, (place + 0.5) * width).map((x) => Math.round(255 * x));
     context.fillStyle = `rgb(${r} ${g} ${b})`;
     context.fillRect(place * step + 0.5, y(middle), step - 1, bottom - y(middle));
     if (upper - lower < top / 100) return;

@@ -1,13 +1,13 @@
-// What can be taken along: a picture, the numbers as CSV, a link.
+// What can be exported: a picture, the numbers as CSV, a link.
 
 import { download, h } from "../core/dom.js";
 import { say } from "../core/messages.js";
 import { address } from "../core/route.js";
 import { currentStage } from "../view/view.js";
-import { drawBar } from "./legend.js";
+import { drawLegend } from "./legend.js";
 
 /** @import { Heat } from "./heat.js" */
-/** @import { Scale } from "./legend.js" */
+/** @import { DeviationMap } from "./map.js" */
 /** @import { Measurement } from "./measurement.js" */
 
 /** The bounds as they came, a line each. @param {Measurement} measurement */
@@ -24,8 +24,8 @@ export function saveDistances({ deviation, sides }) {
   download(new Blob([`${lines.join("\n")}\n`], { type: "text/csv" }), "distances.csv");
 }
 
-/** The view, with the colour bar when there is a heat map. @param {Scale | null} scale */
-export async function savePicture(scale) {
+/** The view, with labels and legend when there is a heat map. @param {DeviationMap} map */
+export async function savePicture(map) {
   const stage = currentStage();
   if (!stage) {
     say("There is no 3D view to take a picture of.", { isFault: true });
@@ -35,7 +35,9 @@ export async function savePicture(scale) {
   const canvas = h("canvas", { width: view.width, height: view.height });
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
   context.drawImage(view, 0, 0);
-  if (scale) drawBar(context, scale);
+  const { scale } = map.heat;
+  if (map.probe) (await import("./probe.js")).drawPins(context, map.probe);
+  if (scale) drawLegend(context, scale, map.heat.wordsOf(map.names));
   canvas.toBlob((blob) => { if (blob) download(blob, "view.png"); }, "image/png");
 }
 

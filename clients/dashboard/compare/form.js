@@ -10,8 +10,8 @@ import { state } from "../core/state.js";
 /** @type {Settings} as they were left */
 export const settings = { direction: "two_sided", quads: "triangles", tolerance: "1e-6", threshold: "" };
 
-/** @param {{ onMeasure: () => void, onStop: () => void, onReading: () => void }} options */
-export function makeForm({ onMeasure, onStop, onReading }) {
+/** @param {{ onMeasure: () => void, onStop: () => void, onReading: () => void, onSwap: () => void }} options */
+export function makeForm({ onMeasure, onStop, onReading, onSwap }) {
   const sides = h("div", { className: "form whole" });
   const direction = select("direction", [["two_sided", "both ways"], ["a_to_b", "from A to B"], ["b_to_a", "from B to A"]], settings.direction);
   const quads = select("quads", [["triangles", "two triangles"], ["bilinear", "a bilinear patch"]], settings.quads);
@@ -19,10 +19,11 @@ export function makeForm({ onMeasure, onStop, onReading }) {
   const threshold = h("input", { name: "threshold", inputMode: "decimal", value: settings.threshold, placeholder: "none", pattern: NUMBER, title: "a number" });
   const measure = h("button", { type: "submit", className: "primary" }, "Measure");
   const stop = h("button", { type: "button", disabled: true, onclick: onStop }, "Stop");
+  const swap = h("button", { type: "button", onclick: onSwap }, "Swap A and B");
   const form = h("form", { className: "form", "aria-label": "Comparison" }, sides,
     h("label", {}, "Direction", direction), h("label", {}, "A quad is", quads),
     h("label", {}, "Tolerance, of A's diagonal", tolerance), h("label", {}, "Threshold, in the meshes' unit", threshold),
-    h("div", { className: "row whole" }, measure, stop));
+    h("div", { className: "row whole" }, measure, stop, swap));
   form.addEventListener("input", () => {
     const before = settings.quads;
     Object.assign(settings, { direction: direction.value, quads: quads.value, tolerance: tolerance.value, threshold: threshold.value });
@@ -40,6 +41,7 @@ export function makeForm({ onMeasure, onStop, onReading }) {
     drawn = choiceKey();
     measure.disabled = state.a === null || state.b === null;
     stop.disabled = !isRunning;
+    swap.disabled = state.a === null && state.b === null;
   }
 
   /** Shows the settings of a request. @param {Record<string, any>} request */

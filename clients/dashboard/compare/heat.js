@@ -1,39 +1,47 @@
-// The heat map of a comparison: distances of A's vertices from B, also with the side of B on which they lie.
+// The colours of A: the distance of each of its places from B, also with the side of B on which it lies, and how far they may be off.
 
 import { byId } from "../core/dom.js";
-import { findSides, paint } from "../view/loader.js";
+import { heat } from "../view/loader.js";
 import { currentStage, setLook } from "../view/view.js";
-import { measureDeviation } from "./deviation.js";
 import { makeLegend } from "./legend.js";
 
 /** @import { Model } from "../view/model.js" */
+/** @import { Scale } from "../view/scale.js" */
 /** @import { Deviation } from "./deviation.js" */
+/** @import { Wanted } from "./range.js" */
+
+/** The colours are refined until they are off by this share of their range at most, or the triangles run out. */
+const GOOD_SHARE = 0.01;
 
 export class Heat {
-  constructor() {
+  /** @param {Wanted} wanted the range and limits that were set by hand */
+  constructor(wanted) {
+    this.wanted = wanted;
     /** @type {Deviation | null} */
     this.deviation = null;
     /** 1 outside B, -1 inside, a vertex each. @type {Int8Array | null} */
     this.sides = null;
     this.isSigned = false;
-    this.reader = new AbortController();
-    /** What A's colours are of. @type {{ model: Model, deviation: Deviation, isSigned: boolean } | null} */
+    /** How far the colours may be off between A's vertices. */
+    this.error = 0;
+    /** What A's colours are of. @type {{ model: Model, other: Model, key: string } | null} */
     this.painted = null;
   }
 
-  /** The colours' ends; null without a map. */
+  /** What the colours stand for; null without a map. @returns {Scale | null} */
   get scale() {
-    const top = this.deviation?.result.max.upper ?? 0;
-    return this.deviation ? { top: top > 0 ? top : 1, isSigned: this.isSigned && this.sides !== null } : null;
+    if (!this.deviation) return null;
+    const isSigned = this.isSigned && this.sides !== null;
+    const most = this.deviation.result.max.upper || 1;
+    const { range, limits } = this.wanted;
+    const [low, high] = range ?? [0, most];
+    return { low: isSigned ? (low < 0 ? low : -high) : Math.max(0, low), high, isSigned,
+      limits: limits && [isSigned ? limits[0] : -Infinity, limits[1]] };
   }
 
-  /** @param {{ a: string, b: string, quads: any }} request */
-  async measure(request) {
-    this.reader.abort();
-    this.reader = new AbortController();
-    this.deviation = await measureDeviation(request, this.reader.signal);
-    this.sides = null;
-    return this.deviation;
+  /** Is there something beyond the last colour? */
+  get isClamped() {
+    return this.deviation !== null && this.scale !== null && this.deviation.result.max.upper > this.scale.high * (1 + 1e-12);
   }
 
   /** Can there be sides at all: has B faces? */
@@ -42,27 +50,57 @@ export class Heat {
     return this.deviation !== null && b !== undefined && b.mesh.kind !== "points";
   }
 
-  /** Colours A, once it and the distances are there. */
-  async paint() {
+  /** Takes up what was measured. @param {Deviation} deviation */
+  take(deviation) {
+    this.deviation = deviation;
+    this.sides = this.painted = null;
+  }
+
+  /** The error that is good enough for the range. */
+  get target() {
+    const scale = this.scale;
+    return scale ? GOOD_SHARE * (scale.high - Math.max(0, scale.low)) : 0;
+  }
+
+  /** Colours A, once it and the distances are there. @param {{ a: string, b: string }} names */
+  async paint(names) {
     const { deviation } = this;
     const [a, b] = [currentStage()?.models.get("a"), currentStage()?.models.get("b")];
-    if (!deviation || !a?.isWhole || a.mesh.vertices !== deviation.distances.length) return;
-    if (this.isSigned && this.hasSides && b?.isWhole) this.sides ??= await findSides(a, b, deviation.result.quads);
-    if (deviation !== this.deviation) return;
-    const { scale, sides } = this;
-    const before = this.painted;
-    if (!scale || (before?.model === a && before.deviation === deviation && before.isSigned === scale.isSigned)) return;
-    await paint(a, scale.isSigned && sides ? deviation.distances.map((distance, vertex) => distance * sides[vertex]) : deviation.distances);
-    if (deviation !== this.deviation) return;
-    this.painted = { model: a, deviation, isSigned: scale.isSigned };
-    setLook({ heat: true, signed: scale.isSigned, top: scale.top });
-    byId("stage-legend").replaceChildren(makeLegend(scale, scale.isSigned ? "A's vertices: inside B, or outside" : "Distance of A's vertices from B"));
+    if (!deviation || !a?.isWhole || !b?.isWhole) return;
+    const isSigned = this.isSigned && this.hasSides;
+    const key = `${deviation.id} ${isSigned} ${this.target}`;
+    if (this.painted?.model !== a || this.painted.other !== b || this.painted.key !== key) {
+      const { error, sides } = await heat(a, b, { quads: deviation.result.quads, isSigned, target: this.target });
+      if (deviation !== this.deviation || currentStage()?.models.get("a") !== a) return;
+      Object.assign(this, { error, sides: sides ?? this.sides, painted: { model: a, other: b, key } });
+    }
+    this.show(names);
+  }
+
+  /** Puts the scale into the view, and the legend beside it. @param {{ a: string, b: string }} names */
+  show(names) {
+    const { scale } = this;
+    if (!scale || !this.painted) return;
+    setLook({ heat: true, scale });
+    byId("stage-legend").replaceChildren(makeLegend(scale, this.wordsOf(names)));
+  }
+
+  /** What the legend says, a line each. @param {{ a: string, b: string }} names */
+  wordsOf({ a, b }) {
+    const error = this.error === 0 ? "" : `off by ${roundedUp(this.error)} at most between the vertices`;
+    return { title: `Distance of ${a} from ${b}`, error, isClamped: this.isClamped };
   }
 
   forget() {
-    this.reader.abort();
     this.deviation = this.sides = this.painted = null;
+    this.error = 0;
     byId("stage-legend").replaceChildren();
     setLook({ heat: false });
   }
+}
+
+/** A number with two digits that is not below it. @param {number} value */
+export function roundedUp(value) {
+  const step = 10 ** (Math.floor(Math.log10(value)) - 1);
+  return Number((Math.ceil(value / step) * step).toPrecision(2)).toString();
 }

@@ -1,7 +1,6 @@
 // A Hausdorff distance on its way: the job, its bounds so far, and what became of it.
 
 import { client, noteLoss } from "../core/connection.js";
-import { refreshJobs } from "../core/data.js";
 import { explain } from "../core/messages.js";
 
 /** @import { Bounds, HausdorffRequest, HausdorffResult, Job } from "../../js/types.js" */
@@ -87,7 +86,6 @@ export class Measurement {
       }
       this.onChange();
     }
-    refreshJobs();
   }
 
   /** @param {unknown} error */

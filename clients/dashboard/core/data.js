@@ -1,20 +1,13 @@
-// Reads the lists of meshes and jobs, and keeps them fresh.
+// Reads the list of meshes, and keeps it fresh.
 
 import { client, noteLoss } from "./connection.js";
+import { isHeld } from "./deletion.js";
 import { sayFault } from "./messages.js";
 import { changed, on, state } from "./state.js";
 
-/** @import { Job } from "../js/types.js" */
+/** @import { Mesh } from "../js/types.js" */
 
-const REFRESH_MS = 1500;
-
-/** @template T @param {AsyncIterable<T>} iterator */
-async function collect(iterator) {
-  /** @type {T[]} */
-  const all = [];
-  for await (const item of iterator) all.push(item);
-  return all;
-}
+const LOOK_MS = 4000;
 
 /** @param {unknown} error */
 function note(error) {
@@ -24,7 +17,10 @@ function note(error) {
 
 export async function refreshMeshes() {
   try {
-    state.meshes = await collect(client.meshes.list({ pageSize: 1000 }));
+    /** @type {Mesh[]} */
+    const all = [];
+    for await (const mesh of client.meshes.list({ pageSize: 1000 })) all.push(mesh);
+    state.meshes = all.filter(({ id }) => !isHeld(id));
     state.hasMeshes = true;
     for (const side of /** @type {const} */ (["a", "b", "shown"])) {
       if (state[side] !== null && !state.meshes.some((mesh) => mesh.id === state[side])) state[side] = null;
@@ -35,31 +31,20 @@ export async function refreshMeshes() {
   }
 }
 
-export async function refreshJobs() {
+/** Others upload, too: the newest mesh tells whether there is something new. */
+async function look() {
   try {
-    state.jobs = (await collect(client.jobs.list({ pageSize: 1000 }))).reverse();
-    state.hasJobs = true;
-    changed("jobs");
+    if (state.page !== "jobs" && state.connection === "open" && document.visibilityState === "visible" && state.hasMeshes) {
+      const { value: newest } = await client.meshes.list({ order: "newest", pageSize: 1 }).next();
+      if (newest && !isHeld(newest.id) && !state.meshes.some(({ id }) => id === newest.id)) await refreshMeshes();
+    }
   } catch (error) {
-    note(error);
+    noteLoss(error);
   }
-}
-
-/** @param {Job} job */
-export const isOpen = (job) => job.state === "queued" || job.state === "running";
-
-/** While jobs run, or their list is looked at, it is read again and again. */
-async function watch() {
-  const wanted = state.page === "jobs" || state.jobs.some(isOpen);
-  if (wanted && state.connection === "open" && document.visibilityState === "visible") await refreshJobs();
-  setTimeout(watch, REFRESH_MS);
+  setTimeout(look, LOOK_MS);
 }
 
 export function startData() {
-  on("connection", () => {
-    if (state.connection !== "open") return;
-    refreshMeshes();
-    refreshJobs();
-  });
-  setTimeout(watch, REFRESH_MS);
+  on("connection", () => { if (state.connection === "open") refreshMeshes(); });
+  setTimeout(look, LOOK_MS);
 }

@@ -18,6 +18,31 @@ export function length(value, digits = 9) {
   return size >= 1e-4 && size < 1e7 ? value.toPrecision(digits) : value.toExponential(digits - 1);
 }
 
+/**
+ * Intervals as "middle ± half", with no digits beyond what is uncertain, all of them fixed or all with the same power of ten. What
+ * is written holds the interval: halves are rounded up.
+ * @param {{ lower: number, upper: number }[]} intervals
+ */
+export function intervals(intervals) {
+  const most = Math.max(...intervals.map(({ upper }) => Math.abs(upper)));
+  const power = most > 0 && (most < 1e-3 || most >= 1e7) ? Math.floor(Math.log10(most)) : 0;
+  return intervals.map((interval) => (power === 0 ? spread(interval) : `${spread({
+    lower: interval.lower / 10 ** power, upper: interval.upper / 10 ** power })} e${power}`));
+}
+
+const MOST_DIGITS = 12;
+
+/** @param {{ lower: number, upper: number }} interval of numbers of a handy size */
+function spread({ lower, upper }) {
+  if (lower === upper) return String(Number(lower.toPrecision(9)));
+  const [middle, half] = [lower / 2 + upper / 2, upper / 2 - lower / 2];
+  const digits = Math.max(0, Math.min(MOST_DIGITS, 1 - Math.floor(Math.log10(half))));
+  const shown = Number(middle.toFixed(digits));
+  // Rounded up, but for what the sums above may be off by.
+  const reach = Math.ceil(Math.max(upper - shown, shown - lower) * 10 ** digits * (1 - 1e-12)) / 10 ** digits;
+  return `${shown.toFixed(digits)} ± ${reach.toFixed(digits)}`;
+}
+
 /** @param {number | null | undefined} value small numbers, such as gaps */
 export const small = (value) => (value === null || value === undefined ? NONE : value === 0 ? "0" : value.toExponential(2));
 
@@ -58,6 +83,7 @@ export const faceCount = (faces) => faces.triangles + faces.quads + faces.polygo
 /** @param {import("../../js/types.js").Mesh} mesh */
 export function summary(mesh) {
   if (mesh.kind === "points") return `${count(mesh.vertices)} points`;
-  const parts = [["triangles", mesh.faces.triangles], ["quads", mesh.faces.quads], ["polygons", mesh.faces.polygons]];
-  return parts.filter(([, number]) => Number(number) > 0).map(([name, number]) => `${count(Number(number))} ${name}`).join(", ");
+  const { triangles, quads, polygons } = mesh.faces;
+  const parts = /** @type {[string, number][]} */ ([["triangle", triangles], ["quad", quads], ["polygon", polygons]]);
+  return parts.filter(([, number]) => number > 0).map(([name, number]) => `${count(number)} ${name}${number === 1 ? "" : "s"}`).join(", ");
 }

@@ -4,22 +4,28 @@ import { ConnectionError, ProblemError } from "../js/index.js";
 import { byId, h } from "./dom.js";
 
 const NOTE_MS = 5000;
+const MOST_MESSAGES = 4;
 
 /**
  * @param {string} words
- * @param {{ isFault?: boolean, details?: string[] }} [options]
+ * @param {{ isFault?: boolean, details?: string[], action?: HTMLElement, ms?: number }} [options] action: a button; such a message
+ *   stays when the view is left; ms: how long it stays
+ * @returns {() => void} what puts it away
  */
-export function say(words, { isFault = false, details = [] } = {}) {
+export function say(words, { isFault = false, details = [], action, ms = NOTE_MS } = {}) {
   const close = h("button", { type: "button", className: "quiet", "aria-label": "Put this message away", onclick: () => box.remove() }, "✕");
-  const box = h("div", { className: `message${isFault ? " is-fault" : ""}` }, h("p", {}, words), close,
+  const box = h("div", { className: `message${isFault ? " is-fault" : ""}` }, h("p", {}, words), h("span", { className: "row" }, action, close),
     details.length > 0 && h("ul", {}, ...details.map((detail) => h("li", {}, detail))));
+  if (action) box.dataset.kept = "yes";
   byId("messages").append(box);
-  while (byId("messages").children.length > 4) byId("messages").firstElementChild?.remove();
-  if (!isFault) setTimeout(() => box.remove(), NOTE_MS);
+  const others = byId("messages").querySelectorAll(".message:not([data-kept])");
+  for (let place = 0; place < others.length - MOST_MESSAGES; place++) others[place].remove();
+  if (!isFault) setTimeout(() => box.remove(), ms);
+  return () => box.remove();
 }
 
 /** Puts away what was said of a view that is left. */
-export const forgetMessages = () => byId("messages").replaceChildren();
+export const forgetMessages = () => byId("messages").querySelectorAll(".message:not([data-kept])").forEach((box) => box.remove());
 
 /**
  * A fault in words, with its places.

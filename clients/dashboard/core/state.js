@@ -1,16 +1,13 @@
 // What the page knows, in one plain object, and who wants to be told of changes.
 
-/** @import { Info, Job, Mesh } from "../js/types.js" */
-/** @typedef {"meshes" | "jobs" | "choice" | "info" | "page" | "connection" | "theme"} Topic */
+/** @import { Info, Mesh } from "../js/types.js" */
+/** @typedef {"meshes" | "choice" | "info" | "page" | "connection" | "theme" | "through"} Topic */
 
 export const state = {
   /** @type {Mesh[]} in order of creation */
   meshes: [],
   /** Were the meshes read yet? */
   hasMeshes: false,
-  /** @type {Job[]} newest first */
-  jobs: [],
-  hasJobs: false,
   /** @type {Info | null} */
   info: null,
   /** The mesh whose facts are shown. @type {string | null} */

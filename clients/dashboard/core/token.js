@@ -16,7 +16,13 @@ export function askForToken(words, onToken) {
     h("h2", { id: "token-title" }, "Token"),
     h("p", { className: "muted" }, `${words}. It is kept in memory until this page is closed, and nowhere else.`),
     h("label", { for: "token-input" }, "Bearer token"), input,
-    h("div", { className: "row" }, h("button", { type: "submit", className: "primary", value: "use" }, "Use it")));
+    h("div", { className: "row" }, h("button", { type: "submit", value: "cancel" }, "Cancel"), h("button", { type: "submit", className: "primary", value: "use" }, "Use it")));
+  // Enter uses it, though Cancel comes first.
+  input.addEventListener("keydown", (event) => {
+    if (event.key !== "Enter") return;
+    event.preventDefault();
+    dialog.close("use");
+  });
   const dialog = h("dialog", { "aria-labelledby": "token-title" }, form);
   open = dialog;
   dialog.addEventListener("close", () => {

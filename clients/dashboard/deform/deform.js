@@ -4,8 +4,9 @@ import { choiceKey, meshChoice } from "../core/choice.js";
 import { refreshMeshes } from "../core/data.js";
 import { colour, figures, h } from "../core/dom.js";
 import { count, duration } from "../core/format.js";
-import { run, sayFault } from "../core/messages.js";
-import { meshOf, on, state } from "../core/state.js";
+import { run, say, sayFault } from "../core/messages.js";
+import { setParameters } from "../core/route.js";
+import { changed, meshOf, nameOf, on, state } from "../core/state.js";
 import { drawTools } from "../view/tools.js";
 import { currentStage, setLook, show } from "../view/view.js";
 import { Sender } from "./sender.js";
@@ -29,13 +30,20 @@ export function showDeform(panel) {
   const numbers = h("div");
   panel.append(h("section", { className: "section", "aria-labelledby": "deform-title" },
     h("header", {}, h("h2", { id: "deform-title" }, "Deform"), undo),
-    h("p", { className: "muted" }, "Drag the surface; beside it, the view turns. Faces that come to meet are red."),
+    h("p", { className: "muted" }, "Drag the surface; beside it, the view turns. Faces that come to meet are red. The first drag makes a copy: the mesh itself stays as it is."),
     h("div", { className: "form" }, side, h("label", { className: "whole" }, "Radius of the handle", slider),
       h("div", { className: "row whole" }, middle, pull, pressIn)),
     outcome, numbers));
   slider.addEventListener("input", () => { radius = Number(slider.value); });
 
-  const sender = new Sender(showRound, sayFault);
+  const sender = new Sender(showRound, sayFault, (copy) => {
+    say(`This is ${copy.name} from now on; ${nameOf(state.a)} stays as it was.`);
+    state.meshes = [...state.meshes, copy];
+    state.a = copy.id;
+    setParameters({ a: copy.id });
+    changed("meshes", "choice");
+  });
+  const allowUndo = () => { undo.disabled = Sender.undosOf(state.a).length === 0; };
   /** @type {Hold | null} */
   let hold = null;
   let pushed = 0;
@@ -51,7 +59,7 @@ export function showDeform(panel) {
       ["Revision", count(round.revision)], ["Vertices moved", count(round.moved)], ["Refit", duration(round.refit_ms)],
       ["Boxes updated", count(round.updated_nodes)], ["Search", duration(collisions.elapsed_ms)],
       ["Round trip", duration(round.round_ms)]]));
-    undo.disabled = sender.undos.length === 0;
+    allowUndo();
     run(() => drawFolds(round));
   }
 
@@ -98,8 +106,10 @@ export function showDeform(panel) {
     await sender.undo(id);
     hold = null;
     pull.disabled = pressIn.disabled = true;
-    undo.disabled = sender.undos.length === 0;
+    allowUndo();
     currentStage()?.setOverlay();
+    numbers.replaceChildren();
+    outcome.classList.remove("fault");
     outcome.textContent = "The last drag is undone.";
     await refreshMeshes();
   }
@@ -116,7 +126,7 @@ export function showDeform(panel) {
       model,
       onTake: (taken) => { taking = take(taken).catch(sayFault); },
       onMove: (offset) => { taking.then(() => sender.move(offset)); },
-      onRelease: () => { taking.then(() => { undo.disabled = sender.undos.length === 0; }); },
+      onRelease: () => { taking.then(allowUndo); },
     });
     await prepare(shown);
   }
@@ -137,12 +147,10 @@ export function showDeform(panel) {
   let drawn = "";
   function draw() {
     if (choiceKey() !== drawn) side.replaceChildren(meshChoice("a", { words: "Mesh", fits: (mesh) => mesh.kind !== "points" }));
-    if (drawn !== "" && choiceKey() !== drawn) {
-      sender.undos = [];
-      currentStage()?.setOverlay();
-    }
+    if (drawn !== "" && choiceKey() !== drawn) currentStage()?.setOverlay();
     drawn = choiceKey();
     middle.disabled = state.a === null;
+    allowUndo();
     drawView();
   }
 

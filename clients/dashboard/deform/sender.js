@@ -1,25 +1,29 @@
-// Sends where vertices have gone, one revision at a time, and asks after each which faces meet now.
+// Sends where vertices have gone, one revision at a time, and asks after each which faces meet now. What was uploaded stays as it
+// was: the first drag makes a copy.
 
 import { client } from "../core/connection.js";
 import { meshOf, state } from "../core/state.js";
 import { moveNear } from "../view/loader.js";
 
-/** @import { CollisionResult } from "../../js/types.js" */
+/** @import { CollisionResult, Mesh } from "../../js/types.js" */
 /** @import { Model } from "../view/model.js" */
 /** @typedef {{ revision: number, moved: number, updated_nodes: number, refit_ms: number, collisions: CollisionResult,
  *   pairs: Float64Array, round_ms: number }} Round */
 /** @typedef {{ indices: number[], positions: [number, number, number][] }} Places */
 
+/** What vertices of copies were before each drag, also when the view is left meanwhile: by mesh. @type {Map<string, Places[]>} */
+const undosOf = new Map();
+
 export class Sender {
   /**
    * @param {(round: Round) => void} onRound
    * @param {(error: unknown) => void} onFault
+   * @param {(copy: Mesh) => void} onCopy called when a copy is taken in the place of a mesh
    */
-  constructor(onRound, onFault) {
+  constructor(onRound, onFault, onCopy) {
+    this.onCopy = onCopy;
     this.onRound = onRound;
     this.onFault = onFault;
-    /** What vertices were before each drag. @type {Places[]} */
-    this.undos = [];
     /** @type {{ model: Model, centre: number[], radius: number } | null} */
     this.handle = null;
     /** The newest offset that was not sent. @type {number[] | null} */
@@ -28,11 +32,29 @@ export class Sender {
     this.sending = null;
   }
 
+  /** The drags of a mesh that can be undone. @param {string | null} id */
+  static undosOf(id) {
+    return undosOf.get(id ?? "") ?? [];
+  }
+
+  /** Makes the model one of a copy, unless it is. @param {Model} model */
+  async copy(model) {
+    const { id } = model.mesh;
+    if (undosOf.has(id)) return;
+    const name = freeName(model.mesh.name || id);
+    const { bytes } = await client.meshes.content(id, { format: "ply" }); // with every coordinate as it is
+    const { mesh } = await client.meshes.create(bytes, { name, format: "ply" });
+    undosOf.set(mesh.id, []);
+    model.mesh = mesh;
+    this.onCopy(mesh);
+  }
+
   /** @param {Model} model @param {number[]} centre @param {number} radius */
   async take(model, centre, radius) {
     await this.sending;
+    await this.copy(model);
     this.handle = { model, centre, radius };
-    this.undos.push(await moveNear(model, { centre, radius, offset: [0, 0, 0], starts: true }));
+    Sender.undosOf(model.mesh.id).push(await moveNear(model, { centre, radius, offset: [0, 0, 0], starts: true }));
   }
 
   /** Newer offsets overtake those that wait. @param {number[]} offset */
@@ -69,8 +91,17 @@ export class Sender {
   /** Puts the vertices of the last drag back; the view has to read the mesh again. @param {string} id */
   async undo(id) {
     await this.sending;
-    const places = this.undos.pop();
+    const places = Sender.undosOf(id).pop();
     if (!places || !meshOf(id)) return;
     await client.meshes.deform(id, places);
+  }
+}
+
+/** A name that no mesh has: the same bytes by the same name would be the same mesh, which may be deformed already. @param {string} name */
+function freeName(name) {
+  const stem = name.replace(/, deformed( \d+)?$/, "");
+  for (let number = 1; ; number++) {
+    const wanted = `${stem}, deformed${number > 1 ? ` ${number}` : ""}`;
+    if (!state.meshes.some((mesh) => mesh.name === wanted)) return wanted;
   }
 }

@@ -3,12 +3,15 @@
 import { count, length } from "../core/format.js";
 import { nameOf } from "../core/state.js";
 
-/** @import { CollisionResult, ComparisonResult, DeviationResult, Job, MatrixResult, StepResult } from "../../js/types.js" */
+/** @import { AlignmentResult, CollisionResult, ComparisonResult, DeviationResult, Job, MatrixResult, StepResult } from "../../js/types.js" */
 
-const KINDS = /** @type {Record<string, string>} */ ({
+export const KINDS = /** @type {Record<string, string>} */ ({
   hausdorff: "Hausdorff distance", deviation: "Deviation", comparison: "Comparison", heatmap: "Heat map", project: "Nearest points", collision: "Collisions",
-  self_collision: "Self-collisions", distance: "Least distance", reconstruction_step: "Remeshing",
+  self_collision: "Self-collisions", distance: "Least distance", alignment: "Alignment", reconstruction_step: "Remeshing",
   matrix: "All pairs" });
+
+/** A mesh as a request names it. @param {import("../../js/types.js").MeshName} mesh */
+const wordOf = (mesh) => (typeof mesh === "string" ? nameOf(mesh) : `${nameOf(mesh.mesh)}, moved`);
 
 /** @param {Job} job */
 export function questionOf({ type, request }) {
@@ -22,7 +25,7 @@ export function questionOf({ type, request }) {
 export function meshesOf({ type, request, result }) {
   if (type === "reconstruction_step") return result ? nameOf(/** @type {StepResult} */ (result).mesh) : "";
   if (type === "matrix") return `${count(request.mesh_count)} meshes`;
-  return request.mesh ? nameOf(request.mesh) : `${nameOf(request.a)} → ${nameOf(request.b)}`;
+  return request.mesh ? wordOf(request.mesh) : `${wordOf(request.a)} → ${wordOf(request.b)}`;
 }
 
 /** @param {Job} job */
@@ -45,13 +48,18 @@ export function answerOf(job) {
     return `${count(pairs)} pairs, ${count(searched)} searched`;
   }
   if (job.type === "reconstruction_step" && job.result) return `${count(/** @type {StepResult} */ (job.result).quads)} quads`;
+  if (job.type === "alignment" && job.result) {
+    const { lower, upper } = /** @type {AlignmentResult} */ (job.result).hausdorff;
+    return `${length(lower, 7)} to ${length(upper ?? Infinity, 7)} is left`;
+  }
   const bounds = job.result ?? job.progress;
   return bounds && "lower" in bounds ? `${length(bounds.lower, 7)} to ${length(bounds.upper, 7)}` : "";
 }
 
-/** Where the page shows the result; null where it does not. @param {Job} job */
+/** Where the page shows the result; null where it does not, as of meshes that were moved for a job. @param {Job} job */
 export function viewOf({ id, type, request }) {
   const { a, b, mesh, quads, reconstruction } = request;
+  if ([a, b, mesh].some((name) => typeof name === "object")) return null;
   const address = /** @type {Record<string, string>} */ ({
     hausdorff: `#compare?a=${a}&b=${b}&job=${id}`, deviation: `#compare?a=${a}&b=${b}&quads=${quads}&heat=1`,
     comparison: `#compare?a=${a}&b=${b}&quads=${quads}`, heatmap: `#compare?a=${a}&b=${b}&quads=${quads}`, collision: `#collide?a=${a}&b=${b}&quads=${quads}`, distance: `#collide?a=${a}&b=${b}&quads=${quads}`,

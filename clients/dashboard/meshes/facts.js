@@ -2,6 +2,7 @@
 
 import { client } from "../core/connection.js";
 import { refreshMeshes } from "../core/data.js";
+import { deleteLater } from "../core/deletion.js";
 import { download, figures, h, select } from "../core/dom.js";
 import { bytes, count, duration, faceCount, length, time } from "../core/format.js";
 import { run, say } from "../core/messages.js";
@@ -81,23 +82,7 @@ async function fetchFile(mesh, format) {
 
 /** @param {Mesh} mesh */
 function deletion(mesh) {
-  const button = h("button", { type: "button", className: "danger" }, "Delete");
-  button.addEventListener("click", () => {
-    if (button.dataset.asked) {
-      run(async () => {
-        await client.meshes.delete(mesh.id);
-        state.shown = null;
-        say(`${mesh.name || mesh.id} is deleted.`);
-        await refreshMeshes();
-      });
-      return;
-    }
-    button.dataset.asked = "yes";
-    button.textContent = "Delete for good";
-    button.addEventListener("blur", () => {
-      delete button.dataset.asked;
-      button.textContent = "Delete";
-    }, { once: true });
-  });
-  return button;
+  return h("button", { type: "button", className: "danger", onclick: () => deleteLater({
+    id: mesh.id, words: `${mesh.name || mesh.id} is deleted.`, commit: () => client.meshes.delete(mesh.id), onChange: refreshMeshes,
+  }) }, "Delete");
 }

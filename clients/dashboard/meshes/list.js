@@ -7,15 +7,33 @@ import { thumbnailOf } from "./thumbnails.js";
 
 /** @import { Mesh } from "../../js/types.js" */
 
-/** @param {HTMLElement} list */
-export function drawList(list) {
+/** Names with other words than these are not listed. */
+let wanted = "";
+/** With fewer meshes there is nothing to search for. */
+const FEW = 6;
+
+/** A field that narrows the list. @param {() => void} onChange */
+export function makeFilter(onChange) {
+  const input = h("input", { type: "search", name: "filter", placeholder: "Part of a name", "aria-label": "List meshes with this in their names", value: wanted });
+  input.addEventListener("input", () => {
+    wanted = input.value.trim().toLowerCase();
+    onChange();
+  });
+  return input;
+}
+
+/** @param {HTMLElement} list @param {HTMLElement} filter */
+export function drawList(list, filter) {
+  filter.hidden = state.meshes.length < FEW && wanted === "";
   if (state.meshes.length === 0) {
     const words = state.hasMeshes ? "There is no mesh yet." : "Asking the daemon.";
     list.replaceChildren(h("li", { className: "empty" }, words));
     return;
   }
   const focused = list.contains(document.activeElement) ? document.activeElement?.getAttribute("data-key") : null;
-  list.replaceChildren(...state.meshes.map(item).reverse());
+  const found = state.meshes.filter(({ name, id }) => (name || id).toLowerCase().includes(wanted));
+  list.replaceChildren(...found.map(item).reverse());
+  if (found.length === 0) list.replaceChildren(h("li", { className: "empty" }, "No name has this in it."));
   if (focused) /** @type {HTMLElement | null} */ (list.querySelector(`[data-key="${CSS.escape(focused)}"]`))?.focus();
 }
 
@@ -40,7 +58,7 @@ function side(which, mesh, name) {
     type: "button", "aria-pressed": isChosen, "data-key": `${which} ${mesh.id}`,
     "aria-label": `${name} as ${which.toUpperCase()} of the comparison`, title: `${which.toUpperCase()} of the comparison`,
     onclick: () => choose(which, isChosen ? null : mesh.id),
-  }, which.toUpperCase());
+  }, `as ${which.toUpperCase()}`);
 }
 
 /** @param {"a" | "b" | "shown"} which @param {string | null} id */

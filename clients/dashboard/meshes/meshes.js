@@ -1,23 +1,30 @@
 // The page of meshes: upload, list, and what is known of the one that is shown.
 
-import { meshOf, on, state } from "../core/state.js";
 import { h } from "../core/dom.js";
 import { setParameters } from "../core/route.js";
+import { meshOf, on, state } from "../core/state.js";
+import { makeUpload } from "../core/upload.js";
 import { drawTools } from "../view/tools.js";
 import { look, setLook, show } from "../view/view.js";
 import { drawFacts } from "./facts.js";
-import { drawList } from "./list.js";
+import { drawList, makeFilter } from "./list.js";
+import { makeSamples } from "./samples.js";
 import { letThumbnailsDraw } from "./thumbnails.js";
-import { makeUpload } from "./upload.js";
 
 /** @param {HTMLElement} panel */
 export function showMeshes(panel) {
   const list = h("ul", { className: "meshes", "aria-label": "Meshes" });
+  const filter = makeFilter(() => drawList(list, filter));
   const facts = h("section", { className: "section", "aria-labelledby": "facts-title" });
+  const upload = makeUpload();
+  upload.prepend(h("p", { className: "muted" }, "How far is a mesh from another one, or from a scan? Upload both and compare them: each distance comes with"
+    + " bounds that are proven. Find where meshes meet, deform them, sketch quads over a surface. All of it can be done by programs, too: ",
+    h("a", { href: "/docs" }, "the API"), "."));
+  upload.append(makeSamples());
   panel.append(
-    makeUpload(),
+    upload,
     h("section", { className: "section", "aria-labelledby": "list-title" },
-      h("header", {}, h("h2", { id: "list-title" }, "Meshes")), list),
+      h("header", {}, h("h2", { id: "list-title" }, "Meshes"), filter), list),
     facts);
   /** @type {string | null} */
   let drawn = null;
@@ -36,7 +43,7 @@ export function showMeshes(panel) {
 
   function draw() {
     if (state.shown === null && state.meshes.length > 0) state.shown = state.meshes[state.meshes.length - 1].id;
-    drawList(list);
+    drawList(list, filter);
     drawFacts(facts, meshOf(state.shown));
     drawView();
   }

@@ -1,14 +1,19 @@
 // What the view shows of a reconstruction: the quads as they grow, or the surface in the colours of its distance from them.
 
 import { measureDeviation } from "../compare/deviation.js";
+import { roundedUp } from "../compare/heat.js";
 import { makeLegend } from "../compare/legend.js";
 import { client } from "../core/connection.js";
 import { byId } from "../core/dom.js";
-import { paint } from "../view/loader.js";
+import { Search } from "../core/search.js";
+import { heat } from "../view/loader.js";
 import { currentStage, setLook, show } from "../view/view.js";
 
 /** @import { Mesh, Reconstruction, ReconstructionPatches } from "../../js/types.js" */
 /** @import { Wish } from "../view/stage.js" */
+
+/** The colours are refined until they are off by this share of their range at most. */
+const GOOD_SHARE = 0.01;
 
 export class Picture {
   constructor() {
@@ -19,7 +24,7 @@ export class Picture {
     this.patches = null;
     /** @type {{ source: Mesh | undefined, quads: Mesh } | null} */
     this.meshes = null;
-    this.leave = new AbortController();
+    this.search = new Search();
   }
 
   /** @param {boolean} isGradual */
@@ -70,23 +75,25 @@ export class Picture {
   async showError(most) {
     const { meshes } = this;
     if (!meshes?.source) return null;
-    this.leave.abort();
-    this.leave = new AbortController();
-    const { result, distances } = await measureDeviation({ a: meshes.source.id, b: meshes.quads.id, quads: "triangles" }, this.leave.signal);
+    const { result } = await measureDeviation(this.search, { a: meshes.source.id, b: meshes.quads.id, quads: "triangles" });
     if (this.meshes !== meshes) return null;
     this.isError = true;
     await show(this.wishes(false));
-    const model = currentStage()?.models.get("a");
-    if (!model?.isWhole || this.meshes !== meshes) return null;
-    await paint(model, distances);
-    const top = Math.min(most || Infinity, result.max.upper) || 1;
-    setLook({ heat: true, signed: false, top });
-    byId("stage-legend").replaceChildren(makeLegend({ top, isSigned: false }, top < result.max.upper ? "Distance from the quads, of what they cover" : "Distance of the surface from the quads"));
+    const [model, quads] = [currentStage()?.models.get("a"), currentStage()?.models.get("b")];
+    if (!model?.isWhole || !quads?.isWhole || this.meshes !== meshes) return null;
+    const high = Math.min(most || Infinity, result.max.upper) || 1;
+    const { error } = await heat(model, quads, { quads: "triangles", isSigned: false, target: high * GOOD_SHARE });
+    const scale = { low: 0, high, isSigned: false, limits: null };
+    setLook({ heat: true, scale });
+    const isClamped = high < result.max.upper;
+    byId("stage-legend").replaceChildren(makeLegend(scale, {
+      title: isClamped ? "Distance from the quads, of what they cover" : "Distance of the surface from the quads", isClamped,
+      error: error > 0 ? `off by ${roundedUp(error)} at most between the vertices` : "" }));
     return result;
   }
 
   forgetError() {
-    this.leave.abort();
+    this.search.leave();
     this.isError = false;
     byId("stage-legend").replaceChildren();
     setLook({ heat: false });

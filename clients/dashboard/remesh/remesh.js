@@ -3,6 +3,7 @@
 import { meshChoice } from "../core/choice.js";
 import { client } from "../core/connection.js";
 import { refreshMeshes } from "../core/data.js";
+import { isHeld } from "../core/deletion.js";
 import { figures, h, select } from "../core/dom.js";
 import { count, percent, time } from "../core/format.js";
 import { run, sayFault } from "../core/messages.js";
@@ -44,7 +45,7 @@ export function showRemesh(panel) {
   panel.append(
     h("section", { className: "section", "aria-labelledby": "remesh-title" },
       h("header", {}, h("h2", { id: "remesh-title" }, "Remesh"), edit), side, h("div", { className: "row" }, start, take)),
-    h("section", { className: "section", "aria-label": "Refinement" }, goal.form, outcome, grown), distance, download);
+    h("section", { className: "section", "aria-label": "Refinement" }, goal.form, outcome, picture.search.element, grown), distance, download);
 
   const runner = new Runner(async ({ reconstruction }) => {
     await accept(await client.reconstructions.get(reconstruction));
@@ -139,7 +140,7 @@ export function showRemesh(panel) {
     const source = state.a;
     [layouts, all] = [[], []];
     if (source !== null) {
-      for await (const brief of client.layouts.list({ pageSize: 1000 })) if (brief.mesh === source) layouts.push(brief);
+      for await (const brief of client.layouts.list({ pageSize: 1000, mesh: source })) if (!isHeld(brief.id)) layouts.push(brief);
       for await (const brief of client.reconstructions.list({ pageSize: 1000 })) if (brief.source === source) all.push(brief);
     }
     if (source !== state.a) return;

@@ -25,7 +25,7 @@ export function drawLayout(stage, layout, chosen) {
     dots: [
       ...layout.nodes.map((node, place) => ({
         point: stage.toScene(node), colour: grips.includes(place) ? accent : ink, size: grips.includes(place) ? 15 : 10 })),
-      ...layout.issues.map(({ point }) => ({ point: stage.toScene(point), colour: fault, size: 13 })),
+      ...layout.issues.map(({ point }) => ({ point: stage.toScene(point), colour: fault, size: 13, isMark: true })),
     ],
   });
 }

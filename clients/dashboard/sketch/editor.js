@@ -2,6 +2,7 @@
 
 import { ProblemError } from "../js/index.js";
 import { client } from "../core/connection.js";
+import { deleteLater, isHeld } from "../core/deletion.js";
 import { count } from "../core/format.js";
 
 /** @import { EditedLayout, Layout, LayoutBrief, Point, Stroke } from "../../js/types.js" */
@@ -33,7 +34,7 @@ export class Editor {
     if (mesh === null) return;
     /** @type {LayoutBrief[]} */
     const all = [];
-    for await (const brief of client.layouts.list({ pageSize: 1000 })) if (brief.mesh === mesh) all.push(brief);
+    for await (const brief of client.layouts.list({ pageSize: 1000, mesh })) if (!isHeld(brief.id)) all.push(brief);
     const found = all.find(({ id }) => id === wanted) ?? all[all.length - 1];
     const layout = found ? await client.layouts.get(found.id) : null;
     if (this.mesh !== mesh) return;
@@ -120,13 +121,19 @@ export class Editor {
     return this.edit((id) => client.layouts.redo(id), () => "Done again.");
   }
 
-  /** Forgets the whole layout. */
-  async discard() {
-    const gone = this.layout?.id;
+  /** Deletes the whole layout, which can be undone for a while. */
+  discard() {
+    const { layout: gone, mesh } = this;
     if (!gone) return;
-    await client.layouts.delete(gone);
-    this.layouts = this.layouts.filter(({ id }) => id !== gone);
-    this.take(null, "The layout is deleted.");
+    deleteLater({
+      id: gone.id, words: "The layout is deleted.", commit: () => client.layouts.delete(gone.id),
+      onChange: () => {
+        if (this.mesh !== mesh) return;
+        this.layouts = this.layouts.filter(({ id }) => id !== gone.id);
+        if (!isHeld(gone.id)) this.layouts.push(gone);
+        this.take(isHeld(gone.id) ? null : gone);
+      },
+    });
   }
 }
 

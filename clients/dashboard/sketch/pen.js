@@ -29,9 +29,9 @@ function putMark(shown, target) {
 /**
  * @template Grip
  * @param {Stage} stage
- * @param {{ onStroke: (track: Track) => void, onClick: (x: number, y: number) => void, onDrop: (grip: Grip, target: Target | null) => void,
+ * @param {{ onStroke: (track: Track, isFree: boolean) => void, onClick: (x: number, y: number) => void, onDrop: (grip: Grip, target: Target | null) => void,
  *   gripAt: (x: number, y: number) => Grip | null, targetAt: (x: number, y: number) => Target | null }} options
- *   gripAt: an end of a curve that can be held there; targetAt: what an end there would snap to
+ *   isFree: its ends are to snap to nothing; gripAt: an end of a curve that can be held there; targetAt: what an end there would snap to
  * @returns {{ look: () => void, putAway: () => void }} look: again at what the pen hovers over
  */
 export function takePen(stage, { onStroke, onClick, onDrop, gripAt, targetAt }) {
@@ -52,6 +52,8 @@ export function takePen(stage, { onStroke, onClick, onDrop, gripAt, targetAt }) 
   const fingers = new Set();
   /** Where the pen hovers. @type {[number, number] | null} */
   let hover = null;
+  /** Is Alt down: do ends snap to nothing? */
+  let isFree = false;
 
   /** @param {PointerEvent} event @returns {[number, number]} */
   const at = (event) => {
@@ -72,13 +74,14 @@ export function takePen(stage, { onStroke, onClick, onDrop, gripAt, targetAt }) 
     } else if (event.button === 0) {
       const place = at(event);
       stroke = { pointer: event.pointerId, track: [place], grip: gripAt(...place) };
-      if (!stroke.grip) putMark(start, targetAt(...place));
+      if (!stroke.grip) putMark(start, event.altKey ? null : targetAt(...place));
     }
   };
   /** @param {PointerEvent} event */
   const move = (event) => {
     const isMine = stroke?.pointer === event.pointerId;
     hover = event.buttons === 0 || isMine ? at(event) : null;
+    isFree = event.altKey;
     look();
     if (!stroke || !isMine) return;
     const { track, grip } = stroke;
@@ -100,9 +103,9 @@ export function takePen(stage, { onStroke, onClick, onDrop, gripAt, targetAt }) 
     if (event.type === "pointercancel") return;
     if (lengthOf(track) < CLICK_LENGTH) onClick(...track[0]);
     else if (grip) onDrop(grip, targetAt(...at(event)));
-    else onStroke(track);
+    else onStroke(track, event.altKey);
   };
-  const look = () => putMark(end, hover && targetAt(...hover));
+  const look = () => putMark(end, hover && !isFree ? targetAt(...hover) : null);
   const leave = () => {
     hover = stroke ? hover : null;
     look();

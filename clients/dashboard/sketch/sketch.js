@@ -7,14 +7,14 @@ import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { meshOf, on, state } from "../core/state.js";
 import { drawTools, toggle } from "../view/tools.js";
-import { currentStage, setLook, show } from "../view/view.js";
+import { currentStage, lookAt, setLook, show } from "../view/view.js";
 import { Editor } from "./editor.js";
 
-/** @import { Layout, Point } from "../../js/types.js" */
+/** @import { Layout } from "../../js/types.js" */
 /** @import { DepthMap } from "../view/depth.js" */
+/** @import { Stage } from "../view/stage.js" */
 /** @import { Target } from "./window.js" */
 
-const SNAP_SHARE = 0.02;
 const GRIP_REACH = 14;
 
 /** @param {HTMLElement} panel */
@@ -36,7 +36,11 @@ export function showSketch(panel) {
   const missing = h("section", { className: "section", "aria-labelledby": "missing-title", hidden: true },
     h("h2", { id: "missing-title" }, "What is missing"), issues);
   const button = (/** @type {string} */ name, /** @type {() => Promise<unknown>} */ action, title = "") =>
-    h("button", { type: "button", title, disabled: true, onclick: () => run(action) }, name);
+    h("button", { type: "button", title, disabled: true, onclick: (/** @type {MouseEvent} */ event) => {
+      // Who clicked goes on drawing: Space turns the view then, and does not press the button again.
+      if (event.detail > 0) currentStage()?.canvas.focus({ preventScroll: true });
+      run(action);
+    } }, name);
   const undo = button("Undo", () => editor.undo(), "Ctrl+Z");
   const redo = button("Redo", () => editor.redo(), "Ctrl+Shift+Z");
   const curve = h("select", { name: "curve" });
@@ -47,13 +51,14 @@ export function showSketch(panel) {
     editor.isRedrawing = true;
     words.textContent = "Redraw the chosen curve; it stays between its nodes. Escape leaves it as it is.";
   }, "The next stroke takes the chosen curve's place");
-  const discard = button("Delete layout", () => editor.discard().then(drawChoices));
+  const discard = button("Delete layout", async () => editor.discard());
   const remesh = h("a", { className: "button primary", href: "#remesh", hidden: true }, "Remesh this layout");
   panel.append(
     h("section", { className: "section", "aria-labelledby": "sketch-title" },
       h("header", {}, h("h2", { id: "sketch-title" }, "Sketch"), undo, redo), side,
       h("p", { className: "muted small" }, "Draw boundary curves on the surface until cells of four sides cover it. The right button,"
-        + " or two fingers, turn the view. A click chooses a curve; the ends of a chosen one can be dragged.")),
+        + " or two fingers, turn the view; the middle one moves it. Ends snap to nodes and curves within 12 pixels, with Alt to none."
+        + " A click chooses a curve; the ends of a chosen one can be dragged.")),
     h("section", { className: "section", "aria-label": "Curves" },
       summary, words, h("div", { className: "row" }, h("label", { className: "inline" }, "Curve", curve)),
       h("div", { className: "row" }, split, merge, redraw, remove), h("div", { className: "row" }, remesh, discard)),
@@ -81,9 +86,9 @@ export function showSketch(panel) {
     drawCurves();
     missing.hidden = !layout || layout.issues.length === 0;
     issues.replaceChildren(...(layout?.issues ?? []).map((issue) => h("li", {}, h("button", {
-      type: "button", className: "quiet", onclick: () => flyTo(issue.point),
+      type: "button", className: "quiet", onclick: () => run(() => lookAt([issue.point], "the place", 0.9)),
     }, issue.detail))));
-    if (layout && layouts() !== drawnLayouts) drawChoices();
+    if (layouts() !== drawnLayouts) drawChoices();
     drawView();
   }
 
@@ -108,13 +113,6 @@ export function showSketch(panel) {
     run(() => /** @type {NonNullable<typeof tools>} */ (tools)[2].shadePatches(stage, layout ?? { ...EMPTY }));
   }
 
-  /** @param {Point} point */
-  function flyTo(point) {
-    const stage = currentStage();
-    const place = stage?.toScene(point);
-    if (stage && place) stage.eye.flyTo(place, 0.9, place.clone());
-  }
-
   /** @param {number} x @param {number} y */
   function choose(x, y) {
     const stage = currentStage();
@@ -132,7 +130,6 @@ export function showSketch(panel) {
   }
 
   const isSeen = (/** @type {import("three").Vector3} */ place) => depth?.isSeen(place) ?? true;
-  const snapRadius = () => SNAP_SHARE * (meshOf(state.a)?.bounding_box.diagonal ?? 1);
 
   /** The end of the one chosen curve that is at a place of the window. @param {number} x @param {number} y */
   function gripAt(x, y) {
@@ -146,10 +143,10 @@ export function showSketch(panel) {
     return null;
   }
 
-  /** @param {"from" | "to"} end @param {Target | null} target */
-  async function dropEnd(end, target) {
-    if (!target) throw new Error("An end of a curve goes onto a node or another curve; there is neither.");
-    await editor.snap(end, target.point, snapRadius());
+  /** @param {Stage} stage @param {"from" | "to"} end @param {Target | null} target */
+  async function dropEnd(stage, end, target) {
+    if (!target || !tools) throw new Error("An end of a curve goes onto a node or another curve; there is neither.");
+    await editor.snap(end, target.point, tools[1].snapRadius(stage, target.x, target.y));
   }
 
   /** @param {boolean} isOn */
@@ -164,12 +161,15 @@ export function showSketch(panel) {
     pen?.putAway();
     pen = null;
     if (!stage || !tools || isTurning) return;
-    const { targetAt, strokeOf } = tools[1];
+    const { targetAt, snapRadius, strokeOf } = tools[1];
     pen = tools[0].takePen(stage, {
-      onStroke: (track) => { run(() => editor.stroke({ ...strokeOf(stage, track), ...(editor.isRedrawing ? {} : { snap: snapRadius() }) })); },
+      onStroke: (track, isFree) => {
+        const snap = Math.max(...[track[0], track[track.length - 1]].map((place) => snapRadius(stage, ...place)));
+        run(() => editor.stroke({ ...strokeOf(stage, track), ...(editor.isRedrawing || isFree ? {} : { snap }) }));
+      },
       onClick: choose, gripAt,
-      onDrop: (end, target) => { run(() => dropEnd(end, target)); },
-      targetAt: (x, y) => (editor.layout ? targetAt(stage, editor.layout, x, y, snapRadius(), isSeen) : null),
+      onDrop: (end, target) => { run(() => dropEnd(stage, end, target)); },
+      targetAt: (x, y) => (editor.layout ? targetAt(stage, editor.layout, x, y, snapRadius(stage, x, y), isSeen) : null),
     });
   }
 
@@ -182,6 +182,8 @@ export function showSketch(panel) {
     shaded = null;
     takeUp();
     drawView();
+    const model = stage.models.get("a");
+    if (model && model.mesh.kind !== "points") await (await import("../view/pick.js")).prepare(model);
   }
 
   const layouts = () => `${editor.layout?.id} ${editor.layouts.map(({ id }) => id)}`;
@@ -243,6 +245,7 @@ export function showSketch(panel) {
     pen?.putAway();
     depth?.dispose();
     currentStage()?.models.get("a")?.setRegions(null);
+    setLook({ through: false });
     currentStage()?.setOverlay();
   };
 }

@@ -2,6 +2,8 @@
 
 import { Matrix4 } from "three";
 
+import { pick } from "../view/pick.js";
+
 /** @import { Vector3 } from "three" */
 /** @import { Curve, Layout, Point, Stroke } from "../../js/types.js" */
 /** @import { Stage } from "../view/stage.js" */
@@ -10,6 +12,7 @@ import { Matrix4 } from "three";
 /** @typedef {{ kind: "node" | "curve", point: Point, x: number, y: number }} Target where an end would go */
 
 const CLICK_REACH = 12;
+const SNAP_REACH = 12;
 
 /** A stroke as the daemon takes it. @param {Stage} stage @param {Track} track @returns {Stroke} */
 export function strokeOf(stage, track) {
@@ -29,11 +32,24 @@ export function toWindow(stage, point) {
   return [((place.x + 1) / 2) * stage.canvas.clientWidth, ((1 - place.y) / 2) * stage.canvas.clientHeight];
 }
 
+/** How many pixels a length of 1 in the mesh's own unit has at a distance from the eye. @param {Stage} stage @param {number} depth */
+const pixelsPerUnit = (stage, depth) =>
+  (stage.frame.scale * stage.canvas.clientHeight * stage.eye.camera.projectionMatrix.elements[5]) / (2 * depth);
+
 /** A length at a point in pixels. @param {Stage} stage @param {number[]} point @param {number} size in the mesh's own unit */
-function toPixels(stage, point, size) {
-  const { camera } = stage.eye;
-  const depth = stage.toScene(point).distanceTo(camera.position);
-  return (size * stage.frame.scale * stage.canvas.clientHeight * camera.projectionMatrix.elements[5]) / (2 * depth);
+const toPixels = (stage, point, size) => size * pixelsPerUnit(stage, stage.toScene(point).distanceTo(stage.eye.camera.position));
+
+/**
+ * How far in the mesh's own unit an end snaps that is put at a place of the window: SNAP_REACH pixels of what is seen there, however
+ * near the eye is.
+ * @param {Stage} stage @param {number} x @param {number} y
+ */
+export function snapRadius(stage, x, y) {
+  const { camera, controls } = stage.eye;
+  const model = stage.models.get("a");
+  const found = model?.isWhole && model.mesh.kind !== "points" ? pick(stage, model, x, y) : null;
+  const depth = (found ? stage.toScene(found.point) : controls.target).distanceTo(camera.position);
+  return SNAP_REACH / pixelsPerUnit(stage, depth);
 }
 
 /**

@@ -26,7 +26,7 @@ export class Eye {
     this.onFit = onFit;
     /** A flight that has not arrived. @type {number} */
     this.flight = 0;
-    this.fit();
+    this.fit(new Vector3(), 0.5, START);
     canvas.addEventListener("keydown", (event) => this.onKey(event));
     canvas.addEventListener("pointerdown", () => { this.flight = 0; });
   }
@@ -37,12 +37,17 @@ export class Eye {
     this.controls.maxDistance = 50 * size;
   }
 
-  /** Sees all of a ball. @param {Vector3} [centre] @param {number} [radius] */
-  fit(centre = new Vector3(), radius = 0.5) {
+  /** Whence one looks. */
+  get side() {
+    return this.camera.position.clone().sub(this.controls.target).normalize();
+  }
+
+  /** Sees all of a ball. @param {Vector3} centre @param {number} radius @param {Vector3} side whence */
+  fit(centre, radius, side) {
     const narrow = Math.min(1, this.camera.aspect || 1);
     const distance = (0.98 * radius) / Math.sin((this.camera.fov * Math.PI) / 360) / narrow;
     this.controls.target.copy(centre);
-    this.camera.position.copy(centre).addScaledVector(START, distance);
+    this.camera.position.copy(centre).addScaledVector(side, distance);
     this.controls.update();
   }
 

@@ -2,6 +2,8 @@
 // 3.1). The points are sorted by the cells of a grid, row by row: the cells round one are three in each of nine rows, and
 // a sweep over all cells moves nine places onward through the sorted points.
 
+/** Points of a cloud that are drawn by one call. */
+export const CLOUD_PIECE = 131072;
 const MOST_NEIGHBOURS = 24;
 const FEWEST_NEIGHBOURS = 6;
 const MOST_CANDIDATES = 128;

@@ -1,4 +1,4 @@
-// The page's side of the worker: fills models, and paints them with values.
+// The page's side of the worker: fills models, and asks about them.
 
 import { client } from "../core/connection.js";
 
@@ -10,8 +10,6 @@ import { client } from "../core/connection.js";
 let worker;
 /** @type {Map<number, Task>} */
 const tasks = new Map();
-/** @type {Map<number, () => void>} */
-const paintings = new Map();
 /** Answers to single questions, by number. @type {Map<number, (data: any) => void>} */
 const answers = new Map();
 let nextRequest = 1;
@@ -32,10 +30,6 @@ function start() {
 /** @param {any} data */
 function receive(data) {
   const task = tasks.get(data.task);
-  if (data.kind === "painted") {
-    paintings.get(data.task)?.();
-    paintings.delete(data.task);
-  }
   if (data.request !== undefined) {
     answers.get(data.request)?.(data);
     answers.delete(data.request);
@@ -46,6 +40,8 @@ function receive(data) {
   else if (data.kind === "points") model.addPoints(data.position);
   else if (data.kind === "normals") model.setNormals(data.place, data.normal, data.spacing);
   else if (data.kind === "moved") model.movePiece(data.place, data.position, data.normal);
+  else if (data.kind === "new heat") model.dropHeat();
+  else if (data.kind === "heat") model.addHeat(data);
   else if (data.kind === "values") model.setValues(data.place, data.value);
   else if (data.kind === "irregular") model.setIrregular(data.position, data.valence);
   else if (data.kind === "fault") task.reject(new Error(data.words));
@@ -73,20 +69,6 @@ export function load(model, onPiece) {
 }
 
 /**
- * Gives the corners of a whole model the values of its vertices.
- * @param {Model} model
- * @param {Float64Array} values in the order of the file
- * @returns {Promise<void>}
- */
-export function paint(model, values) {
-  const task = /** @type {number} */ (taskOf.get(model));
-  return new Promise((resolve) => {
-    paintings.set(task, resolve);
-    worker?.postMessage({ kind: "paint", task, values });
-  });
-}
-
-/**
  * @param {Model} model
  * @param {Record<string, unknown>} question
  * @returns {Promise<any>}
@@ -108,17 +90,37 @@ export async function outline(model, faces, frame) {
   return (await ask(model, { kind: "outline", faces: Uint32Array.from(faces), frame })).triangles;
 }
 
+/** As many triangles as a view of a common size has use for. */
+const MOST_TRIANGLES = 250000;
+
 /**
- * On which side of another whole model's surface the vertices of one lie: 1 outside, -1 inside.
+ * Colours a whole model by its distance from another whole one.
  * @param {Model} model
  * @param {Model} other
- * @param {"triangles" | "bilinear"} quads
- * @returns {Promise<Int8Array>}
+ * @param {{ quads: "triangles" | "bilinear", isSigned: boolean, target: number }} options target: the error that is small enough
+ * @returns {Promise<{ error: number, triangles: number, sides: Int8Array | null }>} error: how far the colours may be off between
+ *   vertices; sides of the file's vertices: 1 outside, -1 inside
  */
-export async function findSides(model, other, quads) {
-  const { signs, words } = await ask(model, { kind: "sides", other: taskOf.get(other), id: other.mesh.id, quads, token: client.transport.token });
-  if (!signs) throw new Error(words);
-  return signs;
+export async function heat(model, other, { quads, isSigned, target }) {
+  const { id, revision } = other.mesh;
+  const { error, triangles, sides, words } = await ask(model, {
+    kind: "heat", other: taskOf.get(other), id, key: `${id} ${revision} ${quads}`, quads, token: client.transport.token, isSigned, target, most: MOST_TRIANGLES });
+  if (words) throw new Error(words);
+  return { error, triangles, sides };
+}
+
+/**
+ * The distance of a point from a whole model.
+ * @param {Model} other
+ * @param {number[]} point
+ * @param {"triangles" | "bilinear"} quads
+ * @param {boolean} isSigned
+ * @returns {Promise<{ distance: number, side: number }>} side: 1 outside, -1 inside, 0 not asked for
+ */
+export async function probe(other, point, quads, isSigned) {
+  const { distance, side, words } = await ask(other, { kind: "probe", id: other.mesh.id, point, quads, isSigned, token: client.transport.token });
+  if (words) throw new Error(words);
+  return { distance, side };
 }
 
 /**

@@ -1,8 +1,9 @@
 // How surfaces and points are shaded. Colours are those of the screen from the start, not linear ones.
 
-import { Data3DTexture, DataTexture, DoubleSide, GLSL3, LinearFilter, RGBAFormat, ShaderMaterial, Vector3 } from "three";
+import { Data3DTexture, DataTexture, DoubleSide, GLSL3, LinearFilter, RGBAFormat, ShaderMaterial, Vector2, Vector3 } from "three";
 
 import { scaleTables } from "./colours.js";
+import { BANDS } from "./scale.js";
 
 const LIGHT = /* glsl */ `
   vec3 shade(vec3 base, vec3 n, float strength) {
@@ -30,11 +31,11 @@ const REGION = /* glsl */ `
 const SURFACE_VERTEX = /* glsl */ `
   in vec4 edge;
   in vec4 tint;
-  in float value;
+  in vec2 value;
   out vec3 vNormal;
   out vec3 vEdge;
   out vec3 vTint;
-  out float vValue;
+  out vec2 vValue;
   out vec3 vPlace;
   void main() {
     vPlace = position;
@@ -46,16 +47,28 @@ const SURFACE_VERTEX = /* glsl */ `
   }
 `;
 
-// From blue at 0 to yellow at the top; of signed values from blue over the middle to red.
+// From blue to yellow; of signed values from blue over the grey of 0 to red. Or bands: a value is in one for certain when it is by
+// more than it may be off.
 const HEAT = /* glsl */ `
   uniform float heated;
   uniform float signed_;
-  uniform float top;
+  uniform float banded;
+  uniform vec2 range;
+  uniform vec2 limits;
+  uniform vec3 bands[4];
   uniform sampler2D scale;
-  vec3 inHeat(vec3 base, float value) {
-    float share = clamp(value / top, -1.0, 1.0);
-    float place = signed_ > 0.5 ? 0.5 + 0.5 * share : share;
-    return mix(base, texture(scale, vec2((clamp(place, 0.0, 1.0) * 255.0 + 0.5) / 256.0, signed_ > 0.5 ? 0.75 : 0.25)).rgb, heated);
+  vec3 inBand(vec2 value) {
+    vec2 span = value.x + vec2(-value.y, value.y);
+    if (span.y < limits.x) return bands[0];
+    if (span.x > limits.y) return bands[2];
+    return span.x >= limits.x && span.y <= limits.y ? bands[1] : bands[3];
+  }
+  vec3 inHeat(vec3 base, vec2 value) {
+    if (heated < 0.5) return base;
+    if (banded > 0.5) return inBand(value);
+    float share = (value.x - range.x) / (range.y - range.x);
+    if (signed_ > 0.5) share = value.x < 0.0 ? 0.5 - 0.5 * value.x / range.x : 0.5 + 0.5 * value.x / range.y;
+    return texture(scale, vec2((clamp(share, 0.0, 1.0) * 255.0 + 0.5) / 256.0, signed_ > 0.5 ? 0.75 : 0.25)).rgb;
   }
 `;
 
@@ -69,7 +82,7 @@ const SURFACE_FRAGMENT = /* glsl */ `
   in vec3 vNormal;
   in vec3 vEdge;
   in vec3 vTint;
-  in float vValue;
+  in vec2 vValue;
   in vec3 vPlace;
   out vec4 colour;
   ${LIGHT}
@@ -96,9 +109,9 @@ const DISC_VERTEX = /* glsl */ `
   uniform float least;
   uniform float lift;
   in vec4 facing;
-  in float value;
+  in vec2 value;
   out vec3 vNormal;
-  out float vValue;
+  out vec2 vValue;
   out vec3 vPlace;
   void main() {
     vPlace = position;
@@ -118,7 +131,7 @@ const DISC_FRAGMENT = /* glsl */ `
   uniform vec3 base;
   in vec3 vNormal;
   in vec3 vPlace;
-  in float vValue;
+  in vec2 vValue;
   out vec4 colour;
   ${LIGHT}
   ${REGION}
@@ -139,12 +152,12 @@ const MARK_FRAGMENT = /* glsl */ `
   uniform vec3 high;
   uniform vec3 ring;
   in vec3 vNormal;
-  in float vValue;
+  in vec2 vValue;
   out vec4 colour;
   void main() {
     float r = length(2.0 * gl_PointCoord - 1.0);
     if (r > 1.0) discard;
-    colour = vec4(r > 0.72 ? ring : (vValue < 4.0 ? low : high), 1.0);
+    colour = vec4(r > 0.72 ? ring : (vValue.x < 4.0 ? low : high), 1.0);
   }
 `;
 
@@ -159,7 +172,9 @@ function scale() {
   return scaleTexture;
 }
 
-const heatUniforms = () => ({ heated: { value: 0 }, signed_: { value: 0 }, top: { value: 1 }, scale: { value: scale() } });
+const heatUniforms = () => ({
+  heated: { value: 0 }, signed_: { value: 0 }, banded: { value: 0 }, range: { value: new Vector2(0, 1) }, limits: { value: new Vector2() },
+  bands: { value: BANDS.map((band) => new Vector3(...band)) }, scale: { value: scale() } });
 
 /** @param {Uint8Array} colours rows of r, g, b, a @param {number[]} sides */
 export function makeRegions(colours, [width, height, depth]) {

@@ -23,10 +23,16 @@ export class Model {
     const { min, max, diagonal } = mesh.bounding_box;
     this.frame = { centre: min.map((low, k) => low / 2 + max[k] / 2), scale: diagonal > 0 ? 1 / diagonal : 1 };
     this.group = new Group();
+    /** The mesh itself, and in its place the parts that it is cut into to show distances. */
+    this.body = new Group();
+    this.heat = new Group();
+    this.group.add(this.body, this.heat);
     this.surface = makeSurface();
     this.discs = makeDiscs();
     this.marks = makeMarks();
     this.isWhole = false;
+    /** Settles when it is, or cannot be read. @type {Promise<void> | undefined} */
+    this.whole = undefined;
     /** @type {(Drawn | Points)[]} */
     this.pieces = [];
     /** How many of them are drawn. */
@@ -57,6 +63,29 @@ export class Model {
     this.add(new Drawn(geometry, this.surface));
   }
 
+  /** @param {import("./heat.js").HeatPiece} piece */
+  addHeat({ position, normal, edge, tint, value }) {
+    const geometry = makeGeometry(position);
+    geometry.setAttribute("normal", new BufferAttribute(normal, 4, true));
+    geometry.setAttribute("edge", new BufferAttribute(edge, 4, true));
+    geometry.setAttribute("tint", new BufferAttribute(tint, 4, true));
+    geometry.setAttribute("value", new BufferAttribute(value, 2));
+    const piece = new Drawn(geometry, this.surface);
+    piece.frustumCulled = false;
+    this.heat.add(piece);
+  }
+
+  /** @param {boolean} isShown */
+  showHeat(isShown) {
+    this.heat.visible = isShown;
+    this.body.visible = !isShown || this.heat.children.length === 0;
+  }
+
+  dropHeat() {
+    for (const piece of this.heat.children) /** @type {Drawn} */ (piece).geometry.dispose();
+    this.heat.clear();
+  }
+
   /** @param {Float32Array} position */
   addPoints(position) {
     this.add(new Points(makeGeometry(position), this.discs));
@@ -77,7 +106,7 @@ export class Model {
    */
   letIn(most = Infinity) {
     for (const piece of this.pieces.slice(this.inside, this.inside + most)) {
-      this.group.add(piece);
+      this.body.add(piece);
       this.inside++;
     }
     return this.inside < this.pieces.length;
@@ -112,7 +141,7 @@ export class Model {
 
   /** @param {number} place @param {Float32Array} value */
   setValues(place, value) {
-    this.pieces[place].geometry.setAttribute("value", new BufferAttribute(value, 1));
+    this.pieces[place].geometry.setAttribute("value", new BufferAttribute(value, 2));
   }
 
   /** @param {Float32Array} position @param {Float32Array} valence */
@@ -148,6 +177,7 @@ export class Model {
 
   dispose() {
     this.group.removeFromParent();
+    this.dropHeat();
     for (const piece of this.pieces) piece.geometry.dispose();
     this.irregular?.geometry.dispose();
     this.regions?.dispose();

@@ -1,12 +1,12 @@
 // What is drawn over the meshes: ribbons along curves, dots, and fills. Everything is given in scene coordinates.
 
 import {
-  BufferAttribute, BufferGeometry, DoubleSide, GLSL3, Group, Mesh, Points, ShaderMaterial, Vector2, Vector3,
+  BufferAttribute, BufferGeometry, DoubleSide, GLSL3, GreaterDepth, Group, Mesh, Points, ShaderMaterial, Vector2, Vector3,
 } from "three";
 
 /** @import { Scene } from "three" */
 /** @typedef {{ points: Vector3[], colour: Vector3, width: number }} Ribbon width in pixels */
-/** @typedef {{ point: Vector3, colour: Vector3, size: number }} Dot size in pixels */
+/** @typedef {{ point: Vector3, colour: Vector3, size: number, isMark?: boolean }} Dot size in pixels; isMark: drawn hollow where it is hidden */
 /** @typedef {{ triangles: Float32Array, colour: Vector3, opacity: number }} Fill nine numbers a triangle */
 
 // Somewhat nearer to the viewer than the surface that it lies on, or than the discs round its points: shares of the distance.
@@ -55,12 +55,13 @@ const PLAIN_FRAGMENT = /* glsl */ `
 `;
 const DOT_FRAGMENT = /* glsl */ `
   precision highp float;
+  uniform float hollow;
   in vec3 vTint;
   out vec4 colour;
   void main() {
     float r = length(2.0 * gl_PointCoord - 1.0);
-    if (r > 1.0) discard;
-    colour = vec4(r > 0.68 ? vec3(1.0) : vTint, 1.0);
+    if (r > 1.0 || (hollow > 0.5 && r < 0.6)) discard;
+    colour = vec4(hollow < 0.5 && r > 0.68 ? vec3(1.0) : vTint, 1.0);
   }
 `;
 const FILL_FRAGMENT = /* glsl */ `
@@ -84,7 +85,10 @@ export class Overlay {
     this.size = new Vector2(1, 1);
     this.lift = { value: LIFT };
     this.ribbon = material(RIBBON_VERTEX, PLAIN_FRAGMENT, { size: { value: this.size }, lift: this.lift });
-    this.dot = material(DOT_VERTEX, DOT_FRAGMENT, { lift: this.lift });
+    this.dot = material(DOT_VERTEX, DOT_FRAGMENT, { lift: this.lift, hollow: { value: 0 } });
+    this.hiddenDot = material(DOT_VERTEX, DOT_FRAGMENT, { lift: this.lift, hollow: { value: 1 } });
+    this.hiddenDot.depthFunc = GreaterDepth;
+    this.hiddenDot.depthWrite = false;
   }
 
   /**
@@ -96,12 +100,14 @@ export class Overlay {
     for (const child of [...this.group.children]) {
       const drawn = /** @type {Mesh} */ (child);
       drawn.geometry.dispose();
-      if (drawn.material !== this.ribbon && drawn.material !== this.dot) /** @type {ShaderMaterial} */ (drawn.material).dispose();
+      if (![this.ribbon, this.dot, this.hiddenDot].includes(/** @type {ShaderMaterial} */ (drawn.material))) /** @type {ShaderMaterial} */ (drawn.material).dispose();
       child.removeFromParent();
     }
     for (const fill of fills) this.add(new Mesh(geometryOf({ position: [fill.triangles, 3] }), fillMaterial(fill)), 2);
     if (ribbons.length > 0) this.add(new Mesh(ribbonGeometry(ribbons), this.ribbon), 3);
     if (dots.length > 0) this.add(new Points(dotGeometry(dots), this.dot), 4);
+    const marks = dots.filter(({ isMark }) => isMark);
+    if (marks.length > 0) this.add(new Points(dotGeometry(marks), this.hiddenDot), 4);
   }
 
   /** @param {Mesh | Points} drawn @param {number} order */

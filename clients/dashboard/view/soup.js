@@ -1,11 +1,10 @@
-// Faces as triangles for the graphics card, in pieces of bounded size: positions, normals, edges to draw, patch colours,
-// and a value at each corner. A quad is two triangles, or, read as a bilinear patch, a grid of them.
+// Faces as triangles for the graphics card, in pieces of bounded size: positions, normals, edges to draw, patch colours. A quad is two triangles, or, read as a bilinear patch, a grid of them.
 
 /** @import { Shape } from "./ply.js" */
 /** @typedef {{ centre: number[], scale: number }} Frame positions are (point - centre) * scale */
 /** @typedef {{ position: Float32Array, normal: Int8Array, edge: Uint8Array, tint: Uint8Array }} Piece */
 
-const PIECE_TRIANGLES = 50000;
+export const PIECE_TRIANGLES = 50000;
 const BILINEAR_TRIANGLES = 800000;
 
 /**
@@ -118,21 +117,4 @@ export function buildPiece(shape, normals, tints, { centre, scale }, steps, { fr
     n++;
   });
   return { position, normal, edge, tint };
-}
-
-/**
- * The values of vertices at the corners of a piece's triangles.
- * @param {Shape} shape
- * @param {number} steps
- * @param {{ from: number, to: number, triangles: number }} run
- * @param {Float64Array} values
- */
-export function buildValues(shape, steps, { from, to, triangles }, values) {
-  const out = new Float32Array(3 * triangles);
-  const { corners } = shape;
-  let n = 0;
-  walk(shape, steps, from, to, (_face, _corner, _shown, i0, i1, i2, i3, w0, w1, w2, w3) => {
-    out[n++] = w0 * values[corners[i0]] + w1 * values[corners[i1]] + w2 * values[corners[i2]] + w3 * values[corners[i3]];
-  });
-  return out;
 }

@@ -3,17 +3,18 @@
 import { Box3, Color, ColorManagement, LinearSRGBColorSpace, Scene, Vector3, WebGLRenderer, WebGLRenderTarget } from "three";
 
 import { colour } from "../core/dom.js";
-import { Eye } from "./camera.js";
+import { Eye, START } from "./camera.js";
 import { forget, load } from "./loader.js";
 import { Model, makeSample } from "./model.js";
 import { Overlay } from "./overlay.js";
 import { Pair } from "./pair.js";
 
 /** @import { Mesh } from "../../js/types.js" */
+/** @import { Scale } from "./scale.js" */
 /** @typedef {"a" | "b"} Role b is the one to compare with */
 /** @typedef {{ mesh: Mesh, role: Role, isBilinear: boolean, isHidden?: boolean, isGhost?: boolean,
  *   isGradual?: boolean }} Wish isGradual: what was there before stays until endChange, and nothing of the new one is drawn yet */
-/** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, top: number, signed: boolean }} Look */
+/** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, through: boolean, scale: Scale }} Look */
 
 const PIECES_A_FRAME = 2;
 
@@ -24,8 +25,9 @@ export class Stage {
   /**
    * @param {HTMLElement} place
    * @param {(words: string, share: number) => void} onProgress
+   * @param {(isOn: boolean) => void} onThrough called when the surfaces are to be see-through
    */
-  constructor(place, onProgress) {
+  constructor(place, onProgress, onThrough) {
     this.renderer = new WebGLRenderer({ antialias: true, alpha: false, preserveDrawingBuffer: true });
     this.renderer.outputColorSpace = LinearSRGBColorSpace;
     this.canvas = this.renderer.domElement;
@@ -35,6 +37,7 @@ export class Stage {
     place.replaceChildren(this.canvas);
     this.place = place;
     this.onProgress = onProgress;
+    this.onThrough = onThrough;
     this.scene = new Scene();
     this.eye = new Eye(this.canvas, () => this.draw(), () => this.fit());
     this.pair = new Pair(this.scene);
@@ -47,7 +50,7 @@ export class Stage {
     this.wishes = [];
     this.frame = { centre: [0, 0, 0], scale: 1 };
     /** @type {Look} */
-    this.look = { wire: false, patches: false, irregular: false, heat: false, structure: true, disc: 1, top: 1, signed: false };
+    this.look = { wire: false, patches: false, irregular: false, heat: false, structure: true, disc: 1, through: false, scale: { low: 0, high: 1, isSigned: false, limits: null } };
     this.isWaiting = false;
     /** Are the programs of the graphics card there? */
     this.isReady = false;
@@ -100,16 +103,17 @@ export class Stage {
       if (wish?.isGradual) this.startChange(role, model);
       else this.remove(role);
     }
-    const loading = wishes.filter(({ role }) => !this.models.has(role)).map((wish) => this.add(wish));
+    for (const wish of wishes) if (!this.models.has(wish.role)) this.add(wish);
     if (first) {
       this.frame = /** @type {Model} */ (this.models.get(first.role)).frame;
       this.frameId = first.mesh.id;
       this.eye.setSize(Math.max(1, ...wishes.flatMap(({ mesh: { bounding_box: { min, max } } }) => [min, max].map((corner) => this.toScene(corner).length()))));
-      if (this.frameId !== before) this.fit();
+      if (this.frameId !== before) this.fit(START);
     }
     this.placeAll();
     this.apply();
-    await Promise.all(loading);
+    // Also those that an earlier call began to read.
+    await Promise.all(wishes.map(({ role }) => this.models.get(role)?.whole));
   }
 
   /** @param {Wish} wish */
@@ -120,7 +124,7 @@ export class Stage {
     this.scene.add(model.group);
     const total = mesh.kind === "points" ? mesh.vertices : Math.max(1, mesh.faces.triangles + mesh.faces.quads);
     this.onProgress(`Reading ${mesh.name || mesh.id}`, 0);
-    return load(model, () => {
+    model.whole = load(model, () => {
       this.apply();
       this.onProgress(model.isWhole ? "" : `Reading ${mesh.name || mesh.id}`, Math.min(1, model.pieces.length * 5e4 / total));
     }).catch((error) => {
@@ -155,13 +159,13 @@ export class Stage {
     this.models.delete(role);
   }
 
-  /** Sees all that is not hidden. */
-  fit() {
+  /** Sees all that is not hidden. @param {Vector3} [side] whence, if not from where one is */
+  fit(side = this.eye.side) {
     const all = new Box3();
     for (const { mesh: { bounding_box: box }, isHidden } of this.wishes) {
       if (!isHidden) for (const corner of [box.min, box.max]) all.expandByPoint(this.toScene(corner));
     }
-    if (!all.isEmpty()) this.eye.fit(all.getCenter(new Vector3()), Math.max(all.min.distanceTo(all.max) / 2, 1e-6));
+    if (!all.isEmpty()) this.eye.fit(all.getCenter(new Vector3()), Math.max(all.min.distanceTo(all.max) / 2, 1e-6), side);
   }
 
   placeAll() {
@@ -184,18 +188,24 @@ export class Stage {
   dress(model, { role, isGhost = false }) {
     const base = toVector(colour(role === "a" ? "--mesh-a" : "--mesh-b"));
     const { surface, discs } = model;
+    const isHeated = this.look.heat && role === "a";
     surface.uniforms.base.value = base;
     surface.uniforms.line.value = toVector(colour("--ink"));
     surface.uniforms.wire.value = this.look.wire ? 1 : 0;
     surface.uniforms.tinted.value = this.look.structure && this.look.patches && model.mesh.patches > 0 ? 1 : 0;
     for (const { uniforms } of [surface, discs]) {
-      uniforms.heated.value = this.look.heat && role === "a" ? 1 : 0;
-      uniforms.signed_.value = this.look.signed ? 1 : 0;
-      uniforms.top.value = this.look.top;
+      const { low, high, isSigned, limits } = this.look.scale;
+      uniforms.heated.value = isHeated ? 1 : 0;
+      uniforms.signed_.value = isSigned ? 1 : 0;
+      uniforms.range.value.set(low, high);
+      uniforms.banded.value = limits ? 1 : 0;
+      if (limits) uniforms.limits.value.set(...limits);
     }
-    surface.uniforms.opacity.value = isGhost ? 0.28 : 1;
-    surface.transparent = isGhost;
-    surface.depthWrite = !isGhost;
+    model.showHeat(isHeated);
+    const isClear = isGhost || this.look.through;
+    surface.uniforms.opacity.value = isClear ? 0.28 : 1;
+    surface.transparent = isClear;
+    surface.depthWrite = !isClear;
     discs.uniforms.base.value = base;
     discs.uniforms.radius.value = 1.7 * model.spacing * this.look.disc;
     model.group.renderOrder = isGhost ? 1 : 0;
@@ -223,14 +233,16 @@ export class Stage {
     this.draw();
   }
 
-  /** Flies to the pair, to see it from the side that its line leads away from the middle. */
-  flyToPair() {
-    const { from, to } = this.pair;
-    const middle = from.clone().lerp(to, 0.5);
-    const along = to.clone().sub(from).normalize();
-    const outward = middle.lengthSq() > 0 ? middle.clone().normalize() : this.eye.camera.position.clone().normalize();
-    const direction = outward.addScaledVector(along, -0.8 * outward.dot(along));
-    this.eye.flyTo(middle, Math.max(10 * from.distanceTo(to), 0.3), direction);
+  /** The surfaces that hide what lies behind them. @returns {Model[]} */
+  opaqueModels() {
+    return this.wishes.filter(({ isHidden, isGhost, mesh }) => !isHidden && !isGhost && mesh.kind !== "points")
+      .flatMap(({ role }) => this.models.get(role) ?? []).filter(({ isWhole }) => isWhole);
+  }
+
+  /** Draws all surfaces see-through, or as they are. @param {boolean} isOn */
+  setThrough(isOn) {
+    if (this.look.through === isOn) return;
+    this.onThrough(isOn);
   }
 
   /** @param {Parameters<Overlay["set"]>[0]} [drawing] */

@@ -1,6 +1,7 @@
 // The tools over the 3D view. Each page says which of them it wants.
 
 import { byId, h } from "../core/dom.js";
+import { on } from "../core/state.js";
 import { currentStage, look, setLook } from "./view.js";
 
 /** @import { Mesh } from "../../js/types.js" */
@@ -45,10 +46,19 @@ export function drawTools(meshes, { onReading, hasStructure = false, more = [] }
       onReading?.();
     }),
     hasPoints && discSlider(),
+    hasFaces && through(),
     ...more,
   ];
   return place.replaceChildren(...tools.filter((tool) => tool !== false));
 }
+
+/** The button that makes surfaces see-through; a flight to a place that no side shows presses it, too. */
+function through() {
+  const button = toggle("See through", "Draw the surfaces see-through", look.through, (isOn) => setLook({ through: isOn }));
+  button.dataset.tool = "through";
+  return button;
+}
+on("through", () => document.querySelector("[data-tool=through]")?.setAttribute("aria-pressed", String(look.through)));
 
 function discSlider() {
   const input = h("input", { type: "range", min: "0.2", max: "4", step: "0.1", value: String(look.disc), "aria-label": "Size of the points" });

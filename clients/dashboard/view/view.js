@@ -1,13 +1,18 @@
 // Between the page and the 3D view: fetches three.js when there is something to show, and says what goes wrong.
 
 import { byId } from "../core/dom.js";
-import { sayFault } from "../core/messages.js";
+import { say, sayFault } from "../core/messages.js";
 import { changed, on } from "../core/state.js";
 
+/** @import { Scale } from "./scale.js" */
 /** @import { Stage, Wish } from "./stage.js" */
 
 /** What the tools of the view are set to. */
-export const look = { wire: false, patches: true, irregular: true, heat: false, disc: 1, top: 1, bilinear: false, structure: true, signed: false };
+export const look = {
+  wire: false, patches: true, irregular: true, heat: false, disc: 1, bilinear: false, structure: true, through: false,
+  /** @type {Scale} */
+  scale: { low: 0, high: 1, isSigned: false, limits: null },
+};
 
 /** @type {Promise<Stage | null> | undefined} */
 let loading;
@@ -28,7 +33,7 @@ export function openStage() {
 async function make() {
   try {
     const { Stage: Made } = await import("./stage.js");
-    stage = new Made(byId("canvas"), progress);
+    stage = new Made(byId("canvas"), progress, (through) => setLook({ through }));
     stage.setLook(look);
     return stage;
   } catch (error) {
@@ -41,6 +46,22 @@ async function make() {
 /** @param {string} words @param {number} share */
 function progress(words, share) {
   byId("stage-progress").textContent = words === "" ? "" : `${words} ${Math.round(100 * share)} %`;
+}
+
+/**
+ * Flies to where points are seen, and says so where a surface hides some of them.
+ * @param {number[][]} points in the space of the meshes; the first one has to be seen
+ * @param {string} what they are, such as "the contact"
+ * @param {number} [least] how near to go, as a share of the first mesh's diagonal
+ */
+export async function lookAt(points, what, least = 0.3) {
+  if (!stage) return;
+  const sight = await import("./sight.js");
+  const places = points.map((point) => /** @type {Stage} */ (stage).toScene(point));
+  const span = Math.max(...places.map((place) => place.distanceTo(places[0])));
+  const found = await sight.lookAt(stage, places, Math.max(10 * span, least));
+  const words = sight.wordsOf(found, what);
+  if (words) say(words);
 }
 
 /**
@@ -70,8 +91,10 @@ export async function show(wishes, emptyWords = "Choose a mesh to see it here.")
 
 /** @param {Partial<typeof look>} change */
 export function setLook(change) {
+  const before = look.through;
   Object.assign(look, change);
   stage?.setLook(look);
+  if (look.through !== before) changed("through");
 }
 
 on("theme", () => stage?.apply());

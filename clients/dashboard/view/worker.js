@@ -1,26 +1,23 @@
 // Fetches and decodes meshes away from the page, and sends them in pieces.
 
-import { FOOT_WIDTH, Meshes } from "../js/meshes.js";
+import { Meshes } from "../js/meshes.js";
 import { Transport } from "../js/transport.js";
-import { cloudNormals } from "./cloud.js";
+import { CLOUD_PIECE, cloudNormals } from "./cloud.js";
 import { patchTint } from "./colours.js";
 import { moveVertices } from "./handle.js";
 import { readPly } from "./ply.js";
-import { Sides } from "./sides.js";
-import { colourCells, fillCells } from "./regions.js";
-import { buildPiece, buildValues, gridSteps, pieces } from "./soup.js";
+import { buildPiece, gridSteps, pieces } from "./soup.js";
 import { cornerNormals, faceNormals, facesOfVertices, irregularVertices } from "./topology.js";
 
+/** @import { Against } from "./against.js" */
 /** @import { Shape } from "./ply.js" */
 /** @import { Cells, Plan } from "./regions.js" */
 /** @import { Frame } from "./soup.js" */
 /** @typedef {{ task: number, id: string, token: string | null, frame: Frame, isBilinear: boolean,
  *   wantsPatches: boolean }} LoadRequest */
 
-const CLOUD_PIECE = 131072;
-
 /** @typedef {{ shape: Shape, steps: number, frame: Frame, tints: Uint8Array | null, before?: Float64Array,
- *   cells?: Cells }} Kept */
+ *   cells?: Cells, against?: Against }} Kept against: another surface that its distance was asked from */
 
 /** @type {Map<number, Kept>} what may be asked of later, by task */
 const kept = new Map();
@@ -89,24 +86,6 @@ function sendCloud(task, { points }, { centre, scale }) {
   post({ task, kind: "done" });
 }
 
-/** @param {{ task: number, values: Float64Array }} request */
-function paint({ task, values }) {
-  const found = kept.get(task);
-  if (!found) return;
-  let place = 0;
-  if (found.shape.starts.length <= 1) {
-    for (let from = 0; from < values.length; from += CLOUD_PIECE) {
-      const value = Float32Array.from(values.subarray(from, from + CLOUD_PIECE));
-      post({ task, kind: "values", place: place++, value }, [value.buffer]);
-    }
-  }
-  for (const run of pieces(found.shape, found.steps)) {
-    const value = buildValues(found.shape, found.steps, run, values);
-    post({ task, kind: "values", place: place++, value }, [value.buffer]);
-  }
-  post({ task, kind: "painted" });
-}
-
 /**
  * The triangles of some faces, flat, where they are in the scene's unit.
  * @param {{ task: number, faces: Uint32Array, frame: Frame, request: number }} request
@@ -125,30 +104,21 @@ function outline({ task, faces, frame: { centre, scale }, request }) {
   post({ task, kind: "outline", request, triangles: Float32Array.from(out) });
 }
 
-/**
- * On which side of another surface each vertex lies.
- * @param {{ task: number, other: number, id: string, quads: "triangles" | "bilinear", token: string | null, request: number }} request
- *   other, id: the other surface
- */
-async function findSides({ task, other, id, quads, token, request }) {
-  const points = kept.get(task)?.shape.points;
-  const shape = kept.get(other)?.shape;
-  if (!points || !shape) return;
-  const sides = new Sides(shape);
-  const signs = new Int8Array(points.length / 3);
-  let vertex = 0;
-  for await (const rows of new Meshes(new Transport({ token })).project(id, points.slice(), { quads })) {
-    for (let at = 0; at < rows.length; at += FOOT_WIDTH, vertex++) {
-      const point = [points[3 * vertex], points[3 * vertex + 1], points[3 * vertex + 2]];
-      signs[vertex] = sides.sideOf(point, rows.subarray(at + 1, at + 4), rows[at + 4]);
-    }
-  }
-  post({ task, kind: "sides", request, signs }, [signs.buffer]);
+/** Distances between surfaces, by a module that is fetched when they are wanted. @param {any} data */
+async function measure(data) {
+  const found = kept.get(data.task);
+  const { Against, probe } = await import("./against.js");
+  if (!found || kept.get(data.task) !== found) return post({ kind: "measured", request: data.request, words: "the mesh is not shown any more" });
+  const meshes = new Meshes(new Transport({ token: data.token }));
+  if (data.kind === "probe") return post({ kind: "measured", request: data.request, ...await probe(meshes, found, data) });
+  found.against ??= new Against(found, (message, transfer) => post({ task: data.task, ...message }, transfer), () => kept.get(data.task) === found);
+  return post({ kind: "measured", request: data.request, ...await found.against.colour(meshes, kept.get(data.other), data) });
 }
 
 /** Which part of the surface lies in which patch. @param {{ task: number, plan: Plan, request: number }} request */
-function regions({ task, plan, request }) {
+async function regions({ task, plan, request }) {
   const found = kept.get(task);
+  const { colourCells, fillCells } = await import("./regions.js");
   if (!found) return;
   found.cells ??= fillCells(found.shape, found.frame);
   const coloured = colourCells(found.cells, found.frame, plan);
@@ -167,6 +137,7 @@ function deform({ task, centre, radius, offset, request, starts: isStart }) {
   if (isStart || !found.before) found.before = points.slice();
   const { indices, positions } = moveVertices(found.before, centre, radius, offset);
   indices.forEach((vertex, place) => points.set(positions[place], 3 * vertex));
+  kept.set(task, { ...found, against: undefined }); // what was computed of it holds no more
   post({ task, kind: "deformed", request, indices, positions });
   rebuild(task, new Set(indices));
 }
@@ -189,12 +160,10 @@ function rebuild(task, moved) {
 self.addEventListener("message", ({ data }) => {
   if (data.kind === "load") {
     load(data).catch((error) => post({ task: data.task, kind: "fault", words: error.message }));
-  } else if (data.kind === "paint") {
-    paint(data);
   } else if (data.kind === "outline") {
     outline(data);
-  } else if (data.kind === "sides") {
-    findSides(data).catch((error) => post({ task: data.task, kind: "sides", request: data.request, words: error.message }));
+  } else if (data.kind === "heat" || data.kind === "probe") {
+    measure(data).catch((error) => post({ task: data.task, kind: "measured", request: data.request, words: error.message }));
   } else if (data.kind === "regions") {
     regions(data);
   } else if (data.kind === "deform") {

@@ -13,7 +13,7 @@
  */
 void qm_linear_eigen(const double matrix[6], double value[3], qm_vec vector[3]);
 
-#define QM_LEAST_SQUARES_MAX 6
+#define QM_LEAST_SQUARES_MAX 7
 
 /** Normal equations of the weighted equations row . x = right. All zero but for count at the start. */
 typedef struct qm_least_squares {

@@ -1,5 +1,5 @@
 /**
- * hausdorff_patches.c: covers a polygon of the source by patches of the target, cell by cell.
+ * hausdorff_patches.c: covers a part of the source by patches of the target, cell by cell.
  *
  * A label stands for a patch with the loss of a slack, which near the farthest point is more than the cutoff
  * leaves: a part over the line where two patches meet, or over a tip where many do, then goes down to parts so
@@ -8,6 +8,10 @@
  * bounded by the patch itself (qm_bilinear_polygon_upper). What is cut off is within the cutoff, and the
  * remainder, again convex, goes on with the patch at its next corner. The edges of patches are straight, so that
  * a cell mostly ends where its patch does.
+ *
+ * A rectangle of a patch of the source that lies over several patches of the target is cut in the same way: what one of
+ * them covers about the centre is a rectangle again, and leaves up to four others beside it. Grids of one surface whose
+ * lines run along each other meet so after one cut for each patch, where halves would come down to the size of the gap.
  *
  * The footpoints under a cell are found by descent from one of them: they stay on its sheet where the patch is
  * folded. That, and where the cuts are, decides how often the cover succeeds, never whether it holds.
@@ -19,6 +23,9 @@
 #define CROSSING_STEPS 8 /* to the point where an edge leaves a patch */
 #define ROOM 0.9         /* of what the distance at the start of an edge leaves of the cutoff, for its end */
 #define MIN_PROGRESS 0x1p-7 /* of an edge: a cell with less of both its edges is not cut off */
+#define MIN_TWIST 0.25    /* of the cutoff: labels of a patch bent less lose little, and may cover as well */
+#define MIN_MIDDLE 0x1p-4 /* of a rectangle: a smaller one in its middle is not cut out */
+#define MIN_STRIP 0.05 /* of the way from the centre to a side: to leave thinner rectangles is no progress */
 
 /** A point of the source and a point of the patch under it. */
 typedef struct match {
@@ -101,7 +108,7 @@ typedef struct tried_list {
     uint32_t face[QM_COVER_CORNERS];
 } tried_list;
 
-typedef enum outcome { NOTHING, CUT_OFF, COVERED } outcome;
+typedef enum outcome { NOTHING, TOO_COARSE, CUT_OFF, COVERED } outcome;
 
 /** Covers the polygon, or cuts off a cell, by the patch under a corner. */
 static outcome cut_cell(const qm_piece_work *work, qm_polygon *polygon, int corner, double cutoff,
@@ -132,7 +139,8 @@ static outcome cut_cell(const qm_piece_work *work, qm_polygon *polygon, int corn
     if (length == count) {
         for (int i = 0; i < count; i++)
             all.at[all.count++] = matches[i];
-        return cell_is_near(patch, &all, cutoff) ? COVERED : NOTHING;
+        if (cell_is_near(patch, &all, cutoff)) return COVERED;
+        return near.at[0].twist > MIN_TWIST * cutoff ? TOO_COARSE : NOTHING;
     }
     if (count - length + 2 > QM_COVER_CORNERS || polygon->cuts_left == 0) return NOTHING;
     int last = (first + length - 1) % count, previous = (first + count - 1) % count,
@@ -150,19 +158,69 @@ static outcome cut_cell(const qm_piece_work *work, qm_polygon *polygon, int corn
     return CUT_OFF;
 }
 
-bool qm_patches_cover(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
+qm_patches_cover qm_patches_cover_polygon(const qm_piece_work *work, qm_polygon *polygon)
 {
-    QM_ASSERT(work && polygon && moved);
+    QM_ASSERT(work && polygon);
     QM_ASSERT(work->side->target_patches);
     double cutoff = qm_candidates_cutoff(work) - work->slack;
     for (int cells = 0; cells < MAX_CELLS; cells++) {
         outcome here = NOTHING;
+        bool is_coarse = false;
         tried_list tried = {.count = 0};
-        for (int corner = 0; corner < polygon->count && here == NOTHING; corner++)
+        for (int corner = 0; corner < polygon->count && here < CUT_OFF; corner++) {
             here = cut_cell(work, polygon, corner, cutoff, &tried);
-        if (here == COVERED) return true;
-        if (here == NOTHING) return false;
-        *moved = true;
+            is_coarse |= here == TOO_COARSE;
+        }
+        if (here == COVERED) return QM_PATCHES_ALL;
+        if (here == CUT_OFF) continue;
+        if (cells > 0) return QM_PATCHES_SOME;
+        return is_coarse ? QM_PATCHES_COARSE : QM_PATCHES_NONE;
     }
-    return false;
+    return QM_PATCHES_SOME;
+}
+
+/* --- Rectangles --- */
+
+/** The share of the way from a point of the source to another up to which the patch under the first is near. */
+static double near_share(const qm_bilinear *patch, const match *from, qm_vec to, double cutoff)
+{
+    match end = match_from(patch, from->uv, to);
+    if (end.distance <= from->distance + ROOM * (cutoff - from->distance)) return 1.0;
+    double share;
+    last_match(patch, from, &end, cutoff, &share);
+    return share;
+}
+
+bool qm_patches_cover_middle(const qm_piece_work *work, const qm_bilinear *source, qm_vec centre,
+                             qm_near_quad *quad, qm_uv_box *middle)
+{
+    QM_ASSERT(work && source && quad && middle);
+    double cutoff = qm_candidates_cutoff(work), share = 1.0;
+    const double *low = work->piece.low, *high = work->piece.high;
+    const double half[2] = {0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])};
+    qm_candidates_find_foot(quad, centre);
+    match from = match_from(&quad->patch, quad->uv, centre);
+    if (!(from.distance <= cutoff)) return false;
+    for (int k = 0; k < 4; k++) {
+        int axis = k / 2;
+        double side = k % 2 ? high[axis] : low[axis], at[2] = {half[0], half[1]};
+        at[axis] = side;
+        double near = near_share(&quad->patch, &from, qm_bilinear_at(source, at[0], at[1]), cutoff);
+        if (near < 1.0 && near > 1.0 - MIN_STRIP) return false;
+        *(k % 2 ? &middle->high[axis] : &middle->low[axis]) =
+            near < 1.0 ? half[axis] + near * (side - half[axis]) : side;
+    }
+    for (int axis = 0; axis < 2; axis++)
+        share *= (middle->high[axis] - middle->low[axis]) / (high[axis] - low[axis]);
+    if (!(share > MIN_MIDDLE)) return false;
+    qm_vec corner[4];
+    double uv[4][2];
+    qm_uv_box_corners(source, middle, corner);
+    for (int i = 0; i < 4; i++) {
+        match here = match_from(&quad->patch, from.uv, corner[i]);
+        if (!(here.distance <= cutoff)) return false;
+        uv[i][0] = here.uv[0];
+        uv[i][1] = here.uv[1];
+    }
+    return qm_bilinear_rectangle_upper(source, middle, &quad->patch, uv) <= cutoff;
 }

@@ -52,7 +52,8 @@
 #define MAX_SLACK_SHARE 0.5  /* of the cutoff: a patch bent more is cut before its triangles are tried */
 #define MIDPOINT_LEVELS 3    /* cut at the midpoint: grids refined by halves then meet line on line */
 #define MIN_SIDE 0.7         /* of the longer side: a shorter one is cut as well */
-#define MAX_REMAINDERS 512   /* parts that a match leaves over */
+#define MAX_REMAINDERS 32    /* parts that a match leaves over: one that leaves more is not used */
+#define FEW_REMAINDERS 2     /* where a match leaves more, one patch may cover more about the centre */
 #define THIN 0.06            /* of the longer side: a rectangle with a shorter one is thin */
 #define MAX_LEFT 0.75        /* of the longer side of a thin rectangle may be left over */
 #define RECTANGLE_ATTEMPTS 3 /* covers of one rectangle, each with candidates that its centre brought */
@@ -442,17 +443,36 @@ static bool overlay_reached(const qm_piece_work *work, const qm_part *part)
 }
 
 /** Covers by patches; in_reach is of the candidates again when something remains. */
-static bool cover_by_patches(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
+static qm_patches_cover cover_by_patches(const qm_piece_work *work, qm_polygon *polygon)
 {
-    if (!work->side->target_patches) return false;
-    bool is_cut = false;
-    if (qm_patches_cover(work, polygon, &is_cut)) return true;
-    if (is_cut) reach_corners(work, polygon);
-    *moved |= is_cut;
+    if (!work->side->target_patches) return QM_PATCHES_NONE;
+    qm_patches_cover covered = qm_patches_cover_polygon(work, polygon);
+    if (covered == QM_PATCHES_SOME) reach_corners(work, polygon);
+    return covered;
+}
+
+/**
+ * Covers a part with samples where that fails. False when something remains: *moved is then set where that is less than
+ * before. A part that is over one patch, and too coarse for its bound, is not tried on: labels seldom reach all of it,
+ * and what they cut off leaves slivers, which take more parts than its quarters.
+ */
+static bool part_covered(qm_piece_work *work, qm_polygon *polygon, bool *moved)
+{
+    qm_patches_cover by_patches = cover_by_patches(work, polygon);
+    if (by_patches == QM_PATCHES_ALL) return true;
+    if (by_patches == QM_PATCHES_COARSE && work->depth < QM_STRICT_DEPTH) return false;
+    *moved |= by_patches == QM_PATCHES_SOME;
+    for (int attempt = 0; attempt < PART_ATTEMPTS; attempt++) {
+        if (cover_polygon(work, polygon, moved)) return true;
+        if (sample_unreached(work, qm_polygon_centroid(polygon)))
+            reach_corners(work, polygon);
+        else if (!sample_corners(work, polygon, work->depth))
+            break;
+    }
     return false;
 }
 
-/** Covers a part, with samples where that fails; puts what remains on the stack. */
+/** Covers a part; puts what remains on the stack. */
 static void process_part(qm_piece_work *work, const qm_part *from)
 {
     QM_ASSERT(from->cuts_left > 1);
@@ -470,15 +490,7 @@ static void process_part(qm_piece_work *work, const qm_part *from)
         if (cover_by_nearest(work, &polygon, &moved)) return;
         reach_corners(work, &polygon);
     }
-    for (int attempt = 0; attempt < PART_ATTEMPTS; attempt++) {
-        if (attempt == 0 && cover_by_patches(work, &polygon, &moved)) return;
-        if (cover_polygon(work, &polygon, &moved)) return;
-        if (sample_unreached(work, qm_polygon_centroid(&polygon)))
-            reach_corners(work, &polygon);
-        else if (!sample_corners(work, &polygon, from->depth))
-            break;
-    }
-    if (overlay_reached(work, from)) return;
+    if (part_covered(work, &polygon, &moved) || overlay_reached(work, from)) return;
     split_remainder(work, from, &polygon, moved);
 }
 
@@ -637,6 +649,12 @@ static void keep_remainder(void *user, const qm_uv_box *part)
     list->count++;
 }
 
+static void queue_remainder(qm_piece_work *work, const qm_bilinear *patch, const remainder_list *remainder)
+{
+    for (int i = 0; i < remainder->count; i++)
+        queue_rectangle(work, patch, remainder->at[i].low, remainder->at[i].high);
+}
+
 /** Sums of the lengths of opposite sides. */
 static void side_lengths(const qm_vec c[4], double side[2])
 {
@@ -743,6 +761,27 @@ static bool match_reached(const qm_piece_work *work, const qm_bilinear *patch, q
     return left < INFINITY;
 }
 
+/** Covers the part about the centre by the patch under it: remainder becomes what is left beside it. */
+static bool middle_reached(const qm_piece_work *work, const qm_bilinear *patch, qm_vec centre,
+                           qm_near_quads *near, remainder_list *remainder)
+{
+    qm_uv_box middle, rest = parameters_of(&work->piece);
+    if (near->count == 0 || !qm_patches_cover_middle(work, patch, centre, &near->at[0], &middle))
+        return false;
+    remainder->count = 0;
+    for (int k = 0; k < 4; k++) {
+        int axis = k / 2;
+        double cut = k % 2 ? middle.high[axis] : middle.low[axis];
+        double *side = k % 2 ? &rest.high[axis] : &rest.low[axis];
+        if (cut == *side) continue;
+        qm_uv_box *strip = &remainder->at[remainder->count++];
+        *strip = rest;
+        *(k % 2 ? &strip->low[axis] : &strip->high[axis]) = cut;
+        *side = cut;
+    }
+    return makes_progress(work, patch, remainder);
+}
+
 /**
  * Covers the rectangle, or parts of it, by one patch; near becomes the quads near its centre, when they were
  * needed. The counterpart may leave parts of a whole face only: where it is just as far as the cutoff it
@@ -832,18 +871,22 @@ static bool rectangle_reached(qm_piece_work *work, const qm_bilinear *patch, con
         qm_bilinear_at(patch, 0.5 * (piece->low[0] + piece->high[0]), 0.5 * (piece->low[1] + piece->high[1]));
     for (int attempt = 0; attempt < RECTANGLE_ATTEMPTS; attempt++) {
         if (hull_reached(work, corners)) return true;
-        remainder_list remainder;
+        remainder_list remainder, left;
         qm_near_quads near;
         bool is_matched = patch_reached(work, patch, centre, &near, &remainder);
         if (is_matched && remainder.count == 0) return true;
         bool is_flat = halves->slack < qm_candidates_cutoff(work);
         if (is_flat && triangles_reached(work, halves, centre, &near)) return true;
+        if (attempt == 0 && !is_small(work) && !(is_matched && remainder.count <= FEW_REMAINDERS) &&
+            middle_reached(work, patch, centre, &near, &left)) {
+            queue_remainder(work, patch, &left);
+            return true;
+        }
         bool has_new = false; /* candidates, or a larger lower bound */
         for (int i = 0; i < 4 && is_matched && is_left_often(work) && attempt + 1 < RECTANGLE_ATTEMPTS; i++)
             has_new |= sample_unreached(work, work->piece.corner[i]);
         if (is_matched && !has_new && !is_small(work)) {
-            for (int k = 0; k < remainder.count; k++)
-                queue_rectangle(work, patch, remainder.at[k].low, remainder.at[k].high);
+            queue_remainder(work, patch, &remainder);
             return true;
         }
         if (!is_matched && !sample_unreached(work, centre)) break;

@@ -21,6 +21,22 @@ static inline void qm_uv_box_corners(const qm_bilinear *patch, const qm_uv_box *
                                    i >= 2 ? box->high[1] : box->low[1]);
 }
 
+/**
+ * Upper bound of the distance of all points of a rectangle of a source patch from a target patch, given the parameters
+ * uv of points of the target under the four corners: the footpoints, or others.
+ *
+ * The rectangle of parameters is cut along a diagonal. In either triangle the parameters of the target are interpolated,
+ * so that both surfaces are quadratic there, and so is their difference, which is bounded as in
+ * qm_bilinear_triangle_upper. Interpolated parameters are in the unit square, which is convex. So each point of the
+ * rectangle has a point of the target within the bound. Under four corners that have been moved each in a way of its own
+ * this is less than what a rectangle of the target leaves, whose corners have only four sides to move.
+ *
+ * The Bezier points of the source are off by roundings of the coordinates as those of the target are: 20 u R, for which
+ * the distance of a point from a patch leaves room (rounding.h).
+ */
+double qm_bilinear_rectangle_upper(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
+                                   const double uv[4][2]);
+
 /** Called for each rectangle of the source that is not covered. */
 typedef void qm_bilinear_remainder_fn(void *user, const qm_uv_box *remainder);
 

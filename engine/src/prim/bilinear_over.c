@@ -1,5 +1,6 @@
 /**
- * bilinear_over.c: how far a triangle, or a plane polygon, lies from a bilinear patch, as one bound.
+ * bilinear_over.c: how far a triangle, a plane polygon, or a part of another patch, lies from a bilinear patch, as one
+ * bound.
  */
 #include "bilinear_match.h"
 #include "core/rounding.h"
@@ -17,7 +18,7 @@
 #define SIDE_ROUNDINGS 8.0     /* in units of u, of two products */
 #define VIEW_ROUNDINGS 0x1p-45 /* of the greatest distance in a view */
 
-/** Bezier points of the difference: 0 to 2 at the corners, 3 + i across from corner i. */
+/** Bezier points of a surface, or a difference of two, over a triangle: 0 to 2 at the corners, 3 + i across from corner i. */
 typedef struct difference {
     qm_vec at[6];
 } difference;
@@ -57,41 +58,76 @@ static double quadratic_max(const double g[6])
     return highest;
 }
 
-/** The difference of a triangle and the patch under it, the parameters interpolated. */
-static difference difference_make(const qm_bilinear *patch, const qm_vec *const corner[3],
-                                  const double *const uv[3])
+/** Bezier points of the patch over a triangle of its parameters. */
+static difference over_triangle(const qm_bilinear *patch, const double *const uv[3])
 {
     difference d;
     for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        d.at[i] = qm_vec_sub(*corner[i], qm_bilinear_polar(patch, uv[i], uv[i]));
-        d.at[3 + i] =
-            qm_vec_sub(qm_vec_mix(*corner[j], *corner[k], 0.5), qm_bilinear_polar(patch, uv[j], uv[k]));
+        d.at[i] = qm_bilinear_polar(patch, uv[i], uv[i]);
+        d.at[3 + i] = qm_bilinear_polar(patch, uv[(i + 1) % 3], uv[(i + 2) % 3]);
     }
     return d;
 }
 
-double qm_bilinear_triangle_upper(const qm_bilinear *patch, const qm_vec corner[3], const double uv[3][2])
+/** The difference of a triangle and the patch under it, the parameters interpolated. */
+static difference difference_make(const qm_bilinear *patch, const qm_vec *const corner[3],
+                                  const double *const uv[3])
 {
-    difference d = difference_make(patch, (const qm_vec *const[]){&corner[0], &corner[1], &corner[2]},
-                                   (const double *const[]){uv[0], uv[1], uv[2]});
+    difference d = over_triangle(patch, uv);
+    for (int i = 0; i < 3; i++) {
+        qm_vec middle = qm_vec_mix(*corner[(i + 1) % 3], *corner[(i + 2) % 3], 0.5);
+        d.at[i] = qm_vec_sub(*corner[i], d.at[i]);
+        d.at[3 + i] = qm_vec_sub(middle, d.at[3 + i]);
+    }
+    return d;
+}
+
+/** The greatest length of a difference: along its mean exactly, across by its Bezier points. */
+static double difference_upper(const difference *d)
+{
     qm_vec mean = {0, 0, 0};
     double size2 = 0.0;
     for (int i = 0; i < 6; i++) {
-        mean = qm_vec_axpy(mean, i < 3 ? 1.0 : 2.0, d.at[i]);
-        size2 = qm_max(size2, qm_vec_norm2(d.at[i]));
+        mean = qm_vec_axpy(mean, i < 3 ? 1.0 : 2.0, d->at[i]);
+        size2 = qm_max(size2, qm_vec_norm2(d->at[i]));
     }
     double size = sqrt(size2), length = qm_vec_norm(mean);
     if (!(length > 0.0)) return size;
     qm_vec n = qm_vec_scale(1.0 / length, mean);
     double along[6], across2 = 0.0, farthest = 0.0;
     for (int i = 0; i < 6; i++) {
-        along[i] = qm_vec_dot(d.at[i], n);
-        across2 = qm_max(across2, qm_vec_norm2(qm_vec_axpy(d.at[i], -along[i], n)));
+        along[i] = qm_vec_dot(d->at[i], n);
+        across2 = qm_max(across2, qm_vec_norm2(qm_vec_axpy(d->at[i], -along[i], n)));
         farthest = qm_max(farthest, -along[i]);
     }
     farthest = qm_max(farthest, quadratic_max(along));
     return sqrt(farthest * farthest + across2) + ROUNDINGS * size;
+}
+
+double qm_bilinear_triangle_upper(const qm_bilinear *patch, const qm_vec corner[3], const double uv[3][2])
+{
+    difference d = difference_make(patch, (const qm_vec *const[]){&corner[0], &corner[1], &corner[2]},
+                                   (const double *const[]){uv[0], uv[1], uv[2]});
+    return difference_upper(&d);
+}
+
+double qm_bilinear_rectangle_upper(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
+                                   const double uv[4][2])
+{
+    const double at[4][2] = {{box->low[0], box->low[1]},
+                             {box->high[0], box->low[1]},
+                             {box->high[0], box->high[1]},
+                             {box->low[0], box->high[1]}};
+    double upper = 0.0;
+    for (int half = 0; half < 2; half++) {
+        const int second = 1 + half, third = 2 + half;
+        difference d = over_triangle(source, (const double *const[]){at[0], at[second], at[third]});
+        difference under = over_triangle(target, (const double *const[]){uv[0], uv[second], uv[third]});
+        for (int i = 0; i < 6; i++)
+            d.at[i] = qm_vec_sub(d.at[i], under.at[i]);
+        upper = qm_max(upper, difference_upper(&d));
+    }
+    return upper;
 }
 
 /* --- A polygon over the patch --- */

@@ -23,6 +23,7 @@
 #define ROOT_ERROR 0x1p-20        /* of the interval between them */
 #define MIN_ROOT_INTERVAL 0x1p-30 /* roots closer to one another are not told apart */
 #define MAX_ROOT_DEPTH 31
+#define COLLAPSED 0x1p-40 /* of the longest segment: a shorter one is a point, and roots there roundings */
 #define MIN_STEP_FRACTION 1e-2
 #define REQUIRED_GAIN                                                                                        \
     0.999              /* of the squared distance: the other kinds of step take over when it falls by less */
@@ -347,6 +348,26 @@ static double part_lower(const query *q, const rectangle *box, double twist, dou
 }
 
 /**
+ * How much the squared distance falls in a step of Newton's, of the free coordinates: those not at an end of the square
+ * that it rises from. INFINITY where f is not convex in them.
+ */
+static double expected_gain(const slope *at, const double x[2])
+{
+    const double *h = at->hessian, *g = at->gradient;
+    bool is_free[2];
+    for (int k = 0; k < 2; k++)
+        is_free[k] = !(x[k] == 0.0 && g[k] >= 0.0) && !(x[k] == 1.0 && g[k] <= 0.0);
+    if (is_free[0] && is_free[1]) {
+        double determinant = h[0] * h[2] - h[1] * h[1];
+        if (!(determinant > 1e-12 * h[0] * h[2])) return INFINITY;
+        return (h[2] * g[0] * g[0] - 2.0 * h[1] * g[0] * g[1] + h[0] * g[1] * g[1]) / determinant;
+    }
+    if (is_free[0]) return h[0] > 0.0 ? g[0] * g[0] / h[0] : INFINITY;
+    if (is_free[1]) return h[2] > 0.0 ? g[1] * g[1] / h[2] : INFINITY;
+    return 0.0;
+}
+
+/**
  * Minimises over the square from a start until a step gains less than a share of the distance, and keeps the best
  * point. Where f is convex on
  * all of it (curvature > 0) it ends once the patch is proven to lie beyond stop_above.
@@ -360,7 +381,7 @@ static void minimise_from(const query *q, const double start[2], double curvatur
         slope at = slope_at(q, x);
         double distance = sqrt(at.distance2);
         keep_best(best, distance, x);
-        if (distance >= last * (1.0 - gain)) break;
+        if (distance >= last * (1.0 - gain) || expected_gain(&at, x) <= 2.0 * gain * at.distance2) break;
         if (curvature > 0.0 &&
             at.distance2 - twice_gap(&at, x, &square, curvature) >= stop_above * stop_above)
             break;
@@ -482,7 +503,8 @@ static void minimise_on_segment(const query *q, double s, qm_bilinear_footpoint 
  * half of its derivative times D^2 is the quintic
  *     N (N D' / 2 - N' D) - D^2 a.e1.
  * The segments are shortest at from. Where they shrink to nearly a point several roots lie close to it, which
- * coefficients in powers of s would not tell apart.
+ * coefficients in powers of s would not tell apart. Where they shrink to a point but for roundings, as in a bow-tie, it
+ * has a fourfold root there, which roundings would make four of.
  */
 typedef struct line_slope {
     double from, power[6];
@@ -493,6 +515,7 @@ static line_slope line_slope_make(const query *q)
     const qm_bilinear *patch = q->patch;
     double from = q->ww > 0.0 ? qm_clamp(-q->e2w / q->ww, 0.0, 1.0) : 0.0;
     qm_vec a = qm_vec_axpy(q->r, -from, patch->e1), d = qm_vec_axpy(patch->e2, from, patch->w);
+    if (qm_vec_norm2(d) < COLLAPSED * COLLAPSED * (q->e22 + q->ww)) d = (qm_vec){0, 0, 0};
     double n0 = qm_vec_dot(a, d), n1 = qm_vec_dot(a, patch->w) - qm_vec_dot(patch->e1, d), n2 = -q->e1w;
     double d0 = qm_vec_norm2(d), d1 = qm_vec_dot(d, patch->w), d2 = q->ww; /* D = d0 + 2 d1 x + d2 x^2 */
     const double n[] = {n0, n1, n2};

@@ -47,6 +47,11 @@ def tell_pairs(a, b):
     return {"pairs": len(pairs), "sum": f"{int(mixed.sum(dtype=numpy.uint64)):016x}"}
 
 
+def tell(answer):
+    json.dump(answer, sys.stdout)
+    print()
+
+
 def measure(build, query):
     """Runs build() and query(what build gave) until the times are worth a median, and prints them.
 
@@ -62,9 +67,7 @@ def measure(build, query):
         end = time.perf_counter()
         build_ms.append(1e3 * (middle - start))
         query_ms.append(1e3 * (end - middle))
-    times = {"build_ms": build_ms, "query_ms": query_ms, "resting_kb": resting_kb, "peak_kb": memory_kb("VmHWM")}
-    json.dump(times | answer(), sys.stdout)
-    print()
+    tell({"build_ms": build_ms, "query_ms": query_ms, "resting_kb": resting_kb, "peak_kb": memory_kb("VmHWM")} | answer())
 
 
 def main(**commands):

@@ -56,6 +56,14 @@ export function box(steps = 8, size = 1) {
   return { vertices, faces };
 }
 
+/** A block with a square hole from above, down to a height: its outside, its rim, the walls and the bottom of the hole. */
+export function well(bottom) {
+  const ring = (low, high, z) => [[low, low, z], [high, low, z], [high, high, z], [low, high, z]];
+  const vertices = [...ring(0, 1, 0), ...ring(0, 1, 1), ...ring(0.3, 0.7, 1), ...ring(0.3, 0.7, bottom)];
+  const walls = [0, 4, 8].flatMap((first) => [0, 1, 2, 3].map((k) => [first + k, first + ((k + 1) % 4), first + 4 + ((k + 1) % 4), first + 4 + k]));
+  return { vertices, faces: [[3, 2, 1, 0], ...walls, [12, 13, 14, 15]] };
+}
+
 /** The twelve edges of a box as a layout: every side is a patch. */
 export function boxLayout(steps = 8) {
   const nodes = [0, 1, 2, 3, 4, 5, 6, 7].map((n) => [n & 1, (n >> 1) & 1, (n >> 2) & 1]);
@@ -201,6 +209,13 @@ export function torusPoints(count, seed = 1) {
 }
 
 export const moved = ({ vertices, faces }, by) => ({ vertices: vertices.map((point) => point.map((x, k) => x + by[k])), faces });
+
+/** A shape as the page's worker has it. */
+export function shapeOf({ vertices, faces }) {
+  const starts = new Uint32Array(faces.length + 1);
+  faces.forEach((corners, face) => { starts[face + 1] = starts[face] + corners.length; });
+  return { points: new Float64Array(vertices.flat()), corners: new Uint32Array(faces.flat()), starts };
+}
 
 export function off({ vertices, faces }) {
   return ["OFF", `${vertices.length} ${faces.length} 0`, ...vertices.map((point) => point.join(" ")),

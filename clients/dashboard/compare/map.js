@@ -1,0 +1,174 @@
+// The section of the deviation: asks for it, shows figures and histogram, colours A, answers what is pointed at.
+
+import { h } from "../core/dom.js";
+import { run, sayFault } from "../core/messages.js";
+import { parameter, setParameters } from "../core/route.js";
+import { Search } from "../core/search.js";
+import { nameOf, state } from "../core/state.js";
+import { toggle } from "../view/tools.js";
+import { currentStage } from "../view/view.js";
+import { FIRST_ACCURACY, drawDeviation, drawHistogram, makeHistogram, measureDeviation } from "./deviation.js";
+import { Heat } from "./heat.js";
+import { makeRange, wanted } from "./range.js";
+
+/** @import { Deviation } from "./deviation.js" */
+/** @import { Probe } from "./probe.js" */
+
+/** How much finer "More exactly" asks each time, down to what, and with how many pieces. */
+const FINER = 4;
+const FINEST = FIRST_ACCURACY / FINER ** 3;
+const MORE_PIECES = 4194304;
+
+export class DeviationMap {
+  /**
+   * @param {object} options
+   * @param {() => string} options.quads the reading of quads
+   * @param {() => number | null} options.firstLimit of bands that were never set
+   * @param {() => void} options.onChange
+   * @param {() => void} options.onMeasured before A is coloured
+   */
+  constructor({ quads, firstLimit, onChange, onMeasured }) {
+    this.quads = quads;
+    this.onChange = onChange;
+    this.onMeasured = onMeasured;
+    this.heat = new Heat(wanted);
+    this.heat.isSigned = parameter("signed") === "1";
+    this.search = new Search(({ lower, upper }) => `maximum ${lower.toPrecision(3)} to ${upper === null ? "∞" : upper.toPrecision(3)}`);
+    /** The other way round. @type {Deviation | null} */
+    this.back = null;
+    /** @type {Probe | null} */
+    this.probe = null;
+    this.accuracy = FIRST_ACCURACY;
+    this.button = h("button", { type: "button", onclick: () => run(() => this.measure()) }, "Map the distances");
+    this.sign = toggle("Signed", "Tell what lies outside B from what lies inside", this.heat.isSigned, (isOn) => run(() => this.setSigned(isOn)));
+    this.more = h("button", { type: "button", title: "Search for tighter figures", onclick: () => run(() => this.measure(this.accuracy / FINER)) }, "More exactly");
+    this.other = h("button", { type: "button", title: "Measure how far B lies from A, too", onclick: () => run(() => this.measureBack()) }, "B from A, too");
+    this.pin = h("button", { type: "button", title: "Pin the distance of what is in the middle of the view", onclick: () => run(() => this.pinMiddle()) }, "Value in the middle");
+    this.range = makeRange({ onChange: () => this.rescale(), firstLimit });
+    this.histogram = makeHistogram();
+    this.figures = h("div");
+    this.words = h("p", { className: "muted" });
+    this.found = h("div", { className: "section", hidden: true }, h("div", { className: "row" }, this.sign, this.other, this.more, this.pin),
+      this.range.element, this.histogram, this.figures);
+    this.element = h("section", { className: "section", "aria-labelledby": "deviation-title" },
+      h("header", {}, h("h2", { id: "deviation-title" }, "Deviation of A from B"), this.button), this.words, this.search.element, this.found);
+    this.forget();
+  }
+
+  get deviation() {
+    return this.heat.deviation;
+  }
+
+  get names() {
+    return { a: nameOf(state.a), b: nameOf(state.b) };
+  }
+
+  /** @param {string} a @param {string} b */
+  question(a, b) {
+    return { a, b, quads: this.quads(), ...(this.accuracy < FIRST_ACCURACY ? { accuracy: this.accuracy, pieces: MORE_PIECES } : {}) };
+  }
+
+  async measure(accuracy = FIRST_ACCURACY) {
+    const { a, b } = state;
+    if (a === null || b === null) return;
+    this.accuracy = accuracy;
+    this.words.textContent = "";
+    try {
+      const deviation = await measureDeviation(this.search, this.question(a, b));
+      this.heat.take(deviation);
+      this.draw();
+      setParameters({ heat: 1 });
+      this.onMeasured();
+      await this.paint();
+    } catch (error) {
+      this.explain();
+      sayFault(error);
+    } finally {
+      this.onChange();
+    }
+  }
+
+  /** B from A, beside A from B. */
+  async measureBack() {
+    const { deviation } = this;
+    const back = await measureDeviation(this.search, this.question(/** @type {string} */ (state.b), /** @type {string} */ (state.a)));
+    if (deviation !== this.deviation) return;
+    this.back = back;
+    this.draw();
+  }
+
+  /** Colours A, as soon as it is there, and lets it be probed. */
+  async paint() {
+    const { deviation } = this;
+    if (!deviation) return;
+    this.words.textContent = "Colouring A";
+    await this.heat.paint(this.names).finally(() => this.explain());
+    if (deviation !== this.deviation || !this.heat.painted) return;
+    this.draw();
+    await this.takeProbe();
+    this.onChange();
+  }
+
+  async takeProbe() {
+    const stage = currentStage();
+    if (!stage || (this.probe && this.probed === this.heat.painted?.model)) return;
+    const { Probe } = await import("./probe.js");
+    if (!this.heat.painted) return;
+    this.probe?.dispose();
+    this.probe = new Probe(stage, {
+      quads: /** @type {any} */ (this.deviation?.result.quads), isSigned: () => this.heat.isSigned, onPins: () => setParameters({ pins: this.probe?.toText() || null }) });
+    this.probed = this.heat.painted?.model;
+    await this.probe.restore(parameter("pins"));
+  }
+
+  async pinMiddle() {
+    const stage = currentStage();
+    if (!stage || !this.probe) return;
+    const before = this.probe.pins.length;
+    await this.probe.pinAt(stage.canvas.clientWidth / 2, stage.canvas.clientHeight / 2);
+    if (this.probe.pins.length === before) throw new Error("There is no surface in the middle of the view.");
+  }
+
+  /** @param {boolean} isOn */
+  async setSigned(isOn) {
+    this.heat.isSigned = isOn;
+    setParameters({ signed: isOn ? 1 : null });
+    await this.heat.paint(this.names);
+    this.draw();
+    await this.probe?.again();
+    this.onChange();
+  }
+
+  /** The range is another one: at once, and finer if it wants that. */
+  rescale() {
+    this.heat.show(this.names);
+    this.draw();
+    run(() => this.heat.paint(this.names));
+  }
+
+  draw() {
+    const { deviation, scale } = this.heat;
+    this.found.hidden = !deviation;
+    this.sign.disabled = !this.heat.hasSides;
+    if (!deviation || !scale) return;
+    this.figures.replaceChildren(drawDeviation(deviation, this.back, this.names));
+    this.more.disabled = deviation.result.accuracy <= FINEST;
+    this.other.disabled = this.back !== null;
+    this.range.draw(scale, deviation);
+    drawHistogram(this.histogram, deviation.result, scale);
+  }
+
+  explain() {
+    this.words.textContent = this.deviation ? "" : "How far each part of A lies from B: colours on A, a histogram and percentiles.";
+  }
+
+  /** The meshes are others now. */
+  forget() {
+    this.search.leave();
+    this.heat.forget();
+    this.probe?.dispose();
+    this.back = this.probe = null;
+    this.explain();
+    this.draw();
+  }
+}
