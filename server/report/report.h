@@ -24,7 +24,9 @@ typedef struct qm_report_mesh {
 
 typedef struct qm_report {
     qm_report_mesh mesh[2];
-    const char *result;  /* the result object of a comparison */
+    const char *result; /* the result object of a comparison */
+    /* results of deviations of A from B and of B from A with regions beyond the limit; NULL: none */
+    const char *regions[2];
     const char *request; /* the request object that was asked */
     const char *command; /* the command line; NULL: none */
     const char *made;    /* when, RFC 3339 */

@@ -82,6 +82,10 @@ bool qm_report_add_six_sides(qm_report_writer *w, int side);
 /** The table of the worst places, with a picture of each of the first ones. False with a problem. */
 bool qm_report_add_places(qm_report_writer *w, int side);
 
+/** The table of the parts of a mesh that are beyond the limit, with a picture of each of the first ones; nothing where they
+ * were not asked for. False with a problem. */
+bool qm_report_add_regions(qm_report_writer *w, int side);
+
 /* ---- report_style.c ---- */
 
 extern const char qm_report_style[];

@@ -169,7 +169,8 @@ static double length_of(const double v[3])
 }
 
 /** A view of the surroundings of a place, from the side that it is away from the other mesh, or the opposite one. */
-static qm_view look_near(const qm_loaded_mesh *mesh, const double from[3], const double to[3], double sign)
+static qm_view look_near(const qm_loaded_mesh *mesh, const double from[3], const double to[3], double sign,
+                         double share)
 {
     double towards[3], up[3] = {0.0, 0.0, 1.0}, away[3];
     for (int k = 0; k < 3; k++)
@@ -183,30 +184,32 @@ static qm_view look_near(const qm_loaded_mesh *mesh, const double from[3], const
     }
     qm_view view = qm_raster_view(&mesh->box, towards, up, NEAR_WIDTH, NEAR_HEIGHT);
     memcpy(view.centre, from, sizeof view.centre);
-    view.scale = NEAR_WIDTH / NEAR_SHARE;
+    view.scale = NEAR_WIDTH / share;
     return view;
 }
 
-static bool add_near(qm_report_writer *w, int side, int i, const char *place)
+/** A picture of a place, as wide as a share of the mesh's diagonal; what names it, with its number from 1. */
+static bool add_near(qm_report_writer *w, int side, int number, const char *place, const char *what,
+                     double share)
 {
     const qm_loaded_mesh *mesh = w->report->mesh[side].loaded;
-    report_mark mark = {.number = i + 1};
+    report_mark mark = {.number = number};
     double to[3];
     find_point(w, place, "from", mark.point);
     find_point(w, place, "to", to);
     qm_heat heat;
-    qm_view view = look_near(mesh, mark.point, to, 1.0);
+    qm_view view = look_near(mesh, mark.point, to, 1.0, share);
     if (!draw(w, side, &view, &heat)) return false;
     if (!qm_heat_shows(&heat, mark.point)) {
         /* Something is before it; it may be free on the other side. */
         qm_heat_reset(w->ctx, &heat);
-        view = look_near(mesh, mark.point, to, -1.0);
+        view = look_near(mesh, mark.point, to, -1.0, share);
         if (!draw(w, side, &view, &heat)) return false;
     }
     char title[96], caption[96];
-    snprintf(title, sizeof title, "%s around its worst place %d, from near by", qm_report_mesh_names[side],
-             i + 1);
-    snprintf(caption, sizeof caption, "Place %d of %s", i + 1, qm_report_mesh_names[side]);
+    snprintf(title, sizeof title, "%s around its %s %d, from near by", qm_report_mesh_names[side], what,
+             number);
+    snprintf(caption, sizeof caption, "%s: %s %d", qm_report_mesh_names[side], what, number);
     bool good = write_picture(w, &heat, &mark, 1, title, caption);
     qm_heat_reset(w->ctx, &heat);
     return good;
@@ -253,7 +256,90 @@ bool qm_report_add_places(qm_report_writer *w, int side)
     qm_text_add_string(w->out, "</tbody></table>\n<div class=\"near\">\n");
     bool good = true;
     for (int i = 0; good && i < NEAR_PICTURES && find_place(w, side, i, place); i++)
-        good = add_near(w, side, i, place);
+        good = add_near(w, side, i + 1, place, "place", NEAR_SHARE);
     qm_text_add_string(w->out, "</div>\n");
+    return good;
+}
+
+/* ---- regions ---- */
+
+#define LISTED_REGIONS 50
+
+static void add_region_row(qm_report_writer *w, int i)
+{
+    double middle[3];
+    for (int k = 0; k < 3; k++)
+        middle[k] = qm_report_number(w, "regions.%d.centroid.%d", i, k);
+    char path[PLACE_SIZE];
+    snprintf(path, sizeof path, "regions.%d.surely", i);
+    qm_text_printf(w->out, "<tr><th scope=\"row\">%d</th><td>%s</td>", i + 1,
+                   qm_json_is_true(w->result, path) ? "yes" : "maybe");
+    qm_report_add_cell(w, qm_report_find(w, "regions.%d.max", i), false);
+    qm_report_add_cell(w, qm_report_find(w, "regions.%d.area", i), false);
+    qm_text_printf(w->out, "<td>%.0f</td><td>", qm_report_number(w, "regions.%d.face_count", i));
+    for (int k = 0; k < 3; k++) {
+        qm_text_add_string(w->out, k > 0 ? ", " : "(");
+        qm_report_add_coordinate(w->out, middle[k], w->report->mesh[0].loaded->diagonal);
+    }
+    qm_text_add_string(w->out, ")</td></tr>\n");
+}
+
+/** How wide the picture of a region is, of the mesh's diagonal: its box, with a margin. */
+static double find_width(const qm_report_writer *w, int side, int i)
+{
+    double size[3];
+    for (int k = 0; k < 3; k++)
+        size[k] = qm_report_number(w, "regions.%d.box.max.%d", i, k) -
+                  qm_report_number(w, "regions.%d.box.min.%d", i, k);
+    double diagonal = w->report->mesh[side].loaded->diagonal;
+    double share = diagonal > 0.0 ? 2.0 * length_of(size) / diagonal : 0.0;
+    return share > NEAR_SHARE ? fmin(share, 1.5) : NEAR_SHARE;
+}
+
+static bool write_regions(qm_report_writer *w, int side)
+{
+    const char *name = qm_report_mesh_names[side];
+    double count = qm_report_number(w, "region_count");
+    if (!(count > 0.0)) {
+        qm_text_printf(w->out, "<p>No part of %s is, or may be, beyond the limit.</p>\n", name);
+        return true;
+    }
+    qm_text_printf(
+        w->out,
+        "<table><caption>%.0f connected parts of %s that are, or may be, beyond the limit, the farthest "
+        "first%s.</caption><thead><tr><th scope=\"col\">Part</th><th scope=\"col\">Surely beyond</th>"
+        "<th scope=\"col\">Greatest distance</th><th scope=\"col\">Area beyond</th>"
+        "<th scope=\"col\">Faces</th><th scope=\"col\">Middle</th></tr></thead><tbody>\n",
+        count, name, count > LISTED_REGIONS ? "; the first 50 of them" : "");
+    int listed = 0;
+    for (; listed < LISTED_REGIONS && qm_report_has(w, "regions.%d", listed); listed++)
+        add_region_row(w, listed);
+    qm_text_add_string(w->out, "</tbody></table>\n<div class=\"near\">\n");
+    bool good = true;
+    for (int i = 0; good && i < listed && i < NEAR_PICTURES; i++) {
+        char place[PLACE_SIZE];
+        snprintf(place, sizeof place, "regions.%d.witness", i);
+        if (qm_report_has(w, "%s.from", place))
+            good = add_near(w, side, i + 1, place, "part", find_width(w, side, i));
+    }
+    qm_text_add_string(w->out, "</div>\n");
+    return good;
+}
+
+bool qm_report_add_regions(qm_report_writer *w, int side)
+{
+    if (!w->report->regions[side]) return true;
+    /* The same writer of another result. */
+    qm_json *comparison = w->result;
+    w->result = qm_json_parse(w->report->regions[side]);
+    bool good = w->result != NULL;
+    if (good) {
+        qm_text_printf(w->out, "<h3>Parts of %s beyond the limit</h3>\n", qm_report_mesh_names[side]);
+        good = write_regions(w, side);
+    } else {
+        *w->problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the regions");
+    }
+    qm_json_free(w->result);
+    w->result = comparison;
     return good;
 }

@@ -194,7 +194,28 @@ def test_worst_places_are_marked_and_listed(quadmesh, tmp_path):
     last = circles[-1].attributes  # The first place is drawn last, over the others.
     assert abs(float(last["cx"]) - (240 + 0.25 * 0.92 * 360)) < 1 and abs(float(last["cy"]) - (180 + 0.25 * 0.92 * 360)) < 1
     assert first and "1, 2, 3" in from_above.all("title")[0].text()
-    assert [figure.all("figcaption")[0].text() for figure in figures[-3:]] == ["Place 1 of A", "Place 2 of A", "Place 3 of A"]
+    assert [figure.all("figcaption")[0].text() for figure in figures[-3:]] == ["A: place 1", "A: place 2", "A: place 3"]
+
+
+def test_regions_are_listed_with_pictures(quadmesh, tmp_path):
+    bump, flat = write_plane(tmp_path / "bump.obj", 0.0, 0.1), write_plane(tmp_path / "flat.obj", 0.0)
+    page = make(quadmesh, tmp_path, bump, flat, "--limit", 0.04, "--regions", status=1)
+    section = page.section(A_SIDE)
+    rows = section.all("table")[1].all("tbody")[0].all("tr")
+    assert len(rows) == 1 and rows[0].all("td")[0].text() == "yes"
+    low, high = (float(rows[0].all("td")[2].attributes[end]) for end in ("data-lower", "data-upper"))
+    # Where 0.1 exp(-200 r^2) is above 0.04, seen from above, and the slope adds to it.
+    assert low <= high and low > 0.9 * math.pi * math.log(2.5) / 200
+    middle = [float(number) for number in rows[0].all("td")[4].text().strip("()").split(",")]
+    assert math.hypot(middle[0] - 0.75, middle[1] - 0.25) < 0.01
+    captions = [figure.all("figcaption")[0].text() for figure in section.all("figure") if figure.all("figcaption")]
+    assert captions[-1] == "A: part 1"
+    assert "No part of" in make(quadmesh, tmp_path, flat, flat, "--limit", 0.04, "--regions").section(A_SIDE).text()
+    assert quadmesh("report", bump, flat, "--regions", "-o", "report.html").returncode == 2
+    points = tmp_path / "points.xyz"
+    points.write_text("0 0 0.5\n1 1 0.5\n")
+    page = make(quadmesh, tmp_path, points, flat, "--limit", 0.04, "--regions", status=1)
+    assert [title.text() for title in page.all("h3") if title.text().startswith("Parts")] == ["Parts of B beyond the limit"]
 
 
 def test_one_scale_and_what_it_ends_with(quadmesh, square, raised, tmp_path):
