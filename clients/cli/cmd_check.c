@@ -25,6 +25,14 @@ static int exit_status(cli_outcome outcome)
     return status[outcome];
 }
 
+/** Prints text without control characters: a name with the end of a line in it would be able to add lines of its own, which a
+ * terminal or a pipeline may take for commands. */
+static void print_plain(const char *text)
+{
+    for (; *text; text++)
+        putchar((unsigned char)*text < 0x20 || *text == 0x7f ? '?' : *text);
+}
+
 /** Runs all checks of a list and reports them. */
 static int run_list(const check_options *options, const qm_check_list *list)
 {
@@ -37,8 +45,11 @@ static int run_list(const check_options *options, const qm_check_list *list)
     for (size_t i = 0; i < list->count; i++) {
         verdicts[i] = cli_run_check(&list->checks[i], &options->settings);
         if (is_quiet) continue;
-        printf("%-9s  %s: %s\n", cli_outcome_names[verdicts[i].outcome], list->checks[i].name,
-               verdicts[i].detail);
+        printf("%-9s  ", cli_outcome_names[verdicts[i].outcome]);
+        print_plain(list->checks[i].name);
+        fputs(": ", stdout);
+        print_plain(verdicts[i].detail);
+        putchar('\n');
         fflush(stdout);
     }
     size_t count[4];
