@@ -235,6 +235,11 @@ def test_junit(quadmesh, folders):
     assert quadmesh("check", "new", "golden", "--limit", "1", "--junit", "no/folder.xml").returncode == 2
 
 
+def test_standard_output_holds_one_document(quadmesh, square, raised):
+    done = quadmesh("check", square, raised, "--limit", "0.5", "--json", "--junit", "-")
+    assert done.returncode == 1 and xml.etree.ElementTree.fromstring(done.stdout).get("failures") == "1"
+
+
 def test_github(quadmesh, folders):
     bad = folders / "new" / "50%,a:b.obj"
     bad.write_text("f 1 2 9\n")
