@@ -206,6 +206,8 @@ def test_a_manifest(quadmesh, folders):
     ('{"limit": 1, "checks": [{"new": "a", "golden": ""}]}', "checks/0/golden must be the path"),
     ('{"limit": 1, "checks": [{"new": "a", "golden": "b", "name": 4}]}', "checks/0/name must be a text"),
     ('{"limit": 1, "collides": "maybe", "checks": []}', "collides must be"),
+    ('{"limit": 1, "limit": 2, "checks": []}', "limit is given more than once"),
+    ('{"limit": 1, "checks": [{"new": "a", "golden": "b", "new": "c"}]}', "checks/0/new is given more than once"),
 ])
 def test_bad_manifests(quadmesh, tmp_path, manifest, words):
     (tmp_path / "m.json").write_text(manifest)
