@@ -101,15 +101,6 @@ static bool reject(qm_problem *problem, const char *place, const char *name, con
     return false;
 }
 
-/** Whether a member before this one has its name: which of the two is meant? */
-static bool is_repeated(const cJSON *object, const cJSON *member)
-{
-    const cJSON *first = object->child;
-    while (strcmp(first->string, member->string) != 0)
-        first = first->next;
-    return first != member;
-}
-
 /** A path of the manifest, for free(). */
 static char *join(const char *folder, const char *path)
 {
@@ -128,7 +119,7 @@ static bool read_check(const cJSON *object, const char *place, const char *folde
     const char *name = NULL, *given[2] = {NULL, NULL};
     if (!cJSON_IsObject(object)) return reject(problem, place, "", "must be an object");
     for (const cJSON *member = object->child; member; member = member->next) {
-        if (is_repeated(object, member))
+        if (qm_json_is_repeated(object, member))
             return reject(problem, place, member->string, "is given more than once");
         const char *text = cJSON_GetStringValue(member);
         bool is_known = false;
@@ -169,7 +160,7 @@ static bool read_manifest(const cJSON *object, const char *folder, qm_check_rule
     const cJSON *checks = NULL;
     for (const cJSON *member = object->child; member; member = member->next) {
         bool is_known;
-        if (is_repeated(object, member))
+        if (qm_json_is_repeated(object, member))
             return reject(problem, "", member->string, "is given more than once");
         if (strcmp(member->string, "checks") == 0) {
             checks = member;
