@@ -211,8 +211,9 @@ static int finish(const file_set *files, const cli_job *job, const char *json, c
 {
     qm_json *result = qm_json_parse(json);
     bool is_written = !files->output || write_csv(files, rows, job->as_json);
+    /* Standard output holds either the pairs or the result. */
     bool has_stdout = files->output && strcmp(files->output, "-") == 0;
-    if (job->as_json)
+    if (job->as_json && !has_stdout)
         is_written &= print_json(files, json, rows);
     else if (is_written && !has_stdout)
         print_text(files, job, result, rows);

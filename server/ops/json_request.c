@@ -217,6 +217,14 @@ bool qm_json_reject(qm_problem *problem, const char *message, const char *format
     return false;
 }
 
+bool qm_json_is_repeated(const cJSON *object, const cJSON *member)
+{
+    const cJSON *first = object->child;
+    while (strcmp(first->string, member->string) != 0)
+        first = first->next;
+    return first != member;
+}
+
 bool qm_json_check_members(const cJSON *object, const char *const *known, qm_problem *problem)
 {
     for (const cJSON *member = object->child; member; member = member->next) {

@@ -75,6 +75,9 @@ bool qm_json_reject(qm_problem *problem, const char *message, const char *format
 
 /* ---- members: false with a problem ---- */
 
+/** Whether a member of the object before this one has its name: which of the two is meant? */
+bool qm_json_is_repeated(const struct cJSON *object, const struct cJSON *member);
+
 /** Rejects members that are not in the list, which NULL ends. */
 bool qm_json_check_members(const struct cJSON *object, const char *const *known, qm_problem *problem);
 
