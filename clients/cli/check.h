@@ -19,6 +19,8 @@ typedef struct cli_verdict {
     cli_outcome outcome;
     char detail[CLI_DETAIL_SIZE]; /* a sentence: the figures, or the reason */
     qm_interval distance; /* the Hausdorff distance as far as it was needed; upper is NAN where it was not */
+    qm_interval inside,
+        outside; /* the new mesh of the golden one, at most; upper is NAN where it was not asked for */
     qm_interval share[2]; /* of each surface within the limit; upper is NAN where it was not asked for */
     int collides, self_collides; /* -1: not asked */
     double elapsed_ms;

@@ -71,6 +71,16 @@ static int run(int argc, char **argv)
          .type = CLI_NUMBER,
          .target = &o.rule.limit,
          .help = "the permitted distance, in the unit of the meshes"},
+        {.name = "limit-in",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &o.rule.limit_in,
+         .help = "how far NEW may be inside of GOLDEN, which must be closed: material that is missing"},
+        {.name = "limit-out",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &o.rule.limit_out,
+         .help = "how far NEW may be outside of GOLDEN, which must be closed: material that is added"},
         {.name = "percent",
          .value = "P",
          .type = CLI_CUSTOM,
@@ -125,10 +135,9 @@ static int run(int argc, char **argv)
     int status;
     if (!cli_read_options(&cmd_check, options, sizeof options / sizeof *options, argc, argv, o.path, &status))
         return status;
-    bool has_rule = !isnan(o.rule.limit) || o.rule.collides != QM_CHECK_MAY_MEET ||
-                    o.rule.self_collides != QM_CHECK_MAY_MEET;
-    if (o.path[1] && !has_rule) {
-        fputs("quadmesh: check takes --limit, --collides or --self-collides\n", stderr);
+    if (o.path[1] && !qm_check_rule_asks(&o.rule)) {
+        fputs("quadmesh: check takes --limit, --limit-in, --limit-out, --collides or --self-collides\n",
+              stderr);
         return EXIT_USAGE;
     }
     if (o.junit && !cli_check_writable(o.junit, false)) return EXIT_BAD_INPUT;
@@ -150,7 +159,8 @@ const cli_command cmd_check = {
         "Whether NEW is within a limit of GOLDEN: two files; two folders, whose files are paired by name;\n"
         "or one manifest in JSON: {\"limit\": 0.05, \"checks\": [{\"new\": \"a.stl\", \"golden\": "
         "\"b.stl\"}]}.\n"
-        "Each pair ends as soon as its answer is certain.\n\n",
-    .exit_status = "Exit status: 0 all within; 1 some beyond; 2 bad input, wrong usage, or files without a\n"
-                   "counterpart; 3 undecided, or interrupted.",
+        "Each pair ends as soon as its answer is certain. Of several limits all must hold.\n\n",
+    .exit_status =
+        "Exit status: 0 all within; 1 some beyond; 2 bad input, wrong usage, a GOLDEN that is not\n"
+        "closed where it must be, or files without a counterpart; 3 undecided, or interrupted.",
     .run = run};
