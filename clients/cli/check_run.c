@@ -25,6 +25,9 @@ typedef struct check_run {
     const cli_check_settings *settings;
     qm_context ctx;
     qm_loaded_mesh mesh[2];
+    size_t place;
+    bool is_moved;
+    double transform[16]; /* of the new mesh, where it is moved */
     cli_verdict verdict;
 } check_run;
 
@@ -287,6 +290,8 @@ static bool align(check_run *run)
         status = qm_loaded_mesh_deform(ctx, mesh, positions, NULL, 0, run->settings->threads, &updated);
     else
         qm_context_free(ctx, positions, mesh->mesh.vertex_count, 3 * sizeof *positions);
+    memcpy(run->transform, result.alignment.transform, sizeof run->transform);
+    run->is_moved = true;
     const double floor = result.alignment.floor, limit = run->check->rule.limit;
     qm_job_result_reset(ctx, &result);
     if (status == QM_OK && run->check->rule.percent >= 100.0 && run->check->rule.direction == QM_TWO_SIDED &&
@@ -299,6 +304,19 @@ static bool align(check_run *run)
     qm_problem problem = qm_problem_from_status(status, ctx->message);
     conclude_problem(&run->verdict, run->check->path[0], &problem);
     return false;
+}
+
+/** Writes the report of the pair, unless there is none to write or the check was interrupted. */
+static void write_page(check_run *run)
+{
+    const cli_checked_pair pair = {.check = run->check,
+                                   .mesh = run->mesh,
+                                   .transform = run->is_moved ? run->transform : NULL,
+                                   .place = run->place};
+    qm_problem problem;
+    if (!run->settings->pages || atomic_load(&cli_interrupted)) return;
+    if (!cli_write_check_page(&run->ctx, run->settings, &pair, &problem))
+        conclude(&run->verdict, CLI_TROUBLE, "%s", problem.detail);
 }
 
 static void load_and_ask(check_run *run)
@@ -320,14 +338,17 @@ static void load_and_ask(check_run *run)
         memcpy(notes[side].unit, run->mesh[side].unit, sizeof notes[side].unit);
     if (!qm_job_check_units(notes, &units))
         conclude_problem(&run->verdict, run->check->path[1], &units);
-    else if (!run->settings->aligns || align(run))
+    else if (!run->settings->aligns || align(run)) {
         ask_all(run);
+        write_page(run);
+    }
     cli_unload_pair(&run->ctx, run->mesh);
 }
 
-cli_verdict cli_run_check(const qm_check *check, const cli_check_settings *settings)
+cli_verdict cli_run_check(const qm_check *check, size_t place, const cli_check_settings *settings)
 {
     check_run run = {.check = check,
+                     .place = place,
                      .settings = settings,
                      .ctx = qm_host_context(),
                      .verdict = {.outcome = CLI_WITHIN,

@@ -1,9 +1,12 @@
 /**
  * cmd_check.c: whether meshes are within a limit of others, for pipelines: a line for each pair and an exit status.
  */
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
 
 #include "check.h"
 #include "options.h"
@@ -25,6 +28,14 @@ static int exit_status(cli_outcome outcome)
     return status[outcome];
 }
 
+/** Makes the folder of reports where it is missing; false after a report. */
+static bool make_folder(const char *path)
+{
+    if (!path || cli_is_page(path) || mkdir(path, 0777) == 0 || errno == EEXIST) return true;
+    cli_report_unwritable(path, false);
+    return false;
+}
+
 /** Runs all checks of a list and reports them. */
 static int run_list(const check_options *options, const qm_check_list *list)
 {
@@ -35,7 +46,7 @@ static int run_list(const check_options *options, const qm_check_list *list)
     }
     bool is_quiet = options->as_json || (options->junit && options->junit[0] == '-');
     for (size_t i = 0; i < list->count; i++) {
-        verdicts[i] = cli_run_check(&list->checks[i], &options->settings);
+        verdicts[i] = cli_run_check(&list->checks[i], i, &options->settings);
         if (is_quiet) continue;
         printf("%-9s  %s: %s\n", cli_outcome_names[verdicts[i].outcome], list->checks[i].name,
                verdicts[i].detail);
@@ -123,6 +134,12 @@ static int run(int argc, char **argv)
          .type = CLI_TEXT,
          .target = &o.junit,
          .help = "a report in JUnit's XML"},
+        {.name = "report",
+         .value = "PATH",
+         .type = CLI_TEXT,
+         .target = &o.settings.pages,
+         .help = "a report of each pair, as report writes it, into this folder; or of the one pair into\n"
+                 "a file .html"},
         {.name = "github",
          .type = CLI_FLAG,
          .target = &o.as_github,
@@ -141,9 +158,15 @@ static int run(int argc, char **argv)
         return EXIT_USAGE;
     }
     if (o.junit && !cli_check_writable(o.junit, false)) return EXIT_BAD_INPUT;
+    if (!make_folder(o.settings.pages)) return EXIT_BAD_INPUT;
     o.settings.threads = cli_count_threads(o.settings.threads);
     qm_check_list list = {0};
-    status = cli_find_checks(o.path, &o.rule, &list) ? run_list(&o, &list) : EXIT_BAD_INPUT;
+    status = cli_find_checks(o.path, &o.rule, &list) ? EXIT_OK : EXIT_BAD_INPUT;
+    if (status == EXIT_OK && list.count > 1 && o.settings.pages && cli_is_page(o.settings.pages)) {
+        fputs("quadmesh: --report takes a folder, as there are several pairs\n", stderr);
+        status = EXIT_USAGE;
+    }
+    if (status == EXIT_OK) status = run_list(&o, &list);
     qm_check_list_reset(&list);
     return status;
 }

@@ -124,6 +124,24 @@ def test_limits_of_one_side_in_a_manifest(quadmesh, boxes):
     assert "outside by" in shifted["detail"] and "face" in shifted["detail"]
 
 
+def test_reports(quadmesh, boxes):
+    """One page for one pair, or a folder of them, each with a name of its own."""
+    done = quadmesh("check", "small.obj", "golden.obj", "--limit", "0.3", "--report", "r.html")
+    page = (boxes / "r.html").read_text()
+    assert done.returncode == 1 and page.lower().startswith("<!doctype html>")
+    assert "small.obj" in page and "golden.obj" in page and "beyond" in page.lower()
+    pair = {"name": "a/b", "new": "small.obj", "golden": "golden.obj"}
+    (boxes / "m.json").write_text(json.dumps({"limit_in": 0.3, "checks": [pair, pair | {"limit": 0.5, "quads": "bilinear"}]}))
+    assert quadmesh("check", "m.json", "--report", "pages").returncode == 0
+    assert sorted(path.name for path in (boxes / "pages").iterdir()) == ["001-a_b.html", "002-a_b.html"]
+    done = quadmesh("check", "shifted.obj", "golden.obj", "--limit", "1e-6", "--align", "--report", "pages")
+    assert done.returncode == 0 and (boxes / "pages" / "001-shifted.obj.html").exists(), done.stdout
+    done = quadmesh("check", "m.json", "--report", "r.html")
+    assert done.returncode == 2 and "takes a folder" in done.stderr
+    (boxes / "file").write_text("")
+    assert quadmesh("check", "small.obj", "golden.obj", "--limit", "1", "--report", "file/below").returncode == 2
+
+
 def test_meeting(quadmesh, square, raised, tmp_path):
     wall = tmp_path / "wall.obj"
     wall.write_text("v 1 -1 -1\nv 1 3 -1\nv 1 3 1\nv 1 -1 1\nf 1 2 3 4\n")
