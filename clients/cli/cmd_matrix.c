@@ -363,7 +363,7 @@ static int run_there(const cli_job *job, const file_set *files)
     bool is_ready = session && request.meshes;
     for (; is_ready && request.mesh_count < files->count; request.mesh_count++)
         is_ready = cli_session_upload(session, files->path[request.mesh_count], &(qm_notes){0},
-                                      request.meshes[request.mesh_count], NULL);
+                                      request.meshes[request.mesh_count].name, NULL);
     char *json = is_ready ? cli_session_run_job(session, &request, cli_bar_make(0.0, false)) : NULL;
     size_t count = files->count * (files->count - 1) / 2;
     double *values = json ? fetch_rows(job, session, count) : NULL;

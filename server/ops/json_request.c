@@ -159,9 +159,12 @@ static void make_pointer(char out[POINTER_SIZE], const char *name, const qm_json
     }
     QM_ASSERT(length < POINTER_SIZE && at->depth <= 2);
     out[length] = '\0';
-    if (at->member) length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%s", at->member);
-    for (int i = 0; i < at->depth; i++)
-        length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%zu", at->index[i]);
+    for (int i = 0; i <= at->depth; i++) {
+        if (at->member && i == at->member_depth)
+            length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%s", at->member);
+        if (i < at->depth)
+            length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%zu", at->index[i]);
+    }
 }
 
 void qm_json_report_at(qm_problem *problem, const char *name, const qm_json_location *at, const char *message)

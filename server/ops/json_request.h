@@ -40,9 +40,10 @@ bool qm_json_read_numbers(const struct cJSON *value, int count, double *out);
 
 /* ---- reports ---- */
 
-/** Where in a member a value is invalid: a member of it, then array indices, outermost first. */
+/** Where in a member a value is invalid: array indices, outermost first, and among them a member of what is there. */
 typedef struct qm_json_location {
     const char *member; /* NULL: none */
+    int member_depth;   /* indices before it */
     char detail[128];   /* what is wrong there; "": what the reader of the member says */
     int depth;
     size_t index[2];
