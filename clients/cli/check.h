@@ -1,6 +1,6 @@
 /**
  * check.h: the stages of `quadmesh check`: the pairs (check_pairs.c), the answer to each (check_run.c), and what is
- * written about them (check_report.c).
+ * written about them (check_report.c, for people check_page.c).
  */
 #ifndef QM_CLI_CHECK_H
 #define QM_CLI_CHECK_H
@@ -19,6 +19,8 @@ typedef struct cli_verdict {
     cli_outcome outcome;
     char detail[CLI_DETAIL_SIZE]; /* a sentence: the figures, or the reason */
     qm_interval distance; /* the Hausdorff distance as far as it was needed; upper is NAN where it was not */
+    qm_interval inside,
+        outside; /* the new mesh of the golden one, at most; upper is NAN where it was not asked for */
     qm_interval share[2]; /* of each surface within the limit; upper is NAN where it was not asked for */
     int collides, self_collides; /* -1: not asked */
     double elapsed_ms;
@@ -29,7 +31,27 @@ typedef struct cli_check_settings {
     double gap; /* of the diagonal: nearer to the limit than this a distance is undecided */
     int threads;
     bool aligns; /* the new mesh is moved onto the golden one before */
+    const char
+        *pages; /* a folder for a report of each pair, or a file of HTML for the one pair; NULL: none */
 } cli_check_settings;
+
+/** A checked pair, for its report. */
+typedef struct cli_checked_pair {
+    const qm_check *check;
+    const qm_loaded_mesh *mesh; /* both */
+    const double *transform;    /* that has moved the new one; NULL: it lies as in its file */
+    size_t place;               /* among all pairs */
+} cli_checked_pair;
+
+/** Whether a path is that of a file of HTML, not of a folder. */
+bool cli_is_page(const char *path);
+
+/**
+ * Writes the report of a pair as `quadmesh report` does: where the rule is of all of both surfaces, with its limit, else without a
+ * verdict. False with a problem.
+ */
+bool cli_write_check_page(qm_context *ctx, const cli_check_settings *settings, const cli_checked_pair *pair,
+                          qm_problem *problem);
 
 /**
  * Lists the pairs of two files, of two folders by the names of the files in them, or of a manifest where the second
@@ -37,8 +59,8 @@ typedef struct cli_check_settings {
  */
 bool cli_find_checks(const char *const path[2], const qm_check_rule *rule, qm_check_list *list);
 
-/** Answers a check, and stops as soon as the answer is certain. */
-cli_verdict cli_run_check(const qm_check *check, const cli_check_settings *settings);
+/** Answers a check, and stops as soon as the answer is certain; place: of it among all. */
+cli_verdict cli_run_check(const qm_check *check, size_t place, const cli_check_settings *settings);
 
 /** Writes the verdicts as a document of JUnit; false with errno. */
 bool cli_write_junit(const char *path, const qm_check_list *list, const cli_verdict *verdicts);

@@ -148,6 +148,10 @@ static void add_check(qm_text *out, const qm_check *check, const cli_verdict *ve
         qm_json_add_number(out, "percent", check->rule.percent);
         qm_json_add_string(out, "direction", qm_direction_names[check->rule.direction]);
     }
+    if (!isnan(check->rule.limit_in)) qm_json_add_number(out, "limit_in", check->rule.limit_in);
+    if (!isnan(check->rule.limit_out)) qm_json_add_number(out, "limit_out", check->rule.limit_out);
+    add_interval(out, "inside", verdict->inside);
+    add_interval(out, "outside", verdict->outside);
     qm_json_add_string(out, "quads", qm_quads_names[check->rule.quads]);
     add_interval(out, "hausdorff", verdict->distance);
     add_interval(out, "share_of_new", verdict->share[0]);

@@ -1,9 +1,9 @@
 /**
- * check_run.c: the answer to one check: at most three questions, each of which ends as soon as its answer is certain.
+ * check_run.c: the answer to one check: at most four questions, each of which ends as soon as its answer is certain.
  *
  * A limit for all of both surfaces is a Hausdorff search with a threshold. One for a percentage of them compares the
  * surfaces at rising accuracy, until the shares within the limit are on one side of it: the last round costs most, and
- * the ones before it together about as much.
+ * the ones before it together about as much. Limits of one side take signed deviations in the same way.
  */
 #include <math.h>
 #include <stdarg.h>
@@ -25,6 +25,9 @@ typedef struct check_run {
     const cli_check_settings *settings;
     qm_context ctx;
     qm_loaded_mesh mesh[2];
+    size_t place;
+    bool is_moved;
+    double transform[16]; /* of the new mesh, where it is moved */
     cli_verdict verdict;
 } check_run;
 
@@ -67,7 +70,8 @@ static bool run_job(check_run *run, const qm_job_request *request, bool is_pair,
         return false;
     }
     qm_problem problem = qm_problem_from_status(status, run->ctx.message);
-    conclude_problem(&run->verdict, run->check->path[0], &problem);
+    /* It is the golden mesh that must be closed. */
+    conclude_problem(&run->verdict, run->check->path[status == QM_E_NOT_CLOSED], &problem);
     return false;
 }
 
@@ -161,6 +165,70 @@ static void ask_percent(check_run *run)
              is_canceled ? "; interrupted" : "");
 }
 
+/** The outcome of the greatest distances inside and outside against their limits. */
+static cli_outcome judge_sides(const qm_check_rule *rule, const cli_verdict *verdict)
+{
+    const double limit[2] = {rule->limit_in, rule->limit_out};
+    const qm_interval found[2] = {verdict->inside, verdict->outside};
+    bool is_within = true;
+    for (int i = 0; i < 2; i++) {
+        if (isnan(limit[i])) continue;
+        if (found[i].lower > limit[i]) return CLI_BEYOND;
+        is_within &= found[i].upper <= limit[i];
+    }
+    return is_within ? CLI_WITHIN : CLI_UNDECIDED;
+}
+
+/** Adds a sentence for one side whose limit is given. */
+static void conclude_side(cli_verdict *verdict, cli_outcome outcome, const char *side, qm_interval found,
+                          double limit, const qm_deviation_side *part)
+{
+    char low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
+    if (isnan(limit)) return;
+    cli_format_bound(found.lower, false, low);
+    cli_format_bound(found.upper, true, high);
+    if (found.lower > limit && part->has_witness)
+        conclude(verdict, outcome, "%s by %s or more, limit %.9g, at face %u of the new mesh", side, low,
+                 limit, part->from.face);
+    else if (found.upper <= limit)
+        conclude(verdict, outcome, "%s by at most %s, limit %.9g", side, high, limit);
+    else
+        conclude(verdict, outcome, "%s by %s to %s, limit %.9g", side, low, high, limit);
+}
+
+/** How far the new mesh is inside and outside of the golden one. */
+static void ask_sides(check_run *run)
+{
+    static const struct {
+        double accuracy, gap;
+    } rounds[] = {{0.3, 1e-3}, {0.1, 1e-5}, {0.01, 0.0}, {0.001, 0.0}};
+    const qm_check_rule *rule = &run->check->rule;
+    cli_verdict *verdict = &run->verdict;
+    cli_outcome outcome = CLI_UNDECIDED;
+    bool is_canceled = false;
+    qm_deviation_side part[2];
+    for (size_t i = 0; i < sizeof rounds / sizeof *rounds && outcome == CLI_UNDECIDED && !is_canceled; i++) {
+        qm_job_request request = make_request(run, QM_JOB_DEVIATION);
+        request.accuracy = rounds[i].accuracy;
+        request.tolerance = fmax(request.tolerance, rounds[i].gap);
+        request.percentile_count = request.bins = 0;
+        request.sign = QM_SIGN_OUTSIDE;
+        request.threshold = fmax(rule->limit_in, rule->limit_out); /* of one, where the other is NAN */
+        qm_job_result result;
+        if (!run_job(run, &request, true, &result)) return;
+        part[0] = result.deviation.sides.behind;
+        part[1] = result.deviation.sides.front;
+        verdict->inside = part[0].max;
+        verdict->outside = part[1].max;
+        outcome = judge_sides(rule, verdict);
+        is_canceled = result.is_canceled;
+        qm_job_result_reset(&run->ctx, &result);
+    }
+    conclude_side(verdict, outcome, "inside", verdict->inside, rule->limit_in, &part[0]);
+    conclude_side(verdict, outcome, "outside", verdict->outside, rule->limit_out, &part[1]);
+    if (is_canceled && outcome == CLI_UNDECIDED) conclude(verdict, outcome, "interrupted");
+}
+
 /** Whether the pair meets, or the new mesh itself. */
 static void ask_meeting(check_run *run, bool is_self, qm_check_meeting wanted, int *answer)
 {
@@ -195,6 +263,7 @@ static void ask_all(check_run *run)
         else
             ask_limit(run);
     }
+    if (qm_check_rule_is_signed(rule) && verdict->outcome < CLI_BEYOND) ask_sides(run);
     if (rule->collides != QM_CHECK_MAY_MEET && verdict->outcome < CLI_BEYOND)
         ask_meeting(run, false, rule->collides, &verdict->collides);
     if (rule->self_collides != QM_CHECK_MAY_MEET && verdict->outcome < CLI_BEYOND)
@@ -221,6 +290,8 @@ static bool align(check_run *run)
         status = qm_loaded_mesh_deform(ctx, mesh, positions, NULL, 0, run->settings->threads, &updated);
     else
         qm_context_free(ctx, positions, mesh->mesh.vertex_count, 3 * sizeof *positions);
+    memcpy(run->transform, result.alignment.transform, sizeof run->transform);
+    run->is_moved = true;
     const double floor = result.alignment.floor, limit = run->check->rule.limit;
     qm_job_result_reset(ctx, &result);
     if (status == QM_OK && run->check->rule.percent >= 100.0 && run->check->rule.direction == QM_TWO_SIDED &&
@@ -235,10 +306,25 @@ static bool align(check_run *run)
     return false;
 }
 
+/** Writes the report of the pair, unless there is none to write or the check was interrupted. */
+static void write_page(check_run *run)
+{
+    const cli_checked_pair pair = {.check = run->check,
+                                   .mesh = run->mesh,
+                                   .transform = run->is_moved ? run->transform : NULL,
+                                   .place = run->place};
+    qm_problem problem;
+    if (!run->settings->pages || atomic_load(&cli_interrupted)) return;
+    if (!cli_write_check_page(&run->ctx, run->settings, &pair, &problem))
+        conclude(&run->verdict, CLI_TROUBLE, "%s", problem.detail);
+}
+
 static void load_and_ask(check_run *run)
 {
     const qm_check *check = run->check;
     qm_preparation preparation = cli_prepare(true, check->rule.quads, run->settings->threads);
+    preparation.keeps_pairs =
+        qm_check_rule_is_signed(&check->rule); /* what is known of the golden mesh as a solid */
     qm_problem problem;
     int failed = cli_try_pair(&run->ctx, (const char *const *)check->path,
                               (const qm_preparation[2]){preparation, preparation}, run->mesh, &problem);
@@ -252,18 +338,23 @@ static void load_and_ask(check_run *run)
         memcpy(notes[side].unit, run->mesh[side].unit, sizeof notes[side].unit);
     if (!qm_job_check_units(notes, &units))
         conclude_problem(&run->verdict, run->check->path[1], &units);
-    else if (!run->settings->aligns || align(run))
+    else if (!run->settings->aligns || align(run)) {
         ask_all(run);
+        write_page(run);
+    }
     cli_unload_pair(&run->ctx, run->mesh);
 }
 
-cli_verdict cli_run_check(const qm_check *check, const cli_check_settings *settings)
+cli_verdict cli_run_check(const qm_check *check, size_t place, const cli_check_settings *settings)
 {
     check_run run = {.check = check,
+                     .place = place,
                      .settings = settings,
                      .ctx = qm_host_context(),
                      .verdict = {.outcome = CLI_WITHIN,
                                  .distance = {0.0, NAN},
+                                 .inside = {0.0, NAN},
+                                 .outside = {0.0, NAN},
                                  .share = {{0.0, NAN}, {0.0, NAN}},
                                  .collides = -1,
                                  .self_collides = -1}};

@@ -128,6 +128,14 @@ int cli_run_job(const cli_job *job, cli_finish_fn *finish, const void *user);
 /** Prints what a result says of the true surfaces, of the figure with this prefix ("" or "max."), and its warnings. */
 void cli_print_notes(const qm_json *result, const char *prefix);
 
+/* ---- reports (cmd_report.c) ---- */
+
+/** Sets what a report shows of a comparison: its percentiles, and how many of the worst places. */
+void cli_ask_for_report(qm_job_request *request);
+
+/** The hash of a file; NULL where it cannot be read twice. */
+const char *cli_hash_file(const char *path, char out[QM_HASH_SIZE]);
+
 /* ---- sessions (session.c) ----
  *
  * A connection to a daemon, which uploads files, runs jobs, and reads streamed results. Failures are reported as by

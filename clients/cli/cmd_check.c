@@ -1,10 +1,12 @@
 /**
  * cmd_check.c: whether meshes are within a limit of others, for pipelines: a line for each pair and an exit status.
  */
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "check.h"
 #include "options.h"
@@ -34,6 +36,14 @@ static void print_plain(const char *text)
         putchar((unsigned char)*text < 0x20 || *text == 0x7f ? '?' : *text);
 }
 
+/** Makes the folder of reports where it is missing; false after a report. */
+static bool make_folder(const char *path)
+{
+    if (!path || cli_is_page(path) || mkdir(path, 0777) == 0 || errno == EEXIST) return true;
+    cli_report_unwritable(path, false);
+    return false;
+}
+
 /** Runs all checks of a list and reports them. */
 static int run_list(const check_options *options, const qm_check_list *list)
 {
@@ -46,7 +56,7 @@ static int run_list(const check_options *options, const qm_check_list *list)
     bool has_junit = options->junit && strcmp(options->junit, "-") == 0,
          is_quiet = options->as_json || has_junit;
     for (size_t i = 0; i < list->count; i++) {
-        verdicts[i] = cli_run_check(&list->checks[i], &options->settings);
+        verdicts[i] = cli_run_check(&list->checks[i], i, &options->settings);
         if (is_quiet) continue;
         printf("%-9s  ", cli_outcome_names[verdicts[i].outcome]);
         print_plain(list->checks[i].name);
@@ -85,6 +95,16 @@ static int run(int argc, char **argv)
          .type = CLI_NUMBER,
          .target = &o.rule.limit,
          .help = "the permitted distance, in the unit of the meshes"},
+        {.name = "limit-in",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &o.rule.limit_in,
+         .help = "how far NEW may be inside of GOLDEN, which must be closed: material that is missing"},
+        {.name = "limit-out",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &o.rule.limit_out,
+         .help = "how far NEW may be outside of GOLDEN, which must be closed: material that is added"},
         {.name = "percent",
          .value = "P",
          .type = CLI_CUSTOM,
@@ -127,6 +147,12 @@ static int run(int argc, char **argv)
          .type = CLI_TEXT,
          .target = &o.junit,
          .help = "a report in JUnit's XML; - is standard output, instead of all else there"},
+        {.name = "report",
+         .value = "PATH",
+         .type = CLI_TEXT,
+         .target = &o.settings.pages,
+         .help = "a report of each pair, as report writes it, into this folder; or of the one pair into\n"
+                 "a file .html"},
         {.name = "github",
          .type = CLI_FLAG,
          .target = &o.as_github,
@@ -139,16 +165,21 @@ static int run(int argc, char **argv)
     int status;
     if (!cli_read_options(&cmd_check, options, sizeof options / sizeof *options, argc, argv, o.path, &status))
         return status;
-    bool has_rule = !isnan(o.rule.limit) || o.rule.collides != QM_CHECK_MAY_MEET ||
-                    o.rule.self_collides != QM_CHECK_MAY_MEET;
-    if (o.path[1] && !has_rule) {
-        fputs("quadmesh: check takes --limit, --collides or --self-collides\n", stderr);
+    if (o.path[1] && !qm_check_rule_asks(&o.rule)) {
+        fputs("quadmesh: check takes --limit, --limit-in, --limit-out, --collides or --self-collides\n",
+              stderr);
         return EXIT_USAGE;
     }
     if (o.junit && !cli_check_writable(o.junit, false)) return EXIT_BAD_INPUT;
+    if (!make_folder(o.settings.pages)) return EXIT_BAD_INPUT;
     o.settings.threads = cli_count_threads(o.settings.threads);
     qm_check_list list = {0};
-    status = cli_find_checks(o.path, &o.rule, &list) ? run_list(&o, &list) : EXIT_BAD_INPUT;
+    status = cli_find_checks(o.path, &o.rule, &list) ? EXIT_OK : EXIT_BAD_INPUT;
+    if (status == EXIT_OK && list.count > 1 && o.settings.pages && cli_is_page(o.settings.pages)) {
+        fputs("quadmesh: --report takes a folder, as there are several pairs\n", stderr);
+        status = EXIT_USAGE;
+    }
+    if (status == EXIT_OK) status = run_list(&o, &list);
     qm_check_list_reset(&list);
     return status;
 }
@@ -164,7 +195,8 @@ const cli_command cmd_check = {
         "Whether NEW is within a limit of GOLDEN: two files; two folders, whose files are paired by name;\n"
         "or one manifest in JSON: {\"limit\": 0.05, \"checks\": [{\"new\": \"a.stl\", \"golden\": "
         "\"b.stl\"}]}.\n"
-        "Each pair ends as soon as its answer is certain.\n\n",
-    .exit_status = "Exit status: 0 all within; 1 some beyond; 2 bad input, wrong usage, or files without a\n"
-                   "counterpart; 3 undecided, or interrupted.",
+        "Each pair ends as soon as its answer is certain. Of several limits all must hold.\n\n",
+    .exit_status =
+        "Exit status: 0 all within; 1 some beyond; 2 bad input, wrong usage, a GOLDEN that is not\n"
+        "closed where it must be, or files without a counterpart; 3 undecided, or interrupted.",
     .run = run};

@@ -9,7 +9,18 @@
 #include "base/json.h"
 #include "options.h"
 
-enum { DIGITS = 6, NAME_WIDTH = 12, CELL_WIDTH = 32, CELL_SIZE = 2 * CLI_BOUND_SIZE + 8 };
+enum {
+    DIGITS = 6,
+    NAME_WIDTH = 12,
+    CELL_WIDTH = 32,
+    CELL_SIZE = 2 * CLI_BOUND_SIZE + 8,
+    PRINTED_REGIONS = 10
+};
+
+/** Signed limits: how far A may be inside of B, and outside; NAN for none. */
+typedef struct signed_limits {
+    double in, out;
+} signed_limits;
 
 /* ---- the table ---- */
 
@@ -35,15 +46,22 @@ static void format_interval(const qm_json *result, const char *path, format_fn *
     snprintf(out, CELL_SIZE, "%s%s%s", low, is_one ? "" : " to ", is_one ? "" : high);
 }
 
-/** A row of one figure in both directions. */
-static void print_row(const qm_json *result, const char *name, const char *path, format_fn *format)
+/** A row of one figure in both directions, or in that of A alone. */
+static void print_sides(const qm_json *result, const char *name, const char *path, bool has_both,
+                        format_fn *format)
 {
-    char cell[2][CELL_SIZE], at[80];
-    for (int side = 0; side < 2; side++) {
+    char cell[2][CELL_SIZE] = {"", ""}, at[80];
+    for (int side = 0; side < 1 + has_both; side++) {
         snprintf(at, sizeof at, "%s.%s", side == 0 ? "a_to_b" : "b_to_a", path);
         format_interval(result, at, format, cell[side]);
     }
-    printf("  %-*s%-*s  %s\n", NAME_WIDTH, name, CELL_WIDTH, cell[0], cell[1]);
+    printf("  %-*s%-*s%s%s\n", NAME_WIDTH, name, has_both ? CELL_WIDTH : 0, cell[0], has_both ? "  " : "",
+           cell[1]);
+}
+
+static void print_row(const qm_json *result, const char *name, const char *path, format_fn *format)
+{
+    print_sides(result, name, path, true, format);
 }
 
 static void print_both(const qm_json *result, const char *name, const char *path, const char *note)
@@ -106,6 +124,58 @@ static void print_places(const qm_json *result, int side)
     }
 }
 
+/** The sides of each surface: the greatest distances and the shares in the bands; and why B has none. */
+static void print_signed(const cli_job *job, const qm_json *result)
+{
+    const char *sign = qm_json_get_string(result, "a_to_b.signed.sign");
+    if (!sign) return;
+    bool has_both = qm_json_has(result, "b_to_a.signed.sign");
+    const char *reason = qm_json_get_string(result, "b_to_a.unsigned");
+    bool is_normal = strcmp(sign, "normal") == 0;
+    printf("\n  positive %s%s\n", is_normal ? "where normals point to" : sign,
+           is_normal ? ", which is not proven" : "");
+    if (!has_both) printf("  B has no sign against A, which is %s\n", reason ? reason : "not known");
+    static const char *const rows[][2] = {
+        {"mean", "signed.mean"}, {"outside", "signed.outside.max"}, {"inside", "signed.inside.max"}};
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
+        print_sides(result, rows[i][0], rows[i][1], has_both, format_length);
+    for (size_t i = 0; i < job->request.band_count; i++) {
+        const qm_interval *band = &job->request.bands[i];
+        char path[64], name[2 * CLI_BOUND_SIZE + 8];
+        snprintf(path, sizeof path, "signed.bands.%zu", i);
+        snprintf(name, sizeof name, "%.6g to %.6g", band->lower, band->upper);
+        if (i == 0)
+            printf("\n  %-*s%-*s%s\n", NAME_WIDTH, "within", CELL_WIDTH + 2, "% of A",
+                   has_both ? "% of B" : "");
+        if (strlen(name) >= NAME_WIDTH) {
+            printf("  %s\n", name);
+            name[0] = '\0';
+        }
+        print_sides(result, name, path, has_both, cli_format_percent);
+    }
+}
+
+/** The parts of a surface that may be beyond the limit. */
+static void print_regions(const cli_job *job, const qm_json *result, int side)
+{
+    const char *const direction[2] = {"a_to_b", "b_to_a"};
+    char path[96], cell[2][CELL_SIZE];
+    snprintf(path, sizeof path, "%s.region_count", direction[side]);
+    if (!qm_json_has(result, path)) return;
+    double count = qm_json_get_number(result, path);
+    printf("\n  %.0f part%s of %c %s or may be beyond %.6g\n", count, count == 1.0 ? "" : "s", "AB"[side],
+           count == 1.0 ? "is" : "are", job->request.threshold);
+    for (int i = 0; i < PRINTED_REGIONS && i < (int)count; i++) {
+        snprintf(path, sizeof path, "%s.regions.%d.max", direction[side], i);
+        format_interval(result, path, format_length, cell[0]);
+        snprintf(path, sizeof path, "%s.regions.%d.area", direction[side], i);
+        format_interval(result, path, format_length, cell[1]);
+        snprintf(path, sizeof path, "%s.regions.%d.surely", direction[side], i);
+        printf("  %-*s%-*s  area %s\n", NAME_WIDTH, qm_json_is_true(result, path) ? "surely" : "maybe",
+               CELL_WIDTH, cell[0], cell[1]);
+    }
+}
+
 static void print_text(const cli_job *job, const qm_json *result)
 {
     char name[CLI_BOUND_SIZE], path[64];
@@ -130,6 +200,9 @@ static void print_text(const cli_job *job, const qm_json *result)
     print_both(result, "chamfer l1", "symmetric.chamfer.l1", "sum of both means");
     print_both(result, "chamfer l2", "symmetric.chamfer.l2", "sum of both mean squares");
     print_limits(job, result);
+    print_signed(job, result);
+    print_regions(job, result, 0);
+    print_regions(job, result, 1);
     print_places(result, 0);
     print_places(result, 1);
     printf("\n  %.1f ms after %.1f + %.1f ms to prepare, %.0f pieces\n",
@@ -141,17 +214,57 @@ static void print_text(const cli_job *job, const qm_json *result)
 
 /* ---- the command ---- */
 
+/** Whether A is within the signed limits of B; EXIT_OK without limits. */
+static int judge(const signed_limits *limits, const qm_json *result)
+{
+    const double limit[2] = {limits->in, limits->out};
+    static const char *const most[2][2] = {
+        {"a_to_b.signed.inside.max.lower", "a_to_b.signed.inside.max.upper"},
+        {"a_to_b.signed.outside.max.lower", "a_to_b.signed.outside.max.upper"}};
+    int status = EXIT_OK;
+    for (int i = 0; i < 2; i++) {
+        if (isnan(limit[i])) continue;
+        if (qm_json_get_number(result, most[i][0]) > limit[i]) return EXIT_NO;
+        if (!(qm_json_get_number(result, most[i][1]) <= limit[i])) status = EXIT_NOT_CONVERGED;
+    }
+    return status;
+}
+
 static int finish(const void *user, const cli_job *job, const cli_job_output *output)
 {
-    (void)user;
+    const signed_limits *limits = user;
     qm_json *result = qm_json_parse(output->json);
     if (job->as_json)
         puts(output->json);
     else
         print_text(job, result);
-    bool is_accurate = qm_json_is_true(result, "accurate");
+    bool is_accurate = qm_json_is_true(result, "accurate"),
+         has_limits = !isnan(limits->in) || !isnan(limits->out);
+    int status = has_limits ? judge(limits, result) : is_accurate ? EXIT_OK : EXIT_NOT_CONVERGED;
     qm_json_free(result);
-    return is_accurate ? EXIT_OK : EXIT_NOT_CONVERGED;
+    return status;
+}
+
+/** Bands between and beyond the signed limits, and the least limit of all for regions; false when regions have none. */
+static bool settle_limits(const signed_limits *limits, qm_job_request *request)
+{
+    bool has_limits = !isnan(limits->in) || !isnan(limits->out);
+    double in = isnan(limits->in) ? INFINITY : limits->in, out = isnan(limits->out) ? INFINITY : limits->out;
+    if (has_limits && request->sign == QM_SIGN_NONE) request->sign = QM_SIGN_OUTSIDE;
+    if (has_limits) {
+        /* Bands are of distances with the sign. */
+        bool is_turned = request->sign == QM_SIGN_INSIDE;
+        const double from = is_turned ? -out : -in, to = is_turned ? in : out;
+        if (isfinite(from)) request->bands[request->band_count++] = (qm_interval){-INFINITY, from};
+        request->bands[request->band_count++] = (qm_interval){from, to};
+        if (isfinite(to)) request->bands[request->band_count++] = (qm_interval){to, INFINITY};
+    }
+    if (!request->regions) return true;
+    double least = fmin(in, out);
+    for (size_t i = 0; i < request->limit_count; i++)
+        least = fmin(least, request->limits[i]);
+    request->threshold = least;
+    return isfinite(least);
 }
 
 static bool read_limits(const char *text, void *target)
@@ -165,6 +278,7 @@ static int run(int argc, char **argv)
 {
     cli_job job = cli_job_make(QM_JOB_COMPARISON);
     qm_job_request *request = &job.request;
+    signed_limits limits = {NAN, NAN};
     const double percentiles[] = {50.0, 95.0, 99.0};
     memcpy(request->percentiles, percentiles, sizeof percentiles);
     request->percentile_count = sizeof percentiles / sizeof *percentiles;
@@ -176,6 +290,28 @@ static int run(int argc, char **argv)
          .target = request,
          .help = "shares and F-score within this distance, in the unit of the meshes;\n"
                  "may be given several times, or as numbers separated by commas"},
+        {.name = "limit-in",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &limits.in,
+         .help = "how far A may be inside of B, which is proven closed: the shares of A within and\n"
+                 "beyond, and the exit status"},
+        {.name = "limit-out",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &limits.out,
+         .help = "and how far outside"},
+        {.name = "sign",
+         .value = "S",
+         .type = CLI_CHOICE,
+         .choices = qm_sign_names,
+         .target = &request->sign,
+         .help = "outside (default with --limit-in or --limit-out), inside: distances of that side\n"
+                 "are positive; normal: those where normals point to, not proven"},
+        {.name = "regions",
+         .type = CLI_FLAG,
+         .target = &request->regions,
+         .help = "the connected parts that are, or may be, beyond the least limit given"},
         {.name = "worst",
          .value = "K",
          .type = CLI_SIZE,
@@ -210,8 +346,12 @@ static int run(int argc, char **argv)
         fputs("quadmesh: --align and --transform both move A: give one of them\n", stderr);
         return EXIT_USAGE;
     }
+    if (!settle_limits(&limits, request)) {
+        fputs("quadmesh: --regions takes --limit, --limit-in or --limit-out\n", stderr);
+        return EXIT_USAGE;
+    }
     if (!job.server) request->threads = cli_count_threads(request->threads);
-    return cli_run_job(&job, finish, NULL);
+    return cli_run_job(&job, finish, &limits);
 }
 
 const cli_command cmd_compare = {
@@ -224,6 +364,7 @@ const cli_command cmd_compare = {
         "Both directions and the symmetric figures: Hausdorff distance, mean, rms, percentiles, Chamfer\n"
         "distance, and within limits the shares and the F-score, all as proven intervals. `check` answers\n"
         "whether a mesh is within a limit.\n\n",
-    .exit_status =
-        "Exit status: 0 accurate, 2 bad input or wrong usage, 3 the pieces ran out before, or interrupted.",
+    .exit_status = "Exit status: 0 accurate, 2 bad input, a B that is not closed, or wrong usage, 3 the "
+                   "pieces ran out before,\n"
+                   "or interrupted; with --limit-in or --limit-out 0 within, 1 beyond, 3 not certain.",
     .run = run};

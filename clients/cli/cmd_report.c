@@ -54,10 +54,26 @@ static char *join_command(int argc, char **argv)
     return qm_text_take(&text);
 }
 
+/* ---- the question ---- */
+
+void cli_ask_for_report(qm_job_request *request)
+{
+    /* Percentiles close enough for a curve. */
+    static const double ends[] = {1.0, 2.0, 98.0, 99.0};
+    size_t count = 0;
+    for (int i = 0; i < 2; i++)
+        request->percentiles[count++] = ends[i];
+    for (int percent = 5; percent <= 95; percent += 5)
+        request->percentiles[count++] = percent;
+    for (int i = 2; i < 4; i++)
+        request->percentiles[count++] = ends[i];
+    request->percentile_count = count;
+    request->worst_count = PLACES;
+}
+
 /* ---- writing ---- */
 
-/** The hash of a file; NULL where it cannot be read twice. */
-static const char *hash_file(const char *path, char out[QM_HASH_SIZE])
+const char *cli_hash_file(const char *path, char out[QM_HASH_SIZE])
 {
     size_t size;
     uint8_t *bytes = strcmp(path, "-") == 0 ? NULL : cli_read_file(path, &size, false);
@@ -120,7 +136,7 @@ static bool make_here(const report_options *options, const cli_job *job, const c
     const qm_job_pose *pose = job->request.pose;
     for (int side = 0; side < 2; side++)
         report.mesh[side] = (qm_report_mesh){.name = cli_base_name(job->path[side]),
-                                             .hash = hash_file(job->path[side], hash[side]),
+                                             .hash = cli_hash_file(job->path[side], hash[side]),
                                              .notes = output->result->notes[side],
                                              .transform = pose[side].is_given ? pose[side].transform : NULL,
                                              .loaded = output->mesh[side]};
@@ -194,26 +210,11 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
 
 /* ---- the command ---- */
 
-/** Percentiles close enough for a curve. */
-static void set_percentiles(qm_job_request *request)
-{
-    static const double ends[] = {1.0, 2.0, 98.0, 99.0};
-    size_t count = 0;
-    for (int i = 0; i < 2; i++)
-        request->percentiles[count++] = ends[i];
-    for (int percent = 5; percent <= 95; percent += 5)
-        request->percentiles[count++] = percent;
-    for (int i = 2; i < 4; i++)
-        request->percentiles[count++] = ends[i];
-    request->percentile_count = count;
-}
-
 static int run(int argc, char **argv)
 {
     cli_job job = cli_job_make(QM_JOB_COMPARISON);
     qm_job_request *request = &job.request;
-    set_percentiles(request);
-    request->worst_count = PLACES;
+    cli_ask_for_report(request);
     report_options o = {.limit = NAN, .range = NAN};
     /* The parser changes the order of the words. */
     char *command = join_command(argc, argv);

@@ -47,7 +47,8 @@
  *   percentiles?: number[], bins?: number, limit?: number | null, regions?: boolean,
  *   sign?: "none" | "outside" | "inside" | "normal", bands?: [number | null, number | null][] }} DeviationRequest */
 /** @typedef {CommonRequest & Gap & { type: "comparison", a: MeshName, b: MeshName, limits?: number[], percentiles?: number[],
- *   accuracy?: number, pieces?: number, worst?: { count: number, radius?: number } | null }} ComparisonRequest */
+ *   accuracy?: number, pieces?: number, worst?: { count: number, radius?: number } | null, limit?: number | null, regions?: boolean,
+ *   sign?: "none" | "outside" | "inside" | "normal", bands?: [number | null, number | null][] }} ComparisonRequest */
 /** @typedef {CommonRequest & Gap & { type: "distance", a: MeshName, b: MeshName, limit?: number | null }} DistanceRequest */
 /** @typedef {CommonRequest & Gap & { mode?: "all" | "first" | "any", limit?: number }} AnyCollisionRequest */
 /** @typedef {AnyCollisionRequest & { type: "collision", a: MeshName, b: MeshName, solid?: boolean,
@@ -102,6 +103,8 @@
  * @typedef {{ over: "area" | "vertices" | "points", size: Interval, hausdorff: LengthInterval, mean: LengthInterval,
  *   rms: LengthInterval, std: LengthInterval, percentiles: (LengthInterval & { percent: number })[],
  *   shares: (Interval & { limit: number })[], witness?: Witness, worst?: (LengthInterval & Witness)[],
+ *   signed?: SignedDeviation, unsigned?: "empty" | "open" | "turned" | "crossing" | "canceled",
+ *   verdict?: "above" | "below" | null, region_count?: number, regions?: DeviationRegion[],
  *   accurate: boolean }} ComparisonDirection */
 /** @typedef {{ limit: number, precision: Interval, recall: Interval, f: Interval }} FScore */
 /** @typedef {{ a_to_b: ComparisonDirection, b_to_a: ComparisonDirection,

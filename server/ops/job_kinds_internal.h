@@ -79,6 +79,15 @@ typedef struct qm_job_field {
             .read = qm_averages_read_percentiles,                                                            \
             .expected = "must be an array of at most 64 numbers above 0 and at most 100"                     \
     }
+/** What a sign, bands and regions beyond a limit take. */
+#define QM_JOB_FIELDS_SIDES                                                                                  \
+    {"limit", QM_FIELD_LIMIT, QM_FIELD_AT(threshold)}, {"regions", QM_FIELD_FLAG, QM_FIELD_AT(regions)},     \
+        {"sign", QM_FIELD_CHOICE, QM_FIELD_AT(sign), .names = qm_sign_names},                                \
+    {                                                                                                        \
+        "bands", QM_FIELD_OTHER,                                                                             \
+            .read = qm_sides_read_bands,                                                                     \
+            .expected = "must be an array of at most 64 pairs of numbers, ascending; null is no limit"       \
+    }
 #define QM_JOB_FIELD_ACCELERATOR                                                                             \
     {                                                                                                        \
         "accelerator", QM_FIELD_CHOICE, QM_FIELD_AT(accelerator), .names = qm_accelerator_names              \
@@ -175,5 +184,25 @@ void qm_averages_add_figure(qm_text *out, const char *name, qm_interval interval
 void qm_averages_add_percentiles(qm_text *out, const double *percent, const qm_interval *percentile,
                                  size_t count, const qm_job_result *result, int side);
 void qm_averages_add_measure(qm_text *out, const qm_deviation *deviation);
+
+/* Of kinds with a sign, bands and regions (kind_sides.c). */
+bool qm_sides_read_bands(const struct cJSON *value, qm_job_request *out, struct qm_json_location *at);
+void qm_sides_add_request(qm_text *out, const qm_job_request *request);
+/** Sets *out to what is known of a mesh as a solid, kept in *solid, when the sign has to be proven; else to NULL, also when the call
+ * is canceled: it has intervals all the same. */
+qm_status qm_sides_find_solid(const qm_job_call *call, const qm_loaded_mesh *mesh, qm_solid *solid,
+                              const qm_solid **out);
+/** Sets the options of A's deviation from B; *solid keeps what is known of B. */
+qm_status qm_sides_set_options(const qm_job_call *call, qm_deviation_options *options, qm_solid *solid);
+/** Faces of the input in place of those of the meshes as stored. */
+void qm_sides_name_faces(qm_deviation *deviation, const qm_loaded_mesh *source, const qm_loaded_mesh *target);
+/** Of a deviation from A, for side 0, or from B: the ends of a witness; the member signed; on which side of the limit the greatest
+ * distance is, and the regions beyond it. */
+void qm_sides_add_points(qm_text *out, const qm_job_request *request, int side, const qm_surface_point *from,
+                         const qm_surface_point *to);
+void qm_sides_add_signed(qm_text *out, const qm_job_request *request, const qm_job_result *result,
+                         const qm_deviation *deviation, int side);
+void qm_sides_add_limit(qm_text *out, const qm_job_request *request, const qm_job_result *result,
+                        const qm_deviation *deviation, int side);
 
 #endif

@@ -18,7 +18,18 @@ const char *const qm_check_meeting_names[] = {"any", "no", "yes", NULL};
 
 qm_check_rule qm_check_rule_default(void)
 {
-    return (qm_check_rule){.limit = NAN, .percent = 100.0};
+    return (qm_check_rule){.limit = NAN, .limit_in = NAN, .limit_out = NAN, .percent = 100.0};
+}
+
+bool qm_check_rule_is_signed(const qm_check_rule *rule)
+{
+    return !isnan(rule->limit_in) || !isnan(rule->limit_out);
+}
+
+bool qm_check_rule_asks(const qm_check_rule *rule)
+{
+    return !isnan(rule->limit) || qm_check_rule_is_signed(rule) || rule->collides != QM_CHECK_MAY_MEET ||
+           rule->self_collides != QM_CHECK_MAY_MEET;
 }
 
 /* ---- lists ---- */
@@ -69,10 +80,13 @@ static const char *read_rule(const cJSON *member, qm_check_rule *rule, bool *is_
 {
     const char *name = member->string;
     *is_known = true;
-    if (strcmp(name, "limit") == 0)
-        return qm_json_read_number(member, &rule->limit) && rule->limit >= 0.0
-                   ? NULL
-                   : "must be a number of 0 or more";
+    double *const limits[] = {&rule->limit, &rule->limit_in, &rule->limit_out};
+    static const char *const limit_names[] = {"limit", "limit_in", "limit_out"};
+    for (int i = 0; i < 3; i++)
+        if (strcmp(name, limit_names[i]) == 0)
+            return qm_json_read_number(member, limits[i]) && *limits[i] >= 0.0
+                       ? NULL
+                       : "must be a number of 0 or more";
     if (strcmp(name, "percent") == 0)
         return qm_json_read_number(member, &rule->percent) && rule->percent > 0.0 && rule->percent <= 100.0
                    ? NULL
@@ -142,9 +156,7 @@ static bool read_check(const cJSON *object, const char *place, const char *folde
     }
     for (int i = 0; i < 2; i++)
         if (!given[i]) return reject(problem, place, path_names[i], "is missing");
-    bool has_rule =
-        !isnan(rule.limit) || rule.collides != QM_CHECK_MAY_MEET || rule.self_collides != QM_CHECK_MAY_MEET;
-    if (!has_rule) return reject(problem, place, "limit", "is missing");
+    if (!qm_check_rule_asks(&rule)) return reject(problem, place, "limit", "is missing");
     char *path[2] = {join(folder, given[0]), join(folder, given[1])};
     bool is_added =
         path[0] && path[1] && qm_check_list_add(list, name ? name : given[0], path[0], path[1], &rule);

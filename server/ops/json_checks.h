@@ -22,13 +22,19 @@ extern const char *const qm_check_meeting_names[]; /* NULL-ended */
 
 /** What is expected of a pair. */
 typedef struct qm_check_rule {
-    double limit;   /* permitted distance, unit of the meshes; NAN: none */
+    double limit; /* permitted distance, unit of the meshes; NAN: none */
+    double limit_in,
+        limit_out;  /* permitted distance of the new mesh inside and outside of the golden one; NAN: none */
     double percent; /* of each surface that must be within it; 100: all */
     qm_direction direction;
     qm_quad_reading quads;
     qm_check_meeting collides;      /* the pair */
     qm_check_meeting self_collides; /* the new mesh with itself */
 } qm_check_rule;
+
+/** Whether a rule asks for anything, and for anything that needs the sides of the golden mesh. */
+bool qm_check_rule_asks(const qm_check_rule *rule);
+bool qm_check_rule_is_signed(const qm_check_rule *rule);
 
 /** No limit, all of both surfaces, triangles, and anything may meet. */
 qm_check_rule qm_check_rule_default(void);

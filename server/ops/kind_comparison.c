@@ -19,6 +19,7 @@ static void number_faces(qm_deviation *deviation, const qm_loaded_mesh *source, 
         place->from.face = qm_mesh_input_face(&source->mesh, place->from.face);
         place->to.face = qm_mesh_input_face(&target->mesh, place->to.face);
     }
+    qm_sides_name_faces(deviation, source, target);
 }
 
 static qm_status run(const qm_job_call *call, qm_job_result *out)
@@ -40,7 +41,12 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     options.thread_count = call->threads;
     out->tolerance = options.tolerance;
     qm_comparison *comparison = &out->comparison;
-    qm_status status = qm_comparison_measure(call->ctx, call->a->bvh, call->b->bvh, &options, comparison);
+    qm_solid of_a, of_b;
+    const qm_solid *solid_a = NULL;
+    qm_status status = qm_sides_set_options(call, &options, &of_b);
+    if (status == QM_OK) status = qm_sides_find_solid(call, call->a, &of_a, &solid_a);
+    if (status == QM_OK)
+        status = qm_comparison_measure(call->ctx, call->a->bvh, call->b->bvh, &options, solid_a, comparison);
     if (status != QM_OK) return status;
     number_faces(&comparison->side[0], call->a, call->b);
     number_faces(&comparison->side[1], call->b, call->a);
@@ -94,6 +100,7 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     qm_json_add_count(out, "pieces", request->pieces);
     qm_json_add_numbers(out, "percentiles", request->percentiles, (int)request->percentile_count);
     qm_json_add_numbers(out, "limits", request->limits, (int)request->limit_count);
+    qm_sides_add_request(out, request);
     if (request->worst_count == 0) return;
     qm_json_open(out, "worst", "{");
     qm_json_add_count(out, "count", request->worst_count);
@@ -110,13 +117,6 @@ static void add_plain(qm_text *out, const char *name, qm_interval interval)
     qm_json_add_number(out, "lower", interval.lower);
     qm_json_add_number(out, "upper", interval.upper);
     qm_text_add_string(out, "}");
-}
-
-static void add_points(qm_text *out, const qm_job_request *request, int side, const qm_deviation_place *place)
-{
-    const char *const names[2] = {"a", "b"}, *const ids[2] = {request->a, request->b};
-    qm_json_add_surface_point(out, "from", names[side], ids[side], place->from.face, &place->from);
-    qm_json_add_surface_point(out, "to", names[1 - side], ids[1 - side], place->to.face, &place->to);
 }
 
 static void add_shares(qm_text *out, const qm_job_request *request, const qm_deviation *deviation)
@@ -142,10 +142,22 @@ static void add_worst(qm_text *out, const qm_job_request *request, const qm_job_
         qm_json_add_comma(out);
         qm_text_add_string(out, "{");
         qm_json_add_lower_upper(out, place->lower, place->upper, result->diagonal);
-        add_points(out, request, side, place);
+        qm_sides_add_points(out, request, side, &place->from, &place->to);
         qm_text_add_string(out, "}");
     }
     qm_text_add_string(out, "]");
+}
+
+/** Why B has no sign against A: what is in the way, or A was not checked before the job was canceled. */
+static const char *unsigned_reason(const qm_job_request *request, const qm_comparison *comparison)
+{
+    static const char *const reasons[] = {[QM_SOLID_PROVEN] = "canceled",
+                                          [QM_SOLID_EMPTY] = "empty",
+                                          [QM_SOLID_OPEN] = "open",
+                                          [QM_SOLID_TURNED] = "turned",
+                                          [QM_SOLID_CROSSING] = "crossing"};
+    bool is_empty = request->sign == QM_SIGN_NORMAL;
+    return reasons[is_empty ? QM_SOLID_EMPTY : comparison->solid_a.fault];
 }
 
 static void add_direction(qm_text *out, const qm_job_request *request, const qm_job_result *result, int side)
@@ -162,10 +174,15 @@ static void add_direction(qm_text *out, const qm_job_request *request, const qm_
     add_shares(out, request, deviation);
     if (deviation->worst_count > 0) {
         qm_json_open(out, "witness", "{");
-        add_points(out, request, side, &deviation->worst[0]);
+        qm_sides_add_points(out, request, side, &deviation->worst[0].from, &deviation->worst[0].to);
         qm_text_add_string(out, "}");
     }
     if (request->worst_count > 0) add_worst(out, request, result, side);
+    if (result->comparison.is_signed[side])
+        qm_sides_add_signed(out, request, result, deviation, side);
+    else if (request->sign != QM_SIGN_NONE)
+        qm_json_add_string(out, "unsigned", unsigned_reason(request, &result->comparison));
+    if (!isnan(request->threshold)) qm_sides_add_limit(out, request, result, deviation, side);
     qm_json_add_bool(out, "accurate", deviation->is_accurate);
     qm_text_add_string(out, "}");
 }
@@ -179,6 +196,9 @@ static void add_half(qm_text *out, const char *name, qm_interval whole)
     add_plain(out, name, half);
 }
 
+/** Averages over both surfaces are of the true ones only when both meshes are exact, and then they are the same (see
+ * qm_averages_add_figure). A share within a limit t is of the true surfaces between those within t less and plus the uncertainty,
+ * for which these limits can be asked. */
 static void add_symmetric(qm_text *out, const qm_job_result *result)
 {
     const qm_comparison *comparison = &result->comparison;
@@ -230,6 +250,7 @@ static const qm_job_field fields[] = {
     QM_JOB_FIELDS_TOLERANCE,
     QM_JOB_FIELD_BOXES,
     QM_JOB_FIELDS_AVERAGES,
+    QM_JOB_FIELDS_SIDES,
     {"limits", QM_FIELD_OTHER, .read = read_limits,
      .expected = "must be an array of at most 64 numbers of 0 or more"},
     {"worst", QM_FIELD_OTHER, .read = read_worst,

@@ -199,3 +199,65 @@ def test_a_deadline_leaves_intervals(client, slow_pair):
     job = reply.json()
     assert job["state"] == "succeeded", job
     assert job["result"]["accurate"] is False and job["result"]["symmetric"]["mean"]["upper"] > 0
+
+
+def box(half, shift=(0, 0, 0), faces=6):
+    corners = [tuple(half * (1 if bits >> k & 1 else -1) + shift[k] for k in range(3)) for bits in range(8)]
+    return corners, [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)][:faces]
+
+
+@pytest.mark.parametrize("quads", ["triangles", "bilinear"])
+@pytest.mark.parametrize("sign", ["outside", "inside"])
+def test_boxes_have_sides(client, quads, sign):
+    inner, outer = client.upload(box(0.75))["id"], client.upload(box(1))["id"]
+    turn = 1 if sign == "outside" else -1
+    job = ask(client, inner, outer, sign=sign, bands=[[-0.3, 0.3], [None, 0]], limit=0.3, regions=True, quads=quads)
+    request, result = job["request"], job["result"]
+    assert request["sign"] == sign and request["bands"] == [[-0.3, 0.3], [None, 0]]
+    assert request["limit"] == 0.3 and request["regions"] is True
+    up, down = result["a_to_b"], result["b_to_a"]
+    assert up["signed"]["proven"] is True and down["signed"]["sign"] == sign
+    assert holds(up["signed"]["inside"]["max"], 0.25, 1e-5) and up["signed"]["outside"]["max"]["upper"] < 1e-9
+    assert holds(up["signed"]["mean"], -turn * 0.25, 1e-2)
+    assert up["signed"]["bands"][0]["lower"] > 0.99 and (up["signed"]["bands"][1]["lower"] > 0.99) == (turn == 1)
+    assert holds(down["signed"]["outside"]["max"], math.sqrt(3) / 4, 1e-5)
+    witness = down["signed"]["outside"]["witness"]
+    assert (witness["from"]["mesh"], witness["to"]["mesh"], witness["from"]["id"]) == ("b", "a", outer)
+    assert up["verdict"] == "below" and up["region_count"] == 0 and up["regions"] == []
+    # Beyond the limit are the surroundings of the corners, which the edges join or not.
+    assert down["verdict"] == "above" and down["region_count"] == len(down["regions"]) >= 1
+    assert all(region["surely"] and region["witness"]["from"]["mesh"] == "b" for region in down["regions"])
+    # One direction is what the deviation says.
+    reply = client.post("/v1/jobs", json={"type": "deviation", "a": inner, "b": outer, "sign": sign, "limit": 0.3, "quads": quads,
+                                          "bands": [[-0.3, 0.3], [None, 0]], "regions": True}, headers={"Prefer": WAIT}).json()
+    assert reply["result"]["signed"] == up["signed"] and reply["result"]["regions"] == up["regions"]
+
+
+def test_a_limit_that_is_the_distance(client):
+    """A maximum of exactly the limit is not above it."""
+    a, b = client.upload(box(1, (0.25, 0, 0)))["id"], client.upload(box(1))["id"]
+    reply = client.post("/v1/jobs", json={"type": "deviation", "a": a, "b": b, "limit": 0.25}, headers={"Prefer": WAIT}).json()
+    assert reply["result"]["verdict"] == "below"
+
+
+def test_what_has_no_sign_is_told(client, pair):
+    outer, opened = client.upload(box(1))["id"], client.upload(box(0.5, faces=5))["id"]
+    points = client.upload(b"0 0 1\n0 1 2\n1 0 6\n", format="xyz")["id"]
+    for mesh, sign, reason in ((opened, "outside", "open"), (points, "inside", "empty"), (points, "normal", "empty")):
+        result = ask(client, mesh, outer, sign=sign, bands=[[0, 1]])["result"]
+        assert result["a_to_b"]["signed"]["proven"] is (sign != "normal") and "unsigned" not in result["a_to_b"]
+        assert result["b_to_a"]["unsigned"] == reason and "signed" not in result["b_to_a"]
+    job = ask(client, outer, opened, sign="outside")
+    assert job["state"] == "failed" and job["problem"]["code"] == "not_closed"
+    assert ask(client, *pair, sign="normal")["result"]["b_to_a"]["signed"]["proven"] is False
+    for fields in ({"bands": [[0, 1]]}, {"regions": True}):
+        assert ask(client, *pair, **fields)["state"] == "failed"
+    assert "region_count" not in ask(client, outer, points, limit=0.1, regions=True)["result"]["b_to_a"]
+
+
+@pytest.mark.parametrize("fields, pointer", [
+    ({"sign": "left"}, "/sign"), ({"bands": [[1, 0]]}, "/bands/0"), ({"bands": [[1]]}, "/bands/0"),
+    ({"limit": -1}, "/limit"), ({"regions": 1}, "/regions"), ({"bands": [[0, 1]] * 65}, "/bands")])
+def test_faults_of_sides_name_their_place(client, pair, fields, pointer):
+    problem = ask(client, *pair, status=400, **fields)
+    assert [error["pointer"] for error in problem["errors"]] == [pointer]

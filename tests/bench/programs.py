@@ -27,6 +27,7 @@ class Peer:
     collide: str = ""    # what its pairs are worth: "exact" or "rounded"; "": it finds none
     reads: bool = False  # answers `COMMAND files A B TOLERANCE`, the distance between two files, too
     aligns: bool = False  # answers `COMMAND align A B MOTIONS` and `COMMAND search A B MOTIONS`
+    compares: str = ""   # what a sample is measured from in `COMMAND compare A B POINTS SEED LIMIT`: "surface" or "sample"
     self: str = ""       # the same of one mesh with itself; "partly": leaves pairs with a common corner out
 
 
@@ -51,6 +52,9 @@ class Programs:
     def aligning(self):
         return [peer for peer in self.peers if peer.aligns]
 
+    def comparing(self):
+        return [peer for peer in self.peers if peer.compares]
+
     def colliding(self):
         return [peer for peer in self.peers if peer.collide]
 
@@ -65,8 +69,10 @@ PYTHON_PEERS = (
     python_peer("igl", "libigl", hausdorff="vertices only", project="double"),
     python_peer("coal", "coal", collide="rounded"),
     python_peer("trueform", "trueform", collide="rounded"),
-    python_peer("open3d", "open3d", aligns=True),
-    python_peer("meshlab", "pymeshlab", hausdorff="samples", reads=True),
+    python_peer("open3d", "open3d", aligns=True, compares="surface"),
+    python_peer("meshlab", "pymeshlab", hausdorff="samples", reads=True, compares="surface"),
+    python_peer("trimesh", "trimesh", compares="surface"),
+    python_peer("pcu", "point-cloud-utils", compares="sample"),
 )
 COMPILED_PEERS = (
     Peer("cgal", (OUT / "peer_cgal",), "CGAL", hausdorff="guaranteed", project="double", collide="exact",

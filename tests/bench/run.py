@@ -31,6 +31,7 @@ import bench_accelerators
 import bench_agreement
 import bench_align
 import bench_collide
+import bench_compare
 import bench_deviation
 import bench_files
 import bench_hausdorff
@@ -50,7 +51,7 @@ import variants
 
 PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "files": bench_files,
          "project": bench_projection,
-         "collide": bench_collide, "deviation": bench_deviation, "align": bench_align, "matrix": bench_matrix,
+         "collide": bench_collide, "deviation": bench_deviation, "compare": bench_compare, "align": bench_align, "matrix": bench_matrix,
          "accelerators": bench_accelerators, "agreement": bench_agreement, "service": bench_service, "store": bench_store,
          "reconstruct": bench_reconstruct}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")

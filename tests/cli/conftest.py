@@ -30,6 +30,15 @@ def write_torus(path, columns, rows, minor, turn=0.0):
     return path
 
 
+def write_box(path, half, shift=(0, 0, 0), faces=6):
+    """An OBJ file of a cube of quads about a point; fewer than six faces leave it open."""
+    corners = [[half * (1 if bits >> k & 1 else -1) + shift[k] for k in range(3)] for bits in range(8)]
+    quads = [(1, 3, 4, 2), (5, 6, 8, 7), (1, 2, 6, 5), (3, 7, 8, 4), (1, 5, 7, 3), (2, 4, 8, 6)][:faces]
+    path.write_text("".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in corners) +
+                    "".join("f " + " ".join(map(str, quad)) + "\n" for quad in quads))
+    return path
+
+
 @pytest.fixture
 def quadmesh(tmp_path):
     """Runs `quadmesh` with arguments; keywords go to subprocess.run."""

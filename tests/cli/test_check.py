@@ -11,7 +11,7 @@ import junitparser
 import pytest
 import yaml
 
-from conftest import ROOT, write_torus
+from conftest import ROOT, write_box, write_torus
 
 
 def outcome_of(done):
@@ -74,6 +74,72 @@ def test_a_percentage(quadmesh, tmp_path):
     done = quadmesh("check", "ramp.obj", "floor.obj", "--limit", "0.3", "--percent", "29.9", *one_way, "--json")
     share = json.loads(done.stdout)["checks"][0]["share_of_new"]
     assert share["lower"] <= 0.3 <= share["upper"]
+
+
+@pytest.fixture
+def boxes(tmp_path):
+    """A golden cube of half width 1 and new ones: smaller and larger by a quarter, shifted by one, and open."""
+    write_box(tmp_path / "golden.obj", 1.0)
+    write_box(tmp_path / "small.obj", 0.75)
+    write_box(tmp_path / "large.obj", 1.25)
+    write_box(tmp_path / "shifted.obj", 1.0, (0.25, 0, 0))
+    write_box(tmp_path / "open.obj", 0.75, faces=5)
+    return tmp_path
+
+
+@pytest.mark.parametrize("new, options, status", [
+    ("small", ["--limit-in", "0.26"], 0), ("small", ["--limit-in", "0.24"], 1), ("small", ["--limit-out", "0"], 0),
+    ("small", ["--limit-in", "0.25", "--limit-out", "0"], 0), ("large", ["--limit-in", "0", "--limit-out", "0.434"], 0),
+    ("large", ["--limit-out", "0.433"], 1), ("large", ["--limit-in", "1", "--limit-out", "0.433"], 1),
+    ("shifted", ["--limit-in", "0.25", "--limit-out", "0.25"], 0), ("shifted", ["--limit-in", "0.2", "--limit-out", "1"], 1),
+    ("shifted", ["--limit-in", "1", "--limit-out", "0.2"], 1), ("golden", ["--limit-in", "0", "--limit-out", "0"], 0),
+    ("open", ["--limit-in", "0.3"], 0), ("small", ["--limit-in", "0.3", "--limit", "0.3"], 1),
+    ("small", ["--limit-in", "0.3", "--limit", "0.5"], 0), ("small", ["--limit-in", "0.3", "--collides", "yes"], 1)])
+@pytest.mark.parametrize("quads", ["triangles", "bilinear"])
+def test_limits_of_one_side(quadmesh, boxes, new, options, status, quads):
+    """Material that is missing is inside of the golden surface, and what is added outside."""
+    done = quadmesh("check", f"{new}.obj", "golden.obj", *options, "--quads", quads)
+    assert (done.returncode, done.stderr) == (status, ""), done.stdout
+
+
+def test_a_golden_mesh_that_is_open_is_trouble(quadmesh, boxes):
+    done = quadmesh("check", "golden.obj", "open.obj", "--limit-in", "1")
+    assert done.returncode == 2 and done.stdout.startswith("trouble") and "open.obj: mesh B is open" in done.stdout
+    done = quadmesh("check", "golden.obj", "open.obj", "--limit-in", "1", "--junit", "-")
+    suites = junitparser.JUnitXml.fromstring(done.stdout.encode())
+    assert [case.result[0].type for suite in suites for case in suite] == ["trouble"]
+
+
+def test_limits_of_one_side_in_a_manifest(quadmesh, boxes):
+    manifest = {"limit_in": 0.3, "checks": [{"new": "small.obj", "golden": "golden.obj"},
+                                            {"new": "shifted.obj", "golden": "golden.obj", "limit_out": 0.2}]}
+    (boxes / "m.json").write_text(json.dumps(manifest))
+    done = quadmesh("check", "m.json", "--json")
+    assert done.returncode == 1
+    small, shifted = json.loads(done.stdout)["checks"]
+    assert (small["outcome"], shifted["outcome"]) == ("within", "beyond")
+    assert small["limit_in"] == 0.3 and "limit_out" not in small and "limit" not in small
+    assert small["inside"]["lower"] <= 0.25 <= small["inside"]["upper"]
+    assert 0.2 < shifted["outside"]["lower"] <= 0.25 <= shifted["outside"]["upper"]
+    assert "outside by" in shifted["detail"] and "face" in shifted["detail"]
+
+
+def test_reports(quadmesh, boxes):
+    """One page for one pair, or a folder of them, each with a name of its own."""
+    done = quadmesh("check", "small.obj", "golden.obj", "--limit", "0.3", "--report", "r.html")
+    page = (boxes / "r.html").read_text()
+    assert done.returncode == 1 and page.lower().startswith("<!doctype html>")
+    assert "small.obj" in page and "golden.obj" in page and "beyond" in page.lower()
+    pair = {"name": "a/b", "new": "small.obj", "golden": "golden.obj"}
+    (boxes / "m.json").write_text(json.dumps({"limit_in": 0.3, "checks": [pair, pair | {"limit": 0.5, "quads": "bilinear"}]}))
+    assert quadmesh("check", "m.json", "--report", "pages").returncode == 0
+    assert sorted(path.name for path in (boxes / "pages").iterdir()) == ["001-a_b.html", "002-a_b.html"]
+    done = quadmesh("check", "shifted.obj", "golden.obj", "--limit", "1e-6", "--align", "--report", "pages")
+    assert done.returncode == 0 and (boxes / "pages" / "001-shifted.obj.html").exists(), done.stdout
+    done = quadmesh("check", "m.json", "--report", "r.html")
+    assert done.returncode == 2 and "takes a folder" in done.stderr
+    (boxes / "file").write_text("")
+    assert quadmesh("check", "small.obj", "golden.obj", "--limit", "1", "--report", "file/below").returncode == 2
 
 
 def test_meeting(quadmesh, square, raised, tmp_path):
@@ -199,6 +265,7 @@ def test_a_manifest(quadmesh, folders):
     ('{"checks": []}', "checks must be an array"), ('{"checks": [3]}', "checks/0/ must be an object"),
     ('{"checks": [{"new": "a"}]}', "checks/0/golden is missing"),
     ('{"checks": [{"new": "a", "golden": "b"}]}', "checks/0/limit is missing"),
+    ('{"limit_in": -1, "checks": []}', "limit_in must be a number of 0 or more"),
     ('{"limit": -1, "checks": []}', "limit must be a number of 0 or more"),
     ('{"limit": 1, "chekcs": []}', "chekcs is not a field of a manifest"),
     ('{"limit": 1, "checks": [{"new": "a", "golden": "b", "percent": 0}]}', "checks/0/percent must be"),
@@ -270,7 +337,8 @@ def test_an_interrupt_is_no_answer(quadmesh, slow_pair):
 @pytest.mark.parametrize("arguments", [
     [], ["a", "b", "c", "--limit", "1"], ["a", "b"], ["a", "b", "--limit", "-1"], ["a", "b", "--limit", "nan"],
     ["a", "b", "--limit", "1", "--percent", "0"], ["a", "b", "--limit", "1", "--percent", "101"],
-    ["a", "b", "--limit", "1", "--percent", "1,2"], ["a", "b", "--collides", "maybe"], ["a", "b", "--limit", "1", "--gap", "0"]])
+    ["a", "b", "--limit", "1", "--percent", "1,2"], ["a", "b", "--collides", "maybe"], ["a", "b", "--limit", "1", "--gap", "0"],
+    ["a", "b", "--limit-in", "-1"], ["a", "b", "--limit-out", "nan"]])
 def test_wrong_usage(quadmesh, arguments):
     done = quadmesh("check", *arguments)
     assert (done.returncode, done.stdout) == (2, "") and done.stderr

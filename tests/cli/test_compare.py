@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from conftest import write_torus
+from conftest import write_box, write_torus
 
 
 @pytest.fixture(params=["here", "there"])
@@ -69,10 +69,33 @@ def test_point_sets_are_told(quadmesh, square, tmp_path):
     assert done.returncode == 0 and "A is measured over its points" in done.stdout
 
 
+def test_limits_of_one_side(quadmesh, tmp_path, where):
+    a, b = write_box(tmp_path / "a.obj", 1.0, (0.25, 0, 0)), write_box(tmp_path / "b.obj", 1.0)
+    opened = write_box(tmp_path / "open.obj", 0.75, faces=5)
+    for limits, status in ((("0.3", "0.3"), 0), (("0.2", "0.3"), 1), (("0.3", "0.2"), 1)):
+        done = quadmesh("compare", a, b, "--limit-in", limits[0], "--limit-out", limits[1], "--regions", *where)
+        assert (done.returncode, done.stderr) == (status, ""), done.stdout
+        assert all(len(line) <= 80 for line in done.stdout.splitlines()[2:])
+        assert "positive outside" in done.stdout and f"parts of A are or may be beyond {min(limits)}" in done.stdout
+    done = quadmesh("compare", a, b, "--limit-in", "0.1", "--limit-out", "0.1", "--sign", "inside", "--json", *where)
+    signed = json.loads(done.stdout)["a_to_b"]["signed"]
+    assert done.returncode == 1 and signed["sign"] == "inside"
+    assert [(band["from"], band["to"]) for band in signed["bands"]] == [(None, -0.1), (-0.1, 0.1), (0.1, None)]
+    done = quadmesh("compare", opened, b, "--sign", "outside", *where)
+    assert done.returncode == 0 and "B has no sign against A, which is open" in done.stdout
+    done = quadmesh("compare", b, opened, "--limit-in", "1", *where)
+    assert done.returncode == 2 and "open" in done.stderr
+    done = quadmesh("compare", a, b, "--limit", "0.1", "--regions", *where)
+    assert done.returncode == 0 and "may be beyond 0.1" in done.stdout
+    done = quadmesh("compare", a, b, "--regions", *where)
+    assert done.returncode == 2 and "--regions takes --limit" in done.stderr
+
+
 @pytest.mark.parametrize("arguments", [
     [], ["a"], ["a", "b", "c"], ["a", "b", "--limit", "-1"], ["a", "b", "--limit", "1,"], ["a", "b", "--limit", "x"],
     ["a", "b", "--worst", "0"], ["a", "b", "--radius", "-1"], ["a", "b", "--gap", "0"], ["a", "b", "--percentiles", "101"],
-    ["a", "b", "--limit", "nan"], ["a", "b", "--limit", "inf"], ["a", "b", "--limit", ",".join(["1"] * 65)]])
+    ["a", "b", "--limit", "nan"], ["a", "b", "--limit", "inf"], ["a", "b", "--limit", ",".join(["1"] * 65)],
+    ["a", "b", "--limit-in", "-1"], ["a", "b", "--sign", "up"]])
 def test_wrong_usage(quadmesh, arguments):
     done = quadmesh("compare", *arguments)
     assert (done.returncode, done.stdout) == (2, "")

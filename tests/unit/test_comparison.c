@@ -37,7 +37,7 @@ static qm_status compare_in(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
     memset(out, 0, sizeof *out);
     qm_status status = qm_bvh_build(ctx, a, QM_BVH_ALL, 1, &tree_a);
     if (status == QM_OK) status = qm_bvh_build(ctx, b, QM_BVH_ALL, 1, &tree_b);
-    if (status == QM_OK) status = qm_comparison_measure(ctx, tree_a, tree_b, options, out);
+    if (status == QM_OK) status = qm_comparison_measure(ctx, tree_a, tree_b, options, NULL, out);
     qm_bvh_destroy(ctx, tree_a);
     qm_bvh_destroy(ctx, tree_b);
     return status;
@@ -492,7 +492,7 @@ static bool cancel_at(const qm_mesh *a, const qm_mesh *b, const qm_comparison_op
     ctx.wait = cancel_in_time;
     ctx.wait_user = &at;
     qm_comparison found;
-    assert_int_equal(qm_comparison_measure(&ctx, of_a, of_b, options, &found), QM_OK);
+    assert_int_equal(qm_comparison_measure(&ctx, of_a, of_b, options, NULL, &found), QM_OK);
     bool was_raised = atomic_load(&at.cancel);
     assert_true(found.is_canceled == was_raised);
     bool holds = meet(found.hausdorff, truth->hausdorff) && meet(found.hd95, truth->hd95) &&

@@ -239,7 +239,7 @@ static void shares_at_the_distance_are_exact(void **state)
         options.limit = limits;
         options.limit_count = 2;
         qm_comparison found;
-        assert_int_equal(qm_comparison_measure(&ctx, tree[0], tree[1], &options, &found), QM_OK);
+        assert_int_equal(qm_comparison_measure(&ctx, tree[0], tree[1], &options, NULL, &found), QM_OK);
         assert_true(found.f_score[0].f.lower == 1.0 && found.f_score[0].f.upper == 1.0);
         assert_true(found.f_score[1].f.lower == 0.0 && found.f_score[1].f.upper == 0.0);
         assert_true(found.hausdorff.upper == 0.75 && found.mean.upper == 0.75);

@@ -11,6 +11,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "bvh/bvh_tree.h"
 #include "core/clock.h"
 #include "core/rounding.h"
 
@@ -163,8 +164,42 @@ static void join(qm_comparison *out)
     out->is_canceled = a->is_canceled || b->is_canceled;
 }
 
+/** Whether A can prove a sign, or with NORMAL has faces that point somewhere. A call that is canceled meanwhile does not know. */
+static qm_status find_sign(qm_context *ctx, const qm_bvh *a, const qm_comparison_options *options,
+                           const qm_solid *solid_a, qm_comparison *out)
+{
+    out->is_signed[0] = options->sign != QM_SIGN_NONE;
+    if (options->sign == QM_SIGN_NORMAL) out->is_signed[1] = a->mesh.face_count > 0;
+    if (options->sign == QM_SIGN_NONE || options->sign == QM_SIGN_NORMAL) return QM_OK;
+    qm_status status = QM_OK;
+    if (solid_a)
+        out->solid_a = *solid_a;
+    else
+        status = qm_solid_check(ctx, a, options->quads, options->thread_count, &out->solid_a);
+    out->knows_solid = status == QM_OK;
+    out->is_signed[1] = out->knows_solid && out->solid_a.fault == QM_SOLID_PROVEN;
+    return status == QM_E_CANCELED ? QM_OK : status;
+}
+
+/** Measures B from A. Whether a surface with faces has an area is known only after its pieces are bounded. */
+static qm_status measure_back(qm_context *ctx, const qm_bvh *a, const qm_bvh *b, qm_deviation_options options,
+                              qm_comparison *out)
+{
+    options.solid = out->is_signed[1] && out->knows_solid ? &out->solid_a : NULL;
+    if (!out->is_signed[1]) {
+        options.sign = QM_SIGN_NONE;
+        options.band_count = 0;
+    }
+    if (b->mesh.face_count == 0) options.region_limit = NAN;
+    qm_status status = qm_deviation_measure(ctx, b, a, &options, &out->side[1]);
+    if (status != QM_E_UNSUPPORTED || isnan(options.region_limit)) return status;
+    options.region_limit = NAN;
+    return qm_deviation_measure(ctx, b, a, &options, &out->side[1]);
+}
+
 qm_status qm_comparison_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
-                                const qm_comparison_options *options, qm_comparison *out)
+                                const qm_comparison_options *options, const qm_solid *solid_a,
+                                qm_comparison *out)
 {
     QM_ASSERT(ctx && a && b && options && out && options->bin_count == 0);
     *out = (qm_comparison){0};
@@ -183,7 +218,8 @@ qm_status qm_comparison_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *
         each.percentile = percent;
         each.percentile_count = count;
         status = qm_deviation_measure(ctx, a, b, &each, &out->side[0]);
-        if (status == QM_OK) status = qm_deviation_measure(ctx, b, a, &each, &out->side[1]);
+        if (status == QM_OK) status = find_sign(ctx, a, options, solid_a, out);
+        if (status == QM_OK) status = measure_back(ctx, a, b, each, out);
     }
     if (status == QM_OK) join(out);
     for (size_t i = 0; status == QM_OK && i < out->limit_count; i++)

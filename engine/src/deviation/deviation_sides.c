@@ -18,12 +18,11 @@
 #define NEAR_ROUNDINGS 16.0 /* etas: open pieces no farther than that are not cut */
 #define CHUNK 256           /* pieces that a worker takes at a time */
 #define CANCEL_STRIDE 0x400
-#define SEARCH_WORK 1024       /* pieces that are cut for the maximum of a side, */
-#define SEARCH_SHARE 0.02      /* and further ones for each piece */
-#define SEARCH_PARTS 16        /* of one of them */
-#define SAFE (1.0 - 0x1p-20)   /* of a distance: covers the roundings of its comparison with another */
-#define BORDER (1.0 - 0x1p-50) /* just below a positive border */
-#define FOOT_ERROR 1e-13       /* local: of a witness's foot */
+#define SEARCH_WORK 1024     /* pieces that are cut for the maximum of a side, */
+#define SEARCH_SHARE 0.02    /* and further ones for each piece */
+#define SEARCH_PARTS 16      /* of one of them */
+#define SAFE (1.0 - 0x1p-20) /* of a distance: covers the roundings of its comparison with another */
+#define FOOT_ERROR 1e-13     /* local: of a witness's foot */
 
 /* ---- one piece ---- */
 
@@ -169,7 +168,7 @@ typedef struct side_sums {
 
 /** By the side, from BEHIND to FRONT. */
 typedef struct all_sums {
-    side_sums of[3];
+    side_sums of[QM_PIECE_SIDES];
 } all_sums;
 
 static const side_sums *sums_of(const all_sums *sums, int side)
@@ -259,80 +258,6 @@ static void set_sums(const qm_deviation_sides *sides, const all_sums *sums, qm_d
 
 /* ---- bands ---- */
 
-/** The areas of each side within the borders of the bands, ascending. */
-typedef struct band_work {
-    double *border;
-    size_t count;
-    qm_deviation_areas *within[3];
-    all_sums sums;
-} band_work;
-
-static const qm_deviation_areas nothing = {0, 0, 0, 0};
-
-/** The areas of a side within a distance; below 0 nothing is, and all is beyond. */
-static qm_deviation_areas areas_within(const band_work *work, int side, double x)
-{
-    const side_sums *all = sums_of(&work->sums, side);
-    qm_deviation_areas none = nothing;
-    none.most_beyond = all->area[1];
-    none.least_beyond = all->area[0];
-    if (x < 0.0) return none;
-    size_t low = 0, high = work->count;
-    while (low < high) {
-        size_t between = (low + high) / 2;
-        if (work->border[between] < x)
-            low = between + 1;
-        else
-            high = between;
-    }
-    QM_ASSERT(low < work->count && work->border[low] == x);
-    return work->within[side - QM_PIECE_BEHIND][low];
-}
-
-/** The areas of a side with a distance from one number, included, to another. */
-static qm_deviation_areas areas_between(const band_work *work, int side, double from, double to)
-{
-    qm_deviation_areas out = areas_within(work, side, to);
-    if (!(from > 0.0) || to < 0.0) return out;
-    qm_deviation_areas below = areas_within(work, side, from * BORDER),
-                       most_below = areas_within(work, side, from);
-    out.least_within = fmaxl(0, out.least_within - most_below.most_within);
-    out.most_beyond += most_below.most_within;
-    out.most_within = fmaxl(0, out.most_within - below.least_within);
-    out.least_beyond += below.least_within;
-    return out;
-}
-
-static void add_areas(qm_deviation_areas *sum, qm_deviation_areas least, qm_deviation_areas most)
-{
-    sum->least_within += least.least_within;
-    sum->most_beyond += least.most_beyond;
-    sum->most_within += most.most_within;
-    sum->least_beyond += most.least_beyond;
-}
-
-/** The share of a band of signed distances, positive in front. An open piece is surely in it where it is on either side, and
- * possibly where it is on one. */
-static qm_interval band_share(const qm_deviation_sides *sides, const band_work *work, qm_interval band)
-{
-    qm_deviation_areas sum = nothing;
-    qm_deviation_areas front = areas_between(work, QM_PIECE_FRONT, band.lower, band.upper);
-    qm_deviation_areas behind = areas_between(work, QM_PIECE_BEHIND, -band.upper, -band.lower);
-    add_areas(&sum, front, front);
-    add_areas(&sum, behind, behind);
-    bool has_zero = band.lower <= 0.0 && band.upper >= 0.0;
-    double least = has_zero ? fmin(-band.lower, band.upper) : -1.0;
-    double from = has_zero ? 0.0 : fmax(band.lower, -band.upper), to = fmax(-band.lower, band.upper);
-    add_areas(&sum, areas_within(work, QM_PIECE_OPEN, least), areas_between(work, QM_PIECE_OPEN, from, to));
-    return qm_deviation_share(&sum, sides->pieces->leak, sides->pieces->count);
-}
-
-static int compare_numbers(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 /** The band as positive in front, local. */
 static qm_interval local_band(const qm_deviation_sides *sides, size_t i)
 {
@@ -342,46 +267,21 @@ static qm_interval local_band(const qm_deviation_sides *sides, size_t i)
     return (qm_interval){band.lower * scale, band.upper * scale};
 }
 
-#define BORDERS 4 /* of a band: both ends, and just below each */
-
-static void set_borders(const qm_deviation_sides *sides, band_work *work)
-{
-    for (size_t i = 0; i < sides->options->band_count; i++) {
-        qm_interval band = local_band(sides, i);
-        const double ends[2] = {fabs(band.lower), fabs(band.upper)};
-        for (int k = 0; k < 2; k++) {
-            work->border[work->count++] = ends[k];
-            work->border[work->count++] = ends[k] * BORDER;
-        }
-    }
-    qsort(work->border, work->count, sizeof *work->border, compare_numbers);
-}
-
 static qm_status set_bands(const qm_deviation_sides *sides, const all_sums *sums, qm_deviation *out)
 {
     qm_context *ctx = sides->pieces->ctx;
-    size_t count = BORDERS * sides->options->band_count, rows = QM_SHARE_ROWS * (count + 1);
+    size_t count = sides->options->band_count;
     if (count == 0) return QM_OK;
-    band_work work = {.border = qm_context_alloc(ctx, count, sizeof *work.border), .sums = *sums};
-    long double *scratch = qm_context_alloc(ctx, rows, sizeof *scratch);
-    bool has_memory = work.border && scratch;
-    for (int k = 0; k < 3; k++) {
-        work.within[k] = qm_context_alloc(ctx, count, sizeof *work.within[k]);
-        has_memory = has_memory && work.within[k];
-    }
-    qm_status status =
-        has_memory ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the bands");
-    if (has_memory) set_borders(sides, &work);
-    for (int k = 0; status == QM_OK && k < 3; k++)
-        status = qm_deviation_find_areas(ctx, qm_refinement_list(sides->pieces), sides->side,
-                                         (int8_t)(k + QM_PIECE_BEHIND), work.border, count, scratch,
-                                         work.within[k]);
-    for (size_t i = 0; status == QM_OK && i < sides->options->band_count; i++)
-        out->sides.band[i] = band_share(sides, &work, local_band(sides, i));
-    for (int k = 0; k < 3; k++)
-        qm_context_free(ctx, work.within[k], count, sizeof *work.within[k]);
-    qm_context_free(ctx, work.border, count, sizeof *work.border);
-    qm_context_free(ctx, scratch, rows, sizeof *scratch);
+    qm_deviation_groups groups = {.side = sides->side};
+    for (int k = 0; k < QM_PIECE_SIDES; k++)
+        memcpy(groups.area[k], sums->of[k].area, sizeof groups.area[k]);
+    qm_interval *band = qm_context_alloc(ctx, count, sizeof *band);
+    if (!band) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the bands");
+    for (size_t i = 0; i < count; i++)
+        band[i] = local_band(sides, i);
+    qm_status status = qm_deviation_band_shares(ctx, qm_refinement_list(sides->pieces), &groups, band, count,
+                                                out->sides.band);
+    qm_context_free(ctx, band, count, sizeof *band);
     return status;
 }
 

@@ -15,11 +15,9 @@
 #ifndef QM_DEVIATION_SIDES_H
 #define QM_DEVIATION_SIDES_H
 
+#include "deviation_limits.h"
 #include "deviation_normals.h"
 #include "deviation_refine.h"
-
-/** Sides of pieces. */
-enum { QM_PIECE_BEHIND = -1, QM_PIECE_OPEN = 0, QM_PIECE_FRONT = 1, QM_PIECE_UNKNOWN = 2 };
 
 typedef struct qm_deviation_sides {
     qm_refinement *pieces;
