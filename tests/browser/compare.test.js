@@ -1,4 +1,4 @@
-// The page that compares: right numbers, the chart, stopping, threshold, heat map, links, exports.
+// The page that compares: right numbers, the chart, stopping, limit, heat map, links, exports.
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
@@ -61,7 +61,7 @@ test("a search is stopped at any time, and its bounds hold", async () => {
   const page = await browser.open(`${daemon.url}/#compare`);
   await choose(page, "low", "high");
   await page.locator("select[name=quads]").selectOption("bilinear");
-  await page.locator("input[name=tolerance]").fill("1e-12");
+  await page.locator("input[name=gap]").fill("1e-12");
   await page.getByRole("button", { name: "Measure" }).click();
   await page.waitForFunction(() => document.querySelector("#upper .value").textContent !== "–");
   await page.getByRole("button", { name: "Stop" }).click();
@@ -72,15 +72,17 @@ test("a search is stopped at any time, and its bounds hold", async () => {
   await finish(page);
 });
 
-test("a threshold gets its verdict", async () => {
-  const page = await browser.open(`${daemon.url}/#compare?a=${ids.a}&b=${ids.b}&threshold=0.001`);
+test("a limit gets its verdict", async () => {
+  const page = await browser.open(`${daemon.url}/#compare?a=${ids.a}&b=${ids.b}&limit=0.001`);
   await page.locator(`select[name=a] option[value="${ids.a}"]:checked`).waitFor({ state: "attached" });
-  assert.equal(await page.locator("input[name=threshold]").inputValue(), "0.001");
+  assert.equal(await page.locator("input[name=limit]").inputValue(), "0.001");
   await page.getByRole("button", { name: "Measure" }).click();
-  await page.getByText("The distance is below the threshold 0.001.").waitFor();
-  await page.locator("input[name=threshold]").fill("0.0004");
+  await page.getByText("The distance is below the limit 0.001.").waitFor();
+  await page.locator("input[name=limit]").fill("0.0004");
   await page.getByRole("button", { name: "Measure" }).click();
-  await page.getByText("The distance is above the threshold 0.0004.").waitFor();
+  await page.getByText("The distance is above the limit 0.0004.").waitFor();
+  await page.getByRole("link", { name: "Jobs" }).click();
+  await page.locator("tbody tr", { hasText: "above the limit 0.0004" }).waitFor();
   await finish(page);
 });
 
@@ -223,7 +225,7 @@ test("the colours' range is the user's, stays, and is in the link; bands show wh
   await page.getByRole("button", { name: "Map the distances" }).click();
   await page.locator(".legend", { hasText: "hill_0.off from hill_1.off" }).waitFor();
 
-  await page.locator("input[name=threshold]").fill("0.04");
+  await page.locator("input[name=limit]").fill("0.04");
   await page.getByRole("button", { name: "Bands" }).click();
   await page.locator(".legend .band", { hasText: "within 0.0400" }).waitFor();
   await page.waitForFunction(() => location.hash.includes("limits=-0.04,0.04"));

@@ -7,7 +7,7 @@ import { changed, meshOf, on, state } from "../core/state.js";
 import { drawTools, toggle } from "../view/tools.js";
 import { currentStage, look, lookAt, setLook, show } from "../view/view.js";
 import { copyLink, saveBounds, saveDistances, savePicture } from "./exports.js";
-import { makeForm, readRequest, settings } from "./form.js";
+import { limitOf, makeForm, readRequest, settings } from "./form.js";
 import { DeviationMap } from "./map.js";
 import { Measurement } from "./measurement.js";
 import { makeOutcome } from "./outcome.js";
@@ -24,7 +24,7 @@ export function showCompare(panel) {
 class Compare {
   /** @param {HTMLElement} panel */
   constructor(panel) {
-    for (const name of /** @type {const} */ (["direction", "quads", "tolerance", "threshold"])) settings[name] = parameter(name) ?? settings[name];
+    for (const name of /** @type {const} */ (["direction", "quads", "gap", "limit"])) settings[name] = parameter(name) ?? settings[name];
     readWanted();
     const hidden = (parameter("hide") ?? "").split("");
     this.shown = { a: !hidden.includes("a"), b: !hidden.includes("b") };
@@ -39,7 +39,7 @@ class Compare {
     this.outcome = makeOutcome();
     this.form = makeForm({ onMeasure: () => this.measure(), onStop: () => run(() => this.measurement.stop()), onReading: () => this.onReading(), onSwap: () => swap() });
     this.map = new DeviationMap({
-      quads: () => settings.quads, firstLimit: () => (settings.threshold.trim() === "" ? null : Number(settings.threshold)),
+      quads: () => settings.quads, firstLimit: () => limitOf(settings),
       onChange: () => this.requestDraw(), onMeasured: () => this.clearForMap() });
     this.fly = h("button", { type: "button", disabled: true, onclick: () => run(() => this.flyToPair()) }, "Show the farthest points");
     this.csv = h("button", { type: "button", disabled: true, onclick: () => saveBounds(this.measurement) }, "Bounds, CSV");
@@ -80,7 +80,7 @@ class Compare {
     const { measurement, map } = this;
     this.form.draw(measurement.isRunning);
     const request = measurement.job?.request;
-    this.outcome.draw(measurement, request?.threshold ?? (settings.threshold === "" ? null : Number(settings.threshold)));
+    this.outcome.draw(measurement, request?.threshold ?? limitOf(settings));
     this.csv.disabled = measurement.samples.length === 0;
     this.distancesCsv.disabled = !map.deviation?.distances.length;
     map.button.disabled = state.a === null || state.b === null || map.search.isRunning;

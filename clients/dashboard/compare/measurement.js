@@ -110,8 +110,8 @@ export class Measurement {
 
 /** @param {HausdorffResult} result */
 function ending({ stopped_by, converged }) {
-  if (stopped_by === "threshold") return "Stopped: the side of the threshold is certain";
-  if (converged) return "Done: the gap is within the tolerance";
+  if (stopped_by === "threshold") return "Stopped: the side of the limit is certain";
+  if (converged) return "Done: the gap is as small as asked for";
   const reasons = /** @type {Record<string, string>} */ ({
     canceled: "Stopped; the bounds hold", deadline: "Stopped at the deadline; the bounds hold",
     precision: "Stopped: double precision proves no more; the bounds hold",

@@ -53,7 +53,9 @@ export function answerOf(job) {
     return `${length(lower, 7)} to ${length(upper ?? Infinity, 7)} is left`;
   }
   const bounds = job.result ?? job.progress;
-  return bounds && "lower" in bounds ? `${length(bounds.lower, 7)} to ${length(bounds.upper, 7)}` : "";
+  if (!bounds || !("lower" in bounds)) return "";
+  const verdict = "verdict" in bounds && bounds.verdict ? `, ${bounds.verdict} the limit ${job.request.threshold}` : "";
+  return `${length(bounds.lower, 7)} to ${length(bounds.upper, 7)}${verdict}`;
 }
 
 /** Where the page shows the result; null where it does not, as of meshes that were moved for a job. @param {Job} job */
