@@ -284,3 +284,44 @@ test("a fault of the request is shown in words", async () => {
   await page.locator("#outcome.fault", { hasText: "/b" }).waitFor();
   await finish(page);
 });
+
+test("both ways in one table, and the worst places as pins in a list that flies to each; a link brings them back", async () => {
+  const [square, hill] = await uploadHill();
+  const page = await browser.open(`${daemon.url}/#compare?a=${hill}&b=${square}&limit=0.1`, { viewport: { width: 1300, height: 900 } });
+  await waitForView(page);
+  await page.getByRole("button", { name: "Compare both ways" }).click();
+  await page.locator("#comparison").waitFor();
+  const row = (name) => page.locator("#comparison tr", { hasText: name }).locator("td").allInnerTexts();
+  // The top of the hill is 0.3 above the square; of the square the farthest point is somewhere beside that.
+  const [both, there] = await row("Maximum");
+  assert.equal(both, there);
+  assert(Math.abs(Number(both.split(" ")[0]) - 0.3) < 1e-6, both);
+  assert.match((await row("Share within 0.1")).join(), /^,\d+\.\d %( to \d+\.\d %)?,\d+\.\d %/);
+  const places = page.getByRole("list", { name: "Worst places" }).getByRole("button");
+  const count = await places.count();
+  assert(count >= 6, `${count} places`);
+  const values = (await places.allInnerTexts()).map((text) => Number(/: ([\d.]+)/.exec(text)[1]));
+  assert(Math.abs(values[0] - 0.3) < 1e-6 && values.every((value, place) => place === 0 || value <= values[place - 1] + 1e-3), values.join());
+  assert.equal(await page.locator(".pin").count(), count);
+
+  const target = () => page.evaluate(async () => {
+    const { eye: { controls }, frame, pair } = (await import("/dashboard/view/view.js")).currentStage();
+    return { target: controls.target.toArray().map((x, k) => x / frame.scale + frame.centre[k]), from: pair.from.toArray().map((x, k) => x / frame.scale + frame.centre[k]) };
+  });
+  await places.first().click();
+  assert.equal(await places.first().getAttribute("aria-pressed"), "true");
+  await page.waitForTimeout(900); // the flight
+  const { target: at, from } = await target();
+  assert(Math.hypot(from[0] - 0.5, from[1] - 0.5, from[2] - 0.3) < 1e-6, from.join());
+  assert(Math.hypot(at[0] - 0.5, at[1] - 0.5) < 1e-3 && at[2] > 0 && at[2] < 0.3001, at.join());
+  await page.locator(".pin").nth(1).click();
+  await page.waitForTimeout(900);
+  assert(Math.hypot(...(await target()).from.map((x, k) => x - from[k])) > 0.05, "another place, apart by the radius");
+
+  const other = await browser.open(page.url());
+  await other.locator("#comparison").waitFor();
+  await other.locator(".pin").nth(count - 1).waitFor({ state: "attached" });
+  assert.equal(await other.locator("#comparison").innerText(), await page.locator("#comparison").innerText());
+  await finish(page);
+  await finish(other);
+});

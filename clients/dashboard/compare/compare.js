@@ -8,6 +8,7 @@ import { drawTools, toggle } from "../view/tools.js";
 import { currentStage, look, lookAt, setLook, show } from "../view/view.js";
 import { copyLink, saveBounds, saveDistances, savePicture } from "./exports.js";
 import { limitOf, makeForm, readRequest, settings } from "./form.js";
+import { ComparisonSection } from "./comparison.js";
 import { DeviationMap } from "./map.js";
 import { Measurement } from "./measurement.js";
 import { makeOutcome } from "./outcome.js";
@@ -30,6 +31,8 @@ class Compare {
     this.shown = { a: !hidden.includes("a"), b: !hidden.includes("b") };
     /** Was the view led to the farthest points yet? */
     this.isFollowed = false;
+    /** One of the worst places, in the place of the farthest points. @type {{ from: number[], to: number[] } | null} */
+    this.place = null;
     this.pairKey = "";
     this.view = "nothing yet";
     this.pair = "";
@@ -41,6 +44,8 @@ class Compare {
     this.map = new DeviationMap({
       quads: () => settings.quads, firstLimit: () => limitOf(settings),
       onChange: () => this.requestDraw(), onMeasured: () => this.clearForMap() });
+    this.comparison = new ComparisonSection({
+      quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings), onChosen: (points) => this.showPlace(points) });
     this.fly = h("button", { type: "button", disabled: true, onclick: () => run(() => this.flyToPair()) }, "Show the farthest points");
     this.csv = h("button", { type: "button", disabled: true, onclick: () => saveBounds(this.measurement) }, "Bounds, CSV");
     this.distancesCsv = h("button", { type: "button", disabled: true, onclick: () => saveDistances(this.map.heat) }, "Distances, CSV");
@@ -59,11 +64,11 @@ class Compare {
       h("section", { className: "section", "aria-labelledby": "compare-title" }, h("header", {}, h("h2", { id: "compare-title" }, "Compare")), this.form.form),
       h("section", { className: "section", "aria-labelledby": "distance-title" },
         h("header", {}, h("h2", { id: "distance-title" }, "Hausdorff distance"), this.fly), this.outcome.element),
-      this.map.element,
+      this.map.element, this.comparison.element,
       h("section", { className: "section", "aria-labelledby": "export-title" },
         h("h2", { id: "export-title" }, "Export"),
         h("div", { className: "row" }, h("button", { type: "button", onclick: () => run(() => copyLink(this.lookOfLink())) }, "Copy link"),
-          h("button", { type: "button", onclick: () => run(() => savePicture(this.map)) }, "Picture, PNG"), this.csv, this.distancesCsv)));
+          h("button", { type: "button", onclick: () => run(() => savePicture(this.map, this.comparison.labels)) }, "Picture, PNG"), this.csv, this.distancesCsv)));
   }
 
   /** Events may come faster than the screen shows them. */
@@ -85,6 +90,7 @@ class Compare {
     this.distancesCsv.disabled = !map.deviation?.distances.length;
     map.button.disabled = state.a === null || state.b === null || map.search.isRunning;
     map.sign.disabled = !map.heat.hasSides;
+    this.comparison.button.disabled = map.button.disabled || this.comparison.search.isRunning;
     this.showPair();
   }
 
@@ -102,18 +108,27 @@ class Compare {
   }
 
   showPair() {
-    const points = this.witness;
+    const { witness } = this;
+    const points = this.place ?? witness;
     const stage = currentStage();
-    this.fly.disabled = !points || !stage;
+    this.fly.disabled = !witness || !stage;
     const key = stage ? JSON.stringify([points, stage.frame]) : "";
     if (key !== this.pairKey) stage?.setPair(points);
     this.pairKey = key;
-    if (!points || this.isFollowed || !stage?.models.get("a")?.isWhole) return;
+    if (!witness || this.isFollowed || !stage?.models.get("a")?.isWhole) return;
     this.isFollowed = true;
     if (!parameter("eye")) run(() => this.flyToPair());
   }
 
+  /** A place of the comparison, which takes the place of the farthest points. @param {{ from: number[], to: number[] }} points */
+  showPlace(points) {
+    this.place = points;
+    this.showPair();
+  }
+
   async flyToPair() {
+    this.place = null;
+    this.showPair();
     if (this.witness) await lookAt([this.witness.from, this.witness.to], "the farthest points");
   }
 
@@ -142,6 +157,7 @@ class Compare {
     this.showPair();
     if (this.map.deviation) run(() => this.map.paint());
     else if (parameter("heat") && !this.map.search.isRunning) run(() => this.map.measure());
+    run(() => (this.comparison.found ? this.comparison.pin() : this.comparison.restore()));
   }
 
   measure() {
@@ -158,15 +174,18 @@ class Compare {
 
   onReading() {
     this.map.forget();
+    this.comparison.leave();
     this.drawView();
   }
 
   onChoice() {
     const pair = `${state.a} ${state.b}`;
     if (pair !== this.pair) {
-      if (this.pair !== "") setParameters({ a: state.a, b: state.b, heat: null, eye: null, pins: null });
+      if (this.pair !== "") setParameters({ a: state.a, b: state.b, heat: null, eye: null, pins: null, comparison: null });
       this.pair = pair;
+      this.place = null;
       this.map.forget();
+      this.comparison.leave();
     }
     this.drawView();
     this.draw();
@@ -189,6 +208,7 @@ class Compare {
     this.sizes.disconnect();
     this.measurement.leave();
     this.map.forget();
+    this.comparison.leave();
     setLook({ through: false });
     currentStage()?.setPair(null);
   }

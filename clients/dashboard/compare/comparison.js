@@ -1,0 +1,158 @@
+// The section of the comparison: the figures of both directions and of both together, and the worst places.
+
+import { colour, h } from "../core/dom.js";
+import { intervals, percent } from "../core/format.js";
+import { run, sayFault } from "../core/messages.js";
+import { parameter, setParameters } from "../core/route.js";
+import { Search } from "../core/search.js";
+import { state } from "../core/state.js";
+import { makePlaces } from "../view/places.js";
+import { currentStage, lookAt } from "../view/view.js";
+import { makeTable, writeRows } from "./table.js";
+
+/** @import { ComparisonResult, Interval, LengthInterval, QuadReading, Witness } from "../../js/types.js" */
+/** @import { Labels } from "../view/labels.js" */
+/** @typedef {LengthInterval & Witness & { side: "A" | "B" }} WorstPlace */
+
+const WORST_COUNT = 5;
+
+export class ComparisonSection {
+  /**
+   * @param {object} options
+   * @param {() => QuadReading} options.quads
+   * @param {() => number | null} options.limit the permitted distance
+   * @param {(points: { from: number[], to: number[] }) => void} options.onChosen a place is looked at
+   */
+  constructor({ quads, limit, onChosen }) {
+    this.quads = quads;
+    this.limit = limit;
+    this.onChosen = onChosen;
+    this.search = new Search(() => "");
+    /** @type {{ id: string, result: ComparisonResult, places: WorstPlace[] } | null} */
+    this.found = null;
+    /** @type {Labels | null} */
+    this.labels = null;
+    this.button = h("button", { type: "button", onclick: () => run(() => this.measure()) }, "Compare both ways");
+    this.words = h("p", { className: "muted" });
+    this.figures = h("div", { className: "section" });
+    this.element = h("section", { className: "section", "aria-labelledby": "comparison-title" },
+      h("header", {}, h("h2", { id: "comparison-title" }, "Both ways, and the worst places"), this.button), this.words, this.search.element, this.figures);
+    this.forget();
+  }
+
+  /** @param {string} a @param {string} b */
+  question(a, b) {
+    const limit = this.limit();
+    return { type: /** @type {const} */ ("comparison"), a, b, quads: this.quads(), worst: { count: WORST_COUNT }, limits: limit === null ? [] : [limit] };
+  }
+
+  async measure() {
+    const { a, b } = state;
+    if (a === null || b === null) return;
+    await this.take(this.search.run(this.question(a, b)));
+  }
+
+  /** The comparison of a link. */
+  async restore() {
+    const id = parameter("comparison");
+    if (id && !this.found && !this.search.isRunning) await this.take(this.search.open(id));
+  }
+
+  /** @param {Promise<import("../core/search.js").Found>} asked */
+  async take(asked) {
+    this.forget();
+    this.words.textContent = "";
+    try {
+      const { id, result: answer } = await asked;
+      const result = /** @type {ComparisonResult} */ (answer);
+      this.found = { id, result, places: worstOf(result) };
+      setParameters({ comparison: id });
+      this.draw();
+      await this.pin();
+    } catch (error) {
+      this.explain();
+      sayFault(error);
+    }
+  }
+
+  draw() {
+    if (!this.found) return;
+    const { result, places } = this.found;
+    const written = intervals(places);
+    this.figures.replaceChildren(drawFigures(result), makePlaces("Worst places", places.map(({ side, from, to }, place) => ({
+      words: `${place + 1}: ${written[place]}, on ${side}`,
+      points: [from.point, to.point], what: `place ${place + 1}` })), (place) => this.choose(place)));
+  }
+
+  /** Numbers at the worst places. */
+  async pin() {
+    const { found } = this;
+    const stage = currentStage();
+    this.labels?.dispose();
+    this.labels = null;
+    if (!found || !stage) return;
+    const { Labels } = await import("../view/labels.js");
+    if (found !== this.found) return;
+    const labels = this.labels = new Labels(stage);
+    found.places.forEach(({ side, from }, place) => {
+      const pin = h("button", { type: "button", title: `The worst place ${place + 1}, on ${side}`, onclick: () => this.flyTo(place) }, String(place + 1));
+      pin.style.borderColor = colour(side === "A" ? "--mesh-a" : "--mesh-b");
+      labels.add(from.point, pin);
+    });
+  }
+
+  /** @param {number} place */
+  flyTo(place) {
+    this.choose(place);
+    const { from, to } = /** @type {NonNullable<typeof this.found>} */ (this.found).places[place];
+    run(() => lookAt([from.point, to.point], `place ${place + 1}`));
+  }
+
+  /** @param {number} place */
+  choose(place) {
+    const chosen = this.found?.places[place];
+    if (chosen) this.onChosen({ from: chosen.from.point, to: chosen.to.point });
+  }
+
+  explain() {
+    this.words.textContent = "Figures of A from B, of B from A, and of both together; where they are farthest apart.";
+  }
+
+  /** The meshes are others now. */
+  forget() {
+    this.labels?.dispose();
+    this.labels = this.found = null;
+    this.figures.replaceChildren();
+    this.explain();
+  }
+
+  leave() {
+    this.search.leave();
+    this.forget();
+  }
+}
+
+/** Of both directions, the farthest first. @param {ComparisonResult} result @returns {WorstPlace[]} */
+function worstOf({ a_to_b: there, b_to_a: back }) {
+  return [...(there.worst ?? []).map((place) => ({ ...place, side: /** @type {const} */ ("A") })),
+    ...(back.worst ?? []).map((place) => ({ ...place, side: /** @type {const} */ ("B") }))].sort((one, other) => other.lower - one.lower);
+}
+
+/** @param {ComparisonResult} result */
+function drawFigures({ a_to_b: there, b_to_a: back, symmetric: both, accurate }) {
+  const of95 = (/** @type {typeof there} */ { percentiles }) => percentiles.find((one) => one.percent === 95) ?? null;
+  const rows = writeRows([
+    ["Maximum", [both.hausdorff, there.hausdorff, back.hausdorff]], ["95 % lie within", [both.hd95, of95(there), of95(back)]],
+    ["Mean", [both.mean, there.mean, back.mean]], ["RMS", [both.rms, there.rms, back.rms]],
+    ["Standard deviation", [null, there.std, back.std]], ["Chamfer, sum of means", [both.chamfer.l1, null, null]]]);
+  const shares = there.shares.map(({ limit, ...share }, place) => /** @type {[string, string[]]} */ ([`Share within ${limit}`,
+    ["", writeShare(share), writeShare(back.shares[place])]]));
+  const scores = both.f_score.map(({ limit, f }) => /** @type {[string, string[]]} */ ([`F-score at ${limit}`, [writeShare(f), "", ""]]));
+  return h("div", { className: "section", id: "comparison" },
+    h("div", { className: "scroll", tabIndex: 0, role: "group", "aria-label": "Figures of both directions" },
+      makeTable("Figures of both directions", ["Both", "A from B", "B from A"], [...rows, ...shares, ...scores])),
+    h("p", { className: "muted small" }, `Each figure is proven, with ± what is not known of it.${accurate ? "" : " It ended before they were as narrow as wanted."}`));
+}
+
+/** @param {Interval} share */
+const writeShare = ({ lower, upper }) => (lower === upper ? percent(lower) : `${percent(lower)} to ${percent(upper)}`);
