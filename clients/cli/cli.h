@@ -149,6 +149,9 @@ char *cli_session_run_job(cli_session *session, const qm_job_request *request, c
 bool cli_session_fetch(cli_session *session, const char *path, const void *bytes, size_t size,
                        const char *media, const char *subject, FILE *out);
 
+/** Fetches the array of the result of the last job, for free; false after a report that names server, and *numbers may be NULL. */
+bool cli_session_fetch_numbers(cli_session *session, const char *server, double **numbers, size_t *count);
+
 /** The path of the last job, "" if there is none. */
 const char *cli_session_job_path(const cli_session *session);
 

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/json.h"
 #include "options.h"
@@ -22,9 +23,12 @@ static void print_distance(const qm_json *result)
     printf("  between  face %.0f of a and face %.0f of b\n", qm_json_get_number(result, "witness.from.face"),
            qm_json_get_number(result, "witness.to.face"));
     if (qm_json_is_true(result, "collides")) puts("  the surfaces meet");
+    const char *verdict = qm_json_get_string(result, "verdict");
+    if (verdict) printf("  verdict  %s the limit\n", verdict);
     printf("  search   %.1f ms, %.0f pairs of faces\n", qm_json_get_number(result, "elapsed_ms"),
            qm_json_get_number(result, "face_pairs"));
-    if (!qm_json_is_true(result, "converged")) puts("  stopped  before the gap was reached; the bounds hold");
+    if (!qm_json_is_true(result, "converged") && !verdict)
+        puts("  stopped  before the gap was reached; the bounds hold");
 }
 
 static bool write_csv(const char *path, const cli_job *job, const qm_collision *found)
@@ -59,6 +63,26 @@ static bool fetch_csv(const char *path, const cli_job *job, cli_session *session
     return is_fetched && is_written;
 }
 
+/** With a limit, whether the distance is above it; else whether it was found. */
+static int distance_status(const cli_job *job, const qm_json *result)
+{
+    const char *verdict = qm_json_get_string(result, "verdict");
+    if (verdict) return strcmp(verdict, "above") == 0 ? EXIT_OK : EXIT_NO;
+    bool is_done = isnan(job->request.threshold) && qm_json_is_true(result, "converged");
+    return is_done ? EXIT_OK : EXIT_NOT_CONVERGED;
+}
+
+static void print_depth(const qm_json *result, const char *name, const char *words)
+{
+    char path[64], low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
+    snprintf(path, sizeof path, "penetration.%s.lower", name);
+    if (!qm_json_has(result, path)) return;
+    double lower = qm_json_get_number(result, path);
+    snprintf(path, sizeof path, "penetration.%s.upper", name);
+    printf("  %s %s to %s deep\n", words, cli_format_bound(lower, false, low),
+           cli_format_bound(qm_json_get_number(result, path), true, high));
+}
+
 /** user is the path of the CSV file, or NULL. */
 static int finish(const void *user, const cli_job *job, const cli_job_output *output)
 {
@@ -70,7 +94,7 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     }
     qm_json *result = qm_json_parse(output->json);
     bool is_distance = job->request.kind == QM_JOB_DISTANCE;
-    int status = is_distance ? (qm_json_is_true(result, "converged") ? EXIT_OK : EXIT_NOT_CONVERGED)
+    int status = is_distance ? distance_status(job, result)
                              : (qm_json_is_true(result, "collides") ? EXIT_NO : EXIT_OK);
     if (job->as_json)
         puts(output->json);
@@ -100,6 +124,10 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
             }
             puts("");
         }
+        const char *relation = qm_json_get_string(result, "relation");
+        if (relation) printf("  solids   %s\n", relation);
+        print_depth(result, "a_in_b", "A in B  ");
+        print_depth(result, "b_in_a", "B in A  ");
         printf("  search   %.1f ms, %.0f exact tests\n", qm_json_get_number(result, "elapsed_ms"),
                qm_json_get_number(result, "tests"));
     }
@@ -114,8 +142,17 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
     cli_job job = cli_job_make(kind);
     qm_job_request *request = &job.request;
     const char *csv = NULL;
-    /* The first four are for lists of pairs, the last one for two meshes. */
+    /* The first two are for two meshes, the next four for pairs. */
     const cli_option options[] = {
+        {.name = "solid",
+         .type = CLI_FLAG,
+         .target = &request->solid,
+         .help =
+             "tell whether the solids are apart, meet, or one is inside of the other; both must be closed"},
+        {.name = "penetration",
+         .type = CLI_FLAG,
+         .target = &request->penetration,
+         .help = "and how deep each is in the other"},
         {.name = "csv",
          .letter = 'o',
          .value = "FILE",
@@ -152,13 +189,19 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_SERVER(&job.server),
-        CLI_OPTION_TRANSFORM(&job.transform),
-        CLI_OPTIONS_NOTES(request)}; /* these and the transform are of two meshes, and so the last ones */
-    size_t skipped = kind == QM_JOB_DISTANCE ? 4 : 0, left_out = kind == QM_JOB_SELF_COLLISION ? 3 : 0;
+        CLI_OPTION_TRANSFORM(&job.transform), /* this and the notes are of two meshes, */
+        CLI_OPTIONS_NOTES(request),
+        {.name = "limit", /* and of distances */
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &request->threshold,
+         .help = "stop once it is certain whether the distance is above X, in the unit of the meshes"}};
+    bool is_distance = kind == QM_JOB_DISTANCE;
+    size_t skipped = is_distance ? 6 : kind == QM_JOB_COLLISION ? 0 : 2;
+    size_t left_out = is_distance ? 0 : kind == QM_JOB_SELF_COLLISION ? 4 : 1;
+    size_t count = sizeof options / sizeof *options - skipped - left_out;
     int status;
-    if (!cli_read_options(command, options + skipped, sizeof options / sizeof *options - skipped - left_out,
-                          argc, argv, job.path, &status))
-        return status;
+    if (!cli_read_options(command, options + skipped, count, argc, argv, job.path, &status)) return status;
     if (!job.server) request->threads = cli_count_threads(request->threads);
     return cli_run_job(&job, finish, csv);
 }
@@ -206,6 +249,6 @@ const cli_command cmd_distance = {
     .takes = "two files",
     .path_count = 2,
     .description = "Bounds of the minimum distance between two surfaces.\n\n",
-    .exit_status =
-        "Exit status: 0 done, 2 bad input or wrong usage, 3 interrupted, or the gap was not reached.",
+    .exit_status = "Exit status: 0 done, or above the limit, 1 not above it, 2 bad input "
+                   "or wrong usage, 3 interrupted, or neither the gap was reached nor a verdict.",
     .run = run_distance};

@@ -36,6 +36,80 @@ static void print_interval(const qm_json *result, const char *name)
            cli_format_bound(upper, true, high));
 }
 
+static void print_range(const char *name, double lower, double upper)
+{
+    char low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
+    printf("  %-8s %s to %s\n", name, cli_format_bound(lower, false, low),
+           cli_format_bound(upper, true, high));
+}
+
+static void print_side(const qm_json *result, const char *side)
+{
+    char path[64], name[32];
+    static const char *const figures[] = {"max", "size"};
+    for (int i = 0; i < 2; i++) {
+        snprintf(path, sizeof path, "signed.%s.%s.lower", side, figures[i]);
+        double lower = qm_json_get_number(result, path);
+        snprintf(path, sizeof path, "signed.%s.%s.upper", side, figures[i]);
+        snprintf(name, sizeof name, "%s", i == 0 ? side : "  size");
+        print_range(name, lower, qm_json_get_number(result, path));
+    }
+}
+
+static void print_signed(const qm_json *result)
+{
+    const char *sign = qm_json_get_string(result, "signed.sign");
+    printf("signed, positive %s%s\n", strcmp(sign, "normal") == 0 ? "where the normals of B point to" : sign,
+           qm_json_is_true(result, "signed.proven") ? "" : "; the sides are not proven");
+    print_range("mean", qm_json_get_number(result, "signed.mean.lower"),
+                qm_json_get_number(result, "signed.mean.upper"));
+    print_side(result, "outside");
+    print_side(result, "inside");
+    char path[64];
+    for (size_t i = 0;; i++) {
+        snprintf(path, sizeof path, "signed.bands.%zu.lower", i);
+        if (!qm_json_has(result, path)) return;
+        double share[2] = {qm_json_get_number(result, path), 0.0}, ends[2];
+        snprintf(path, sizeof path, "signed.bands.%zu.upper", i);
+        share[1] = qm_json_get_number(result, path);
+        snprintf(path, sizeof path, "signed.bands.%zu.from", i);
+        ends[0] = qm_json_get_number(result, path);
+        snprintf(path, sizeof path, "signed.bands.%zu.to", i);
+        ends[1] = qm_json_get_number(result, path);
+        printf("  from %.6g to %.6g: %.4f %% to %.4f %%\n", isnan(ends[0]) ? -INFINITY : ends[0],
+               isnan(ends[1]) ? INFINITY : ends[1], floor(1e6 * share[0]) / 1e4, ceil(1e6 * share[1]) / 1e4);
+    }
+}
+
+enum { PRINTED_REGIONS = 10 };
+
+static void print_limit(const qm_json *result)
+{
+    const char *verdict = qm_json_get_string(result, "verdict");
+    if (verdict) printf("verdict  %s the limit\n", verdict);
+    if (!qm_json_has(result, "region_count")) return;
+    double count = qm_json_get_number(result, "region_count");
+    printf("%.0f region%s of A %s or may be beyond it\n", count, count == 1.0 ? "" : "s",
+           count == 1.0 ? "is" : "are");
+    for (int i = 0; i < PRINTED_REGIONS && i < (int)count; i++) {
+        static const char *const names[] = {"max.lower",  "max.upper",  "area.lower", "area.upper",
+                                            "centroid.0", "centroid.1", "centroid.2", "face_count"};
+        double figure[sizeof names / sizeof *names];
+        char path[64], low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
+        for (size_t k = 0; k < sizeof names / sizeof *names; k++) {
+            snprintf(path, sizeof path, "regions.%d.%s", i, names[k]);
+            figure[k] = qm_json_get_number(result, path);
+        }
+        snprintf(path, sizeof path, "regions.%d.surely", i);
+        printf("  %-8s up to %s to %s", qm_json_is_true(result, path) ? "surely" : "maybe",
+               cli_format_bound(figure[0], false, low), cli_format_bound(figure[1], true, high));
+        printf(", area %s to %s", cli_format_bound(figure[2], false, low),
+               cli_format_bound(figure[3], true, high));
+        printf(", round %.6g %.6g %.6g, %.0f face%s\n", figure[4], figure[5], figure[6], figure[7],
+               figure[7] == 1.0 ? "" : "s");
+    }
+}
+
 static void print_text(const cli_job *job, const qm_json *result)
 {
     const char *over = qm_json_get_string(result, "over");
@@ -55,6 +129,8 @@ static void print_text(const cli_job *job, const qm_json *result)
         printf("  %-8s %s to %s\n", name, cli_format_bound(lower, false, low),
                cli_format_bound(qm_json_get_number(result, path), true, high));
     }
+    if (qm_json_has(result, "signed")) print_signed(result);
+    print_limit(result);
     printf("  search   %.1f ms after %.1f + %.1f ms to prepare, %.0f pieces, %.0f projections\n",
            qm_json_get_number(result, "elapsed_ms"), qm_json_get_number(result, "prepare_ms.a"),
            qm_json_get_number(result, "prepare_ms.b"), qm_json_get_number(result, "pieces"),
@@ -143,28 +219,6 @@ static bool write_files(const file_names *names, const qm_mesh *mesh, const dist
     return is_written && (!names->ply || write_file(names->ply, mesh, distances, true));
 }
 
-/** Fetches the distances of the job that ran on a daemon; false after a report. */
-static bool fetch_distances(const cli_job *job, cli_session *session, distance_list *out)
-{
-    char path[300];
-    FILE *file = tmpfile();
-    *out = (distance_list){0};
-    if (!file) {
-        perror("quadmesh: no temporary file");
-        return false;
-    }
-    snprintf(path, sizeof path, "%s/result", cli_session_job_path(session));
-    bool is_read = cli_session_fetch(session, path, NULL, 0, "application/octet-stream", job->server, file);
-    long size = is_read ? ftell(file) : 0;
-    rewind(file);
-    out->count = (size_t)size / sizeof(double);
-    out->values = malloc((size_t)size + 1);
-    is_read = is_read && out->values && fread(out->values, sizeof(double), out->count, file) == out->count;
-    fclose(file);
-    if (is_read) qm_text_swap_bytes(out->values, out->count);
-    return is_read;
-}
-
 /** Writes the files of a job that ran on a daemon. Positions are read from the input file again, and moved as there. */
 static bool write_fetched(const file_names *names, const cli_job *job, cli_session *session)
 {
@@ -174,7 +228,7 @@ static bool write_fetched(const file_names *names, const cli_job *job, cli_sessi
     qm_preparation positions_only = cli_prepare(false, job->request.quads, 1);
     if (job->request.pose[0].is_given) positions_only.transform = job->request.pose[0].transform;
     bool is_written = false;
-    if (fetch_distances(job, session, &distances) &&
+    if (cli_session_fetch_numbers(session, job->server, &distances.values, &distances.count) &&
         cli_load_mesh(&ctx, job->path[0], job->as_json, &positions_only, &mesh)) {
         if (mesh.mesh.vertex_count == distances.count)
             is_written = write_files(names, &mesh.mesh, &distances);
@@ -187,6 +241,13 @@ static bool write_fetched(const file_names *names, const cli_job *job, cli_sessi
 }
 
 /* ---- the command ---- */
+
+/** Whether the greatest distance is within the limit. */
+static int limit_status(const qm_json *result)
+{
+    const char *verdict = qm_json_get_string(result, "verdict");
+    return !verdict ? EXIT_NOT_CONVERGED : strcmp(verdict, "below") == 0 ? EXIT_OK : EXIT_NO;
+}
 
 static int finish(const void *user, const cli_job *job, const cli_job_output *output)
 {
@@ -205,8 +266,43 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     else
         print_text(job, result);
     bool is_accurate = qm_json_is_true(result, "accurate");
+    int status =
+        isnan(job->request.threshold) ? (is_accurate ? EXIT_OK : EXIT_NOT_CONVERGED) : limit_status(result);
     qm_json_free(result);
-    return !is_written ? EXIT_BAD_INPUT : is_accurate ? EXIT_OK : EXIT_NOT_CONVERGED;
+    return is_written ? status : EXIT_BAD_INPUT;
+}
+
+/** Reads an end of a band up to a character: a number, or nothing for none. */
+static bool read_end(const char **text, double none, char stop, double *out)
+{
+    char *end = NULL;
+    *out = none;
+    if (**text != stop && **text != '\0') {
+        *out = strtod(*text, &end);
+        if (end == *text || !isfinite(*out)) return false;
+        *text = end;
+    }
+    return true;
+}
+
+static bool read_bands(const char *text, void *target)
+{
+    qm_job_request *request = target;
+    request->band_count = 0;
+    for (const char *at = text; request->band_count < QM_JOB_MAX_BANDS; at++) {
+        qm_interval *band = &request->bands[request->band_count];
+        if (!read_end(&at, -INFINITY, ':', &band->lower) || *at++ != ':') break;
+        if (!read_end(&at, INFINITY, ',', &band->upper) || !(band->lower <= band->upper)) break;
+        request->band_count++;
+        if (!*at) return true;
+        if (*at != ',') break;
+    }
+    fprintf(stderr,
+            "quadmesh: --bands takes up to %d ranges FROM:TO, ascending, separated by commas, as in "
+            "-0.1:0.2,0.2:; got "
+            "\"%s\"\n",
+            QM_JOB_MAX_BANDS, text);
+    return false;
 }
 
 static int run(int argc, char **argv)
@@ -238,6 +334,29 @@ static int run(int argc, char **argv)
          .max = QM_JOB_MAX_BINS,
          .target = &request->bins,
          .help = "bins of the histogram (default 50)"},
+        {.name = "limit",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &request->threshold,
+         .help = "say whether the greatest distance is above X, in the unit of the meshes"},
+        {.name = "regions",
+         .type = CLI_FLAG,
+         .target = &request->regions,
+         .help = "and which connected parts of A are, or may be, beyond it"},
+        {.name = "sign",
+         .value = "S",
+         .type = CLI_CHOICE,
+         .choices = qm_sign_names,
+         .target = &request->sign,
+         .help = "outside, inside: distances of that side of B, which is proven closed, are "
+                 "positive;\nnormal: those "
+                 "where B's normals point to, not proven; none (default)"},
+        {.name = "bands",
+         .value = "L",
+         .type = CLI_CUSTOM,
+         .read = read_bands,
+         .target = request,
+         .help = "ranges of signed distances FROM:TO, separated by commas: which share of A is in each"},
         CLI_OPTIONS_NOTES(request),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_TRANSFORM(&job.transform),
@@ -261,6 +380,7 @@ const cli_command cmd_deviation = {
     .description =
         "How far the surface A is from B: mean, rms, percentiles, histogram and maximum, as proven "
         "intervals.\n\n",
-    .exit_status =
-        "Exit status: 0 accurate, 2 bad input or wrong usage, 3 the pieces ran out before, or interrupted.",
+    .exit_status = "Exit status: 0 accurate, or within the limit, 1 beyond it, 2 bad input or wrong usage, 3 "
+                   "the pieces ran out before, no "
+                   "verdict, or interrupted.",
     .run = run};

@@ -123,7 +123,9 @@ static int run_loaded(const cli_job *job, const qm_loaded_mesh *a, const qm_load
     qm_status status = qm_job_execute(&ctx, &request, a, b, on_progress, &bar, &result);
     cli_bar_clear(&bar);
     if (status != QM_OK) {
-        cli_report_status(job->path[0], status, &ctx, job->as_json);
+        /* A fault of one of two meshes names it. */
+        bool is_second = b && strncmp(ctx.message, "mesh B", 6) == 0;
+        cli_report_status(job->path[is_second ? 1 : 0], status, &ctx, job->as_json);
         return EXIT_BAD_INPUT;
     }
     qm_text text = {0};
@@ -144,10 +146,11 @@ static int run_here(const cli_job *job, cli_finish_fn *finish, const void *user)
     for (int side = 0; side < 2; side++) {
         /* Only the kinds that search for nearest points need targets. */
         const qm_job_request *request = &job->request;
-        const bool is_target = request->kind == QM_JOB_COMPARISON || request->kind == QM_JOB_ALIGNMENT ? true
-                               : request->kind == QM_JOB_HAUSDORFF
-                                   ? request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A)
-                                   : request->kind == QM_JOB_DEVIATION && side == 1;
+        const bool is_target =
+            request->kind == QM_JOB_COMPARISON || request->kind == QM_JOB_ALIGNMENT ? true
+            : request->kind == QM_JOB_HAUSDORFF
+                ? request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A)
+                : (request->kind == QM_JOB_DEVIATION || request->kind == QM_JOB_HEATMAP) && side == 1;
         preparation[side] = cli_prepare(is_target, request->quads, request->threads);
         preparation[side].has_no_tree = job->request.kind == QM_JOB_COLLISION;
         if (request->pose[side].is_given) preparation[side].transform = request->pose[side].transform;

@@ -343,3 +343,25 @@ bool cli_session_fetch(cli_session *session, const char *path, const void *bytes
     if (status != 0 && status != 200) report_document(session, subject, session->body.data, status);
     return status == 200;
 }
+
+bool cli_session_fetch_numbers(cli_session *session, const char *server, double **numbers, size_t *count)
+{
+    char path[300];
+    FILE *file = tmpfile();
+    *numbers = NULL;
+    *count = 0;
+    if (!file) {
+        perror("quadmesh: no temporary file");
+        return false;
+    }
+    snprintf(path, sizeof path, "%s/result", cli_session_job_path(session));
+    bool is_read = cli_session_fetch(session, path, NULL, 0, "application/octet-stream", server, file);
+    long size = is_read ? ftell(file) : 0;
+    rewind(file);
+    *count = (size_t)size / sizeof(double);
+    *numbers = malloc((size_t)size + 1);
+    is_read = is_read && *numbers && fread(*numbers, sizeof(double), *count, file) == *count;
+    fclose(file);
+    if (is_read) qm_text_swap_bytes(*numbers, *count);
+    return is_read;
+}

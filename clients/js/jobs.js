@@ -145,6 +145,15 @@ export class Jobs {
   }
 
   /**
+   * The triangles of a heat map, fourteen numbers each: x, y, z and distance of each corner, the face, the error.
+   * @param {string} id
+   * @param {Options} [options]
+   */
+  triangles(id, options = {}) {
+    return this.distances(id, options);
+  }
+
+  /**
    * Asks about two files, of which nothing is kept.
    * @param {Blob} a with its name if it is a File
    * @param {Blob} b

@@ -44,24 +44,27 @@
  *   bounds?: "cover" | "matching" }} HausdorffRequest */
 /** @typedef {CommonRequest & { type: "project", mesh: MeshName, points: Point[] }} ProjectRequest */
 /** @typedef {CommonRequest & Gap & { type: "deviation", a: MeshName, b: MeshName, accuracy?: number, pieces?: number,
- *   percentiles?: number[], bins?: number }} DeviationRequest */
+ *   percentiles?: number[], bins?: number, limit?: number | null, regions?: boolean,
+ *   sign?: "none" | "outside" | "inside" | "normal", bands?: [number | null, number | null][] }} DeviationRequest */
 /** @typedef {CommonRequest & Gap & { type: "comparison", a: MeshName, b: MeshName, limits?: number[], percentiles?: number[],
  *   accuracy?: number, pieces?: number, worst?: { count: number, radius?: number } | null }} ComparisonRequest */
-/** @typedef {CommonRequest & Gap & { type: "distance", a: MeshName, b: MeshName }} DistanceRequest */
+/** @typedef {CommonRequest & Gap & { type: "distance", a: MeshName, b: MeshName, limit?: number | null }} DistanceRequest */
 /** @typedef {CommonRequest & Gap & { mode?: "all" | "first" | "any", limit?: number }} AnyCollisionRequest */
-/** @typedef {AnyCollisionRequest & { type: "collision", a: MeshName, b: MeshName }} CollisionRequest */
+/** @typedef {AnyCollisionRequest & { type: "collision", a: MeshName, b: MeshName, solid?: boolean,
+ *   penetration?: boolean }} CollisionRequest */
 /** @typedef {AnyCollisionRequest & { type: "self_collision", mesh: MeshName, incremental?: boolean }} SelfCollisionRequest */
 /** @typedef {Gap & { type: "alignment", a: MeshName, b: MeshName, fit?: "least_squares" | "min_max",
  *   start?: "principal" | "centroids" | "identity" | "landmarks", motion?: "rigid" | "rigid_scale" | "translation",
  *   direction?: "auto" | Direction, landmarks?: [Point, Point][], trim?: number, max_distance?: number | null, mirror?: boolean,
  *   samples?: number, quads?: QuadReading, threads?: number,
  *   detach?: boolean }} AlignmentRequest */
+/** @typedef {CommonRequest & { type: "heatmap", a: MeshName, b: MeshName, error?: number, pieces?: number }} HeatmapRequest */
 /** @typedef {"all" | { nearest: number } | { within: number }} MatrixWant */
 /** @typedef {Gap & { type: "matrix", meshes: string[], want?: MatrixWant, measure?: "hausdorff", quads?: QuadReading,
  *   threads?: number, detach?: boolean, deadline_ms?: number }} MatrixRequest */
 /** @typedef {{ type: "reconstruction_step", reconstruction: string, steps?: number, measure?: boolean, threads?: number,
  *   until?: { hausdorff_relative?: number, max_quads?: number, edge_length?: number }, detach?: boolean }} StepRequest */
-/** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | ComparisonRequest | DistanceRequest
+/** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | ComparisonRequest | HeatmapRequest | DistanceRequest
  *   | CollisionRequest | SelfCollisionRequest | AlignmentRequest | MatrixRequest | StepRequest} JobRequest */
 
 /** @typedef {{ elapsed_ms: number, lower: number, upper: number | null, lower_relative: number | null,
@@ -81,9 +84,17 @@
 /** @typedef {{ lower: number, upper: number }} Interval */
 /** @typedef {{ lower: number, upper: number | null, lower_relative: number | null, upper_relative: number | null }} TrueInterval */
 /** @typedef {Interval & { lower_relative: number | null, upper_relative: number | null, of_true?: TrueInterval }} LengthInterval */
+/** @typedef {{ max: LengthInterval, size: Interval,
+ *   witness?: { from: SurfacePoint, to: SurfacePoint } }} DeviationSide */
+/** @typedef {{ sign: "outside" | "inside" | "normal", proven: boolean, mean: Interval, outside: DeviationSide,
+ *   inside: DeviationSide, open_size: number, bands: (Interval & { from: number | null, to: number | null })[] }} SignedDeviation */
+/** @typedef {{ surely: boolean, parts: number, area: Interval, max: LengthInterval,
+ *   witness?: { from: SurfacePoint, to: SurfacePoint }, centroid: Point, box: { min: Point, max: Point },
+ *   face_count: number, faces: number[] }} DeviationRegion */
 /** @typedef {{ over: "area" | "vertices" | "points", size: Interval, mean: LengthInterval, rms: LengthInterval,
  *   max: LengthInterval, percentiles: (LengthInterval & { percent: number })[],
- *   histogram: { bin_width: number, shares: [number, number][] }, vertex_count: number, vertex_distances?: number[],
+ *   histogram: { bin_width: number, shares: [number, number][] }, signed?: SignedDeviation,
+ *   verdict?: "above" | "below" | null, region_count?: number, regions?: DeviationRegion[], vertex_count: number, vertex_distances?: number[],
  *   quads: QuadReading, accuracy: number, tolerance: number, accurate: boolean, pieces: number, projections: number,
  *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} DeviationResult */
 /** @typedef {{ from: SurfacePoint, to: SurfacePoint }} Witness */
@@ -98,6 +109,9 @@
  *     chamfer: { l1: Interval, l1_half: Interval, l2: Interval, l2_half: Interval }, f_score: FScore[] },
  *   quads: QuadReading, accuracy: number, gap: number, accurate: boolean, pieces: number, projections: number,
  *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} ComparisonResult */
+/** Fourteen numbers a triangle: x, y, z and distance of each corner, the face, the error.
+ * @typedef {{ count: number, error: number, requested_error: number, accurate: boolean, triangles?: number[][], quads: QuadReading,
+ *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} HeatmapResult */
 /** @typedef {{ lower: number, upper: number, lower_relative: number | null, upper_relative: number | null,
  *   witness: { from: SurfacePoint, to: SurfacePoint }, collides: boolean, quads: QuadReading, tolerance: number,
  *   converged: boolean, face_pairs: number, prepare_ms: { a: number, b: number }, elapsed_ms: number }} DistanceResult */
@@ -125,7 +139,7 @@
  *   certainty: { runner_up_rms: number | null }, hausdorff: LengthInterval & { converged: boolean },
  *   fit: "least_squares" | "min_max", quads: QuadReading, tolerance: number, iterations: number, rounds: number,
  *   converged: boolean, prepare_ms: { a: number, b: number }, elapsed_ms: number }} AlignmentResult */
-/** @typedef {HausdorffResult | ProjectResult | DeviationResult | ComparisonResult | DistanceResult | CollisionResult
+/** @typedef {HausdorffResult | ProjectResult | DeviationResult | ComparisonResult | HeatmapResult | DistanceResult | CollisionResult
  *   | AlignmentResult | MatrixResult | StepResult} JobResult */
 
 /** @typedef {{ id: number, from: number, to: number, points: Point[] }} Curve */

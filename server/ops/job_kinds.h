@@ -19,12 +19,16 @@
 #include "qm/comparison.h"
 #include "qm/distance.h"
 #include "qm/hausdorff.h"
+#include "qm/heatmap.h"
 #include "qm/matrix.h"
 #include "refine.h"
 
 /** Limits of requests. */
 #define QM_JOB_MAX_THREADS QM_HOST_MAX_THREADS
 #define QM_JOB_MAX_PERCENTILES 64
+#define QM_JOB_MAX_BANDS 64
+#define QM_JOB_LISTED_REGIONS 1000
+#define QM_JOB_LISTED_FACES 1000 /* of each region */
 #define QM_JOB_MAX_LIMITS 64
 #define QM_JOB_MAX_PLACES 100
 #define QM_JOB_MAX_STEPS 64
@@ -50,6 +54,8 @@ extern const char *const qm_align_start_names[];     /* qm_align_start */
 extern const char *const qm_align_motion_names[];    /* qm_align_motion */
 extern const char *const qm_align_direction_names[]; /* qm_job_align_direction */
 extern const char *const qm_tolerance_unit_names[];  /* qm_job_request.tolerance_is_absolute */
+extern const char *const qm_sign_names[];            /* qm_sign */
+extern const char *const qm_relation_names[];        /* qm_relation */
 
 /** XX(suffix, name in "type"). */
 #define QM_JOB_MAP(XX)                                                                                       \
@@ -57,6 +63,7 @@ extern const char *const qm_tolerance_unit_names[];  /* qm_job_request.tolerance
     XX(PROJECT, project)                                                                                     \
     XX(DEVIATION, deviation)                                                                                 \
     XX(COMPARISON, comparison)                                                                               \
+    XX(HEATMAP, heatmap)                                                                                     \
     XX(DISTANCE, distance)                                                                                   \
     XX(COLLISION, collision)                                                                                 \
     XX(SELF_COLLISION, self_collision)                                                                       \
@@ -157,9 +164,10 @@ typedef struct qm_job_request {
     double tolerance;
     bool tolerance_is_absolute; /* else a fraction of the diagonal of A's box */
 
+    double threshold; /* hausdorff, distance, deviation: the limit; NAN: none */
+
     /* hausdorff */
     qm_direction direction;
-    double threshold;    /* NAN: none */
     size_t memory_limit; /* of the queue, bytes; 0: the host decides */
     qm_accelerator accelerator;
     qm_bounds bounds;
@@ -169,11 +177,17 @@ typedef struct qm_job_request {
     double *points; /* x y z of each point; malloc'ed, owned by the request */
     size_t point_count;
 
-    /* deviation and comparison */
+    /* deviation and comparison; pieces of heatmap as well */
     double accuracy;
     size_t pieces, bins;
     double percentiles[QM_JOB_MAX_PERCENTILES];
     size_t percentile_count;
+    qm_sign sign;
+    qm_interval bands[QM_JOB_MAX_BANDS]; /* ends may be infinite */
+    size_t band_count;
+    bool regions; /* those beyond the limit */
+
+    double error; /* heatmap: 0: a share of the diagonal */
 
     /* comparison; lengths in the unit of the meshes */
     double limits[QM_JOB_MAX_LIMITS];
@@ -184,6 +198,8 @@ typedef struct qm_job_request {
     /* collision and self_collision */
     qm_collide_mode mode;
     size_t list_limit; /* max pairs in the result object */
+    bool solid;        /* collision: tells how the solids lie; an open mesh is an error */
+    bool penetration;  /* collision: and how deep each is in the other */
     bool incremental;  /* self_collision: search only near vertices moved since the last search, if known */
 
     /* alignment */
@@ -207,7 +223,8 @@ typedef struct qm_job_request {
 } qm_job_request;
 
 /** The defaults: a Hausdorff job, two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points.
- * Deviation and comparison: accuracy 1e-2, 2^20 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99, no limits.
+ * Deviation and comparison: accuracy 1e-2, 2^20 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99, no limits;
+ * no sign, no bands.
  * Collisions: all pairs, 1000 of them listed. Alignment: those of the engine. */
 qm_job_request qm_job_request_default(void);
 
@@ -241,11 +258,16 @@ typedef struct qm_job_result {
     /* comparison; the faces of its places are indices of the input files */
     qm_comparison comparison;
 
+    /* heatmap */
+    qm_heatmap heatmap;
+
     /* distance; its faces are from_face and to_face */
     qm_distance distance;
 
     /* collision and self_collision */
     qm_listed_pairs pairs;
+    qm_relation relation;                     /* with solid */
+    qm_deviation_side a_inside_b, b_inside_a; /* with penetration: of A in B, and of B in A */
 
     /* alignment; the distance of the moved mesh is in hausdorff */
     qm_align_result alignment;

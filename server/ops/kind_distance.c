@@ -3,9 +3,13 @@
  */
 #include "job_kinds_internal.h"
 
+#include <math.h>
+
 static qm_status run(const qm_job_call *call, qm_job_result *out)
 {
-    qm_distance_options options = {.quads = call->request->quads, .tolerance = qm_job_tolerance(call)};
+    qm_distance_options options = {.quads = call->request->quads,
+                                   .tolerance = qm_job_tolerance(call),
+                                   .limit = call->request->threshold};
     out->tolerance = options.tolerance;
     qm_status status = qm_distance_measure(call->ctx, call->a->bvh, call->b->bvh, &options, &out->distance);
     out->from_face = qm_mesh_input_face(&call->a->mesh, out->distance.from.face);
@@ -17,6 +21,7 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
 {
     (void)is_brief;
     qm_job_add_tolerance(out, request);
+    if (!isnan(request->threshold)) qm_json_add_number(out, "limit", request->threshold);
 }
 
 static void write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
@@ -29,6 +34,10 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     qm_json_add_surface_point(out, "to", "b", request->b, result->to_face, &distance->to);
     qm_text_add_string(out, "}");
     qm_json_add_bool(out, "collides", distance->upper == 0.0);
+    if (distance->verdict == QM_VERDICT_OPEN)
+        qm_json_add_word(out, "verdict", "null");
+    else
+        qm_json_add_string(out, "verdict", distance->verdict == QM_VERDICT_ABOVE ? "above" : "below");
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     qm_json_add_number(out, "tolerance", result->tolerance);
     qm_json_add_bool(out, "converged", distance->is_converged);
@@ -37,8 +46,14 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     qm_json_add_ms(out, "elapsed_ms", distance->elapsed_ms);
 }
 
-static const qm_job_field fields[] = {
-    QM_JOB_FIELD_PAIR, QM_JOB_FIELD_QUADS, QM_JOB_FIELDS_TOLERANCE, QM_JOB_FIELD_BOXES, {0}};
+/* threshold is the former name of limit. */
+static const qm_job_field fields[] = {QM_JOB_FIELD_PAIR,
+                                      QM_JOB_FIELD_QUADS,
+                                      QM_JOB_FIELDS_TOLERANCE,
+                                      QM_JOB_FIELD_BOXES,
+                                      {"limit", QM_FIELD_LIMIT, QM_FIELD_AT(threshold)},
+                                      {"threshold", QM_FIELD_LIMIT, QM_FIELD_AT(threshold)},
+                                      {0}};
 
 const qm_job_hooks qm_job_kind_distance = {
     .type = {.name = "distance", .mesh_field = {"a", "b"}, .is_pure = true},

@@ -28,9 +28,10 @@ static qm_status list_pairs(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
     }
     for (size_t i = 0; i < listed; i++) {
         if (i % 1024 == 0 && qm_context_canceled(ctx)) return QM_E_CANCELED;
-        /* A point that is not known is written as null: of patches at the very limit of the tolerance, which the search
+        /* A point that is not known is written as null, with normals of 0: of patches at the very limit of the tolerance, which the search
          * measures in another order. */
-        out->contacts[i] = (qm_contact){QM_CONTACT_POINT, {{NAN, NAN, NAN}, {NAN, NAN, NAN}}};
+        out->contacts[i] =
+            (qm_contact){.kind = QM_CONTACT_POINT, .point = {{NAN, NAN, NAN}, {NAN, NAN, NAN}}};
         qm_collide_contact(a, b, options, found->pairs[i], &out->contacts[i]);
     }
     return QM_OK;

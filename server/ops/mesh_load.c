@@ -75,7 +75,8 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
         status = qm_tetra_build(ctx, out->bvh, &out->patches, &out->tetra);
     if (status == QM_OK && preparation->keeps_pairs) {
         out->self_pairs = qm_self_pairs_create(out->mesh.vertex_count);
-        if (!out->self_pairs) status = QM_E_NO_MEMORY;
+        out->solids = qm_solids_create();
+        if (!out->self_pairs || !out->solids) status = QM_E_NO_MEMORY;
     }
     out->bvh_ms = qm_clock_now_ms() - patches_end;
     return status;
@@ -281,6 +282,7 @@ qm_status qm_loaded_mesh_deform(qm_context *ctx, qm_loaded_mesh *mesh, double *p
     mesh->diagonal = qm_mesh_box_diagonal(&mesh->box);
     mesh->revision++;
     if (mesh->self_pairs) qm_self_pairs_move(mesh->self_pairs, vertices, vertex_count);
+    if (mesh->solids) qm_solids_forget(mesh->solids);
     qm_status status = mesh->deformer ? QM_OK : qm_deformer_build(ctx, mesh->bvh, &mesh->deformer);
     if (status == QM_OK && vertices)
         status = qm_deformer_find_faces(ctx, mesh->deformer, vertices, vertex_count, &faces, &face_count);
@@ -299,6 +301,7 @@ void qm_loaded_mesh_reset(qm_context *ctx, qm_loaded_mesh *mesh)
 {
     qm_deformer_destroy(ctx, mesh->deformer);
     qm_self_pairs_destroy(mesh->self_pairs);
+    qm_solids_destroy(mesh->solids);
     qm_tetra_destroy(ctx, mesh->tetra);
     qm_patch_set_reset(ctx, &mesh->patches);
     qm_bvh_destroy(ctx, mesh->bvh);

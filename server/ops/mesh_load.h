@@ -11,6 +11,7 @@
 #include "qm/extent.h"
 #include "qm/transform.h"
 #include "self_pairs.h"
+#include "solids.h"
 
 typedef struct qm_loaded_mesh {
     qm_mesh mesh;
@@ -24,6 +25,7 @@ typedef struct qm_loaded_mesh {
     qm_transform_change moved; /* what its transform has done to distances; all zero: it is where it was */
     uint64_t revision;         /* number of deformations since the file */
     qm_self_pairs *self_pairs; /* cache of its self-collisions; NULL if not requested */
+    qm_solids *solids;         /* what is known of it as a solid; NULL if not requested */
     qm_deformer *deformer;     /* created by the first deformation in memory; NULL before */
     qm_format format;
     char unit[QM_UNIT_SIZE]; /* of the file; "" when it does not tell */
@@ -35,14 +37,14 @@ typedef struct qm_loaded_mesh {
 
 /** The structures to build. Those that are not requested cost neither time nor memory. */
 typedef struct qm_preparation {
-    bool has_facts;          /* counts facts and derives warnings; else facts are all zero */
-    bool has_extent;         /* measures area and volume */
-    bool has_patches;        /* finds the regular patches of a mesh with quads; needs has_facts */
-    bool keeps_pairs;        /* keeps self-collisions, for incremental searches after a deformation */
-    bool has_tetra;          /* builds offset tetrahedra over the patches; needs a target tree */
-    qm_bvh_parts parts;      /* of the tree */
-    bool has_no_tree;        /* builds no tree: enough for the collision of two meshes */
-    int thread_count;        /* 1 or more; ctx->parallel is needed for more than one */
+    bool has_facts;     /* counts facts and derives warnings; else facts are all zero */
+    bool has_extent;    /* measures area and volume */
+    bool has_patches;   /* finds the regular patches of a mesh with quads; needs has_facts */
+    bool keeps_pairs;   /* keeps self-collisions, for incremental searches after a deformation, and solids */
+    bool has_tetra;     /* builds offset tetrahedra over the patches; needs a target tree */
+    qm_bvh_parts parts; /* of the tree */
+    bool has_no_tree;   /* builds no tree: enough for the collision of two meshes */
+    int thread_count;   /* 1 or more; ctx->parallel is needed for more than one */
     const double *positions; /* x y z of each vertex of a revision; NULL: those of the file */
     size_t position_count;   /* points in positions */
     const double *transform; /* moves the mesh (qm/transform.h), which passes its check; NULL: it stays */

@@ -76,6 +76,11 @@ static const char *const explanations[QM_PROBLEM_COUNT] = {
                                 "correct the unit of the one that is wrong with PATCH.",
     [QM_PROBLEM_INVALID_LAYOUT] = "The curves do not bound patches with four sides each, or name nodes that "
                                   "do not exist. The detail names the curve or the patch.",
+    [QM_PROBLEM_NOT_CLOSED] =
+        "Only a mesh that is closed, consistently oriented and does not meet itself has an inside. The "
+        "detail names "
+        "an edge or a pair of faces that is in the way. A deviation from an open mesh has signs by \"sign\": "
+        "\"normal\", which are not proven.",
     [QM_PROBLEM_IDEMPOTENCY_MISMATCH] =
         "This Idempotency-Key came with another request before. Use a new key for a new request.",
     [QM_PROBLEM_TOO_MANY_JOBS] =
@@ -213,6 +218,7 @@ static const qm_problem_code code_of_status[] = {
     [QM_E_TOO_LARGE] = QM_PROBLEM_TOO_LARGE,
     [QM_E_SCALE] = QM_PROBLEM_SCALE_OUT_OF_RANGE,
     [QM_E_LAYOUT] = QM_PROBLEM_INVALID_LAYOUT,
+    [QM_E_NOT_CLOSED] = QM_PROBLEM_NOT_CLOSED,
 };
 _Static_assert(sizeof code_of_status / sizeof code_of_status[0] == QM_STATUS_COUNT,
                "a status has no problem code");

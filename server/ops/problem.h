@@ -38,6 +38,7 @@
     XX(SCALE_OUT_OF_RANGE, 422, "scale_out_of_range", "The sizes of the meshes differ beyond precision")     \
     XX(UNITS_DIFFER, 422, "units_differ", "The meshes of the job have different units")                      \
     XX(INVALID_LAYOUT, 422, "invalid_layout", "The layout does not bound patches of four sides")             \
+    XX(NOT_CLOSED, 422, "not_closed", "The mesh does not bound a solid, so that it has no inside")           \
     XX(IDEMPOTENCY_MISMATCH, 422, "idempotency_mismatch", "The key was used for another request")            \
     XX(TOO_MANY_JOBS, 429, "too_many_jobs", "The queue of jobs is full")                                     \
     XX(HEADERS_TOO_LARGE, 431, "headers_too_large", "The headers of the request are too large")              \

@@ -195,3 +195,54 @@ def test_incremental_while_another_job_holds_the_mesh(client, slow_files):
     every = ask(client, "self_collision", mesh=mesh)["result"]
     assert some["incremental"] is True and every["incremental"] is False
     assert some["count"] == every["count"] > 0 and some["pairs"] == every["pairs"]
+
+
+def relation(client, a, b, **fields):
+    job = client.post("/v1/jobs", json={"type": "collision", "a": a, "b": b, "solid": True, **fields},
+                      headers={"Prefer": WAIT}).json()
+    assert job["state"] == "succeeded", job
+    return job["result"]
+
+
+@pytest.mark.parametrize("quads", ["triangles", "bilinear"])
+def test_solids_are_told_apart(client, quads):
+    cube, small, far, through = (client.upload(shapes.cube(side, (at, at, at)))["id"]
+                                 for side, at in ((1, 0), (0.5, 0.25), (1, 3), (1, 0.75)))
+    assert relation(client, small, cube, quads=quads)["relation"] == "a_inside_b"
+    assert relation(client, cube, small, quads=quads)["relation"] == "b_inside_a"
+    assert relation(client, cube, far, quads=quads)["relation"] == "apart"
+    found = relation(client, cube, through, quads=quads, penetration=True)
+    assert found["relation"] == "meeting" and found["collides"] is True
+    for name, other in (("a_in_b", cube), ("b_in_a", through)):
+        depth = found["penetration"][name]
+        assert depth["lower"] <= 0.25 <= depth["upper"] <= depth["lower"] + 1e-5
+        assert depth["witness"]["from"]["id"] == other
+    deep = relation(client, small, cube, quads=quads, penetration=True)["penetration"]
+    assert deep["a_in_b"]["lower"] <= 0.25 <= deep["a_in_b"]["upper"] and deep["b_in_a"]["upper"] == 0
+    vertices, faces = shapes.cube(0.5)
+    for fields in ({"solid": True}, {"penetration": True}):
+        job = client.post("/v1/jobs", json={"type": "collision", "a": client.upload((vertices, faces[:-1]))["id"], "b": cube,
+                                            **fields}, headers={"Prefer": WAIT}).json()
+        assert job["problem"]["code"] == "not_closed" and "mesh A" in job["problem"]["detail"]
+
+
+def test_contacts_have_normals(client):
+    floor = client.upload(([(0, 0, 0), (4, 0, 0), (4, 4, 0), (0, 4, 0)], [(0, 1, 2, 3)]))["id"]
+    wall = client.upload(([(1, -1, -1), (1, 3, -1), (1, 3, 1), (1, -1, 1)], [(0, 1, 2, 3)]))["id"]
+    for quads in ("triangles", "bilinear"):
+        job = client.post("/v1/jobs", json={"type": "collision", "a": floor, "b": wall, "quads": quads},
+                          headers={"Prefer": WAIT}).json()
+        for pair in job["result"]["pairs"]:
+            assert pair["normals"][0] == pytest.approx([0, 0, 1]) and pair["normals"][1] == pytest.approx([1, 0, 0])
+
+
+def test_a_clearance_has_a_verdict(client):
+    a, b = (client.upload(shapes.cube(1, (at, 0, 0)))["id"] for at in (0, 3))
+    for limit, verdict in ((1, "above"), (2.5, "below"), (None, None)):
+        for name in ("limit", "threshold"):
+            job = client.post("/v1/jobs", json={"type": "distance", "a": a, "b": b, name: limit}, headers={"Prefer": WAIT}).json()
+            assert job["result"]["verdict"] == verdict
+            assert job["result"]["lower"] <= 2 <= job["result"]["upper"]
+            assert job["request"].get("limit") == limit
+    problem = client.post("/v1/jobs", json={"type": "distance", "a": a, "b": b, "limit": -1}).json()
+    assert problem["errors"][0]["pointer"] == "/limit"

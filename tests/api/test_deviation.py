@@ -198,3 +198,87 @@ def test_bad_fields_are_pointed_at(client, pair, field, value, pointer):
     body = {"type": "deviation", "a": pair[0], "b": pair[1], field: value}
     problem = check_problem(client.post("/v1/jobs", json=body), 400, "invalid_field")
     assert [error["pointer"] for error in problem["errors"]] == [pointer]
+
+
+def test_a_sign_is_proven(client):
+    small = client.upload(shapes.cube(0.8, (0.1, 0.1, 0.1)), name="small")["id"]
+    cube = client.upload(shapes.cube(), name="cube")["id"]
+    for sign, turn in (("outside", 1), ("inside", -1), ("normal", 1)):
+        bands = [sorted((-0.11 * turn, -0.09 * turn)), [None, 0] if turn > 0 else [0, None]]
+        job = ask(client, small, cube, sign=sign, bands=bands)
+        assert job["request"]["sign"] == sign and job["request"]["bands"] == bands
+        signed = job["result"]["signed"]
+        assert signed["sign"] == sign and signed["proven"] is (sign != "normal")
+        check_interval(signed["mean"], -0.1 * turn, 1e-9)
+        assert signed["inside"]["max"]["lower"] <= 0.1 <= signed["inside"]["max"]["upper"]
+        check_interval(signed["inside"]["size"], 6 * 0.64, 1e-9)
+        assert signed["outside"]["max"]["upper"] == 0 and "witness" not in signed["outside"]
+        assert signed["inside"]["witness"]["from"]["mesh"] == "a" and signed["inside"]["witness"]["to"]["id"] == cube
+        for band, ends in zip(signed["bands"], bands, strict=True):
+            assert [band["from"], band["to"]] == ends
+            assert band["lower"] > 1 - 1e-9 and band["upper"] == 1
+    assert "signed" not in ask(client, small, cube)["result"]
+
+
+def test_a_sign_needs_a_solid(client, pair):
+    vertices, faces = shapes.cube()
+    small = client.upload(shapes.cube(0.8, (0.1, 0.1, 0.1)), name="small")["id"]
+    turned = [faces[0][::-1], *faces[1:]]
+    more, others = shapes.cube(1, (0.5, 0.5, 0.5))
+    crossing = (vertices + more, faces + [tuple(8 + i for i in face) for face in others])
+    for mesh, words in (((vertices, faces[:-1]), "4 boundary edges"), ((vertices, turned), "not consistently oriented"),
+                        (crossing, "meets itself")):
+        target = client.upload(mesh)["id"]
+        for _ in range(2):  # the second time from what is known of the mesh
+            job = ask(client, small, target, sign="outside")
+            assert job["state"] == "failed" and job["problem"]["code"] == "not_closed" and job["problem"]["status"] == 422
+            assert words in job["problem"]["detail"] and "mesh B" in job["problem"]["detail"]
+    points = client.upload(b"0 0 1\n0 1 2\n", format="xyz")["id"]
+    for sign in ("outside", "normal"):
+        assert ask(client, small, points, sign=sign)["problem"]["code"] == "not_closed"
+    assert ask(client, *pair, bands=[[0, 1]])["problem"]["code"] == "invalid_field"
+
+
+def test_a_solid_is_forgotten_when_it_moves(client):
+    small = client.upload(shapes.cube(0.8, (0.1, 0.1, 0.1)), name="small")["id"]
+    cube = client.upload(shapes.cube(), name="moving")["id"]
+    assert ask(client, small, cube, sign="outside")["result"]["signed"]["inside"]["max"]["lower"] > 0
+    reply = client.patch(f"/v1/meshes/{cube}/vertices", json={"indices": [0], "positions": [[0.5, 0.4, 1.5]]})
+    assert reply.status_code == 200, reply.text
+    assert ask(client, small, cube, sign="outside")["problem"]["code"] == "not_closed"
+
+
+@pytest.mark.parametrize("field, value, pointer", [
+    ("sign", "left", "/sign"),
+    ("bands", [[0, 1], [1, 0]], "/bands/1"),
+    ("bands", [[0, 1, 2]], "/bands/0"),
+    ("bands", [["0", 1]], "/bands/0"),
+    ("bands", [[0, 1]] * 65, "/bands"),
+])
+def test_bad_signs_are_pointed_at(client, pair, field, value, pointer):
+    body = {"type": "deviation", "a": pair[0], "b": pair[1], field: value}
+    problem = check_problem(client.post("/v1/jobs", json=body), 400, "invalid_field")
+    assert problem["errors"][0]["pointer"].startswith(pointer)
+
+
+def test_regions_beyond_a_limit(client):
+    floor = client.upload(FLOOR)["id"]
+    plates = [([(x, y, z) for x in (at, at + 1) for y in (0, 1)], [(0, 2, 3, 1)]) for at, z in ((0, 0.1), (2, 0.3), (4, 0.2))]
+    a = client.upload(([p for vertices, _ in plates for p in vertices], [tuple(4 * i + k for k in (0, 2, 3, 1)) for i in range(3)]))["id"]
+    job = ask(client, a, floor, limit=0.15, regions=True)
+    assert job["request"]["limit"] == 0.15 and job["request"]["regions"] is True
+    result = job["result"]
+    assert result["verdict"] == "above" and result["region_count"] == 2
+    for region, height, face in zip(result["regions"], (0.3, 0.2), (1, 2), strict=True):
+        assert region["surely"] is True and region["parts"] == 1 and region["faces"] == [face] and region["face_count"] == 1
+        assert region["max"]["lower"] <= height <= region["max"]["upper"] and region["witness"]["from"]["face"] == face
+        check_interval(region["area"], 1, 1e-9)
+        assert region["centroid"] == pytest.approx([2 * face + 0.5, 0.5, height], abs=1e-6)
+        assert all(region["box"]["min"][k] <= region["centroid"][k] <= region["box"]["max"][k] for k in range(3))
+    result = ask(client, a, floor, limit=0.5, regions=True)["result"]
+    assert result["verdict"] == "below" and result["regions"] == [] and result["region_count"] == 0
+    result = ask(client, a, floor, limit=0.5)["result"]
+    assert result["verdict"] == "below" and "regions" not in result
+    assert ask(client, a, floor, regions=True)["problem"]["code"] == "invalid_field"
+    points = client.upload(b"0 0 1\n0 1 2\n", format="xyz")["id"]
+    assert ask(client, points, floor, limit=0.5, regions=True)["problem"]["code"] == "unsupported_feature"

@@ -88,3 +88,28 @@ def test_faults_are_told(quadmesh, square, tmp_path):
     assert done.returncode == 2 and "nowhere.obj" in done.stderr
     done = quadmesh("collide", square, square, "--csv", tmp_path / "no" / "folder.csv")
     assert done.returncode == 2 and "cannot be written" in done.stderr
+
+
+def write_cube(path, side, at):
+    corners = [[at + side * (i >> k & 1) for k in range(3)] for i in range(8)]
+    faces = ["1 3 4 2", "5 6 8 7", "1 2 6 5", "3 7 8 4", "1 5 7 3", "2 4 8 6"]
+    path.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {face}\n" for face in faces))
+    return path
+
+
+def test_solids(quadmesh, tmp_path, square, where):
+    cube = write_cube(tmp_path / "cube.obj", 1, 0)
+    small = write_cube(tmp_path / "small.obj", 0.5, 0.25)
+    through = write_cube(tmp_path / "through.obj", 1, 0.75)
+    done = quadmesh("collide", small, cube, "--solid", *where)
+    assert done.returncode == 0 and "solids   a_inside_b" in done.stdout, done.stderr
+    done = quadmesh("collide", cube, through, "--penetration", *where)
+    assert done.returncode == 1 and "solids   meeting" in done.stdout and "deep" in done.stdout
+    done = quadmesh("collide", cube, square, "--solid", *where)
+    assert done.returncode == 2 and "boundary edge" in done.stderr and "mesh B" in done.stderr
+
+
+def test_a_clearance(quadmesh, square, raised, where):
+    assert "verdict  above the limit" in quadmesh("distance", square, raised, "--limit", "0.5", *where).stdout
+    done = quadmesh("distance", square, raised, "--limit", "1.5", *where)
+    assert done.returncode == 1 and "verdict  below the limit" in done.stdout

@@ -2,7 +2,9 @@
 
 import json
 import math
+import random
 import struct
+from fractions import Fraction
 
 import pytest
 
@@ -155,3 +157,119 @@ def test_help(quadmesh):
     done = quadmesh("deviation", "--help")
     assert (done.returncode, done.stderr) == (0, "")
     assert "usage:" in done.stdout
+
+
+# ---- signs ----
+
+
+def turn(a, b, c, d):
+    """The sign of (b - a) x (c - a) . (d - a), in fractions."""
+    u, v, w = ([y - x for x, y in zip(a, p)] for p in (b, c, d))
+    value = (w[0] * (u[1] * v[2] - u[2] * v[1]) + w[1] * (u[2] * v[0] - u[0] * v[2]) + w[2] * (u[0] * v[1] - u[1] * v[0]))
+    return (value > 0) - (value < 0)
+
+
+def is_inside(vertices, faces, p):
+    """Parity of the triangles that a segment from p to a far point crosses, in fractions; that point is in no plane with an edge
+    and p, or another one is tried."""
+    for attempt in range(100):
+        far = tuple(Fraction(1000 + 7919 * (attempt + 1) * k, 3) for k in (1, 2, 5))
+        crossings = 0
+        for a, b, c in (tuple(vertices[i] for i in face) for face in faces):
+            sides = [turn(a, b, c, p), turn(a, b, c, far)]
+            around = [turn(p, far, x, y) for x, y in ((a, b), (b, c), (c, a))]
+            if 0 in around or sides[1] == 0:
+                break
+            if sides[0] == 0:
+                continue  # in the plane of the triangle, off it: the segment leaves at once
+            crossings += sides[0] != sides[1] and len(set(around)) == 1
+        else:
+            return crossings % 2 == 1
+    raise AssertionError("no direction is generic")
+
+
+def spiked(count):
+    """A pyramid that is a thin spike over each side of a flat base: nearest faces at its tip face away from points beside it."""
+    ring = [(Fraction(round(100 * math.cos(2 * math.pi * i / count)), 1000),
+             Fraction(round(100 * math.sin(2 * math.pi * i / count)), 1000), Fraction(0)) for i in range(count)]
+    vertices = ring + [(Fraction(3, 2), Fraction(1, 4), Fraction(2)), (Fraction(0), Fraction(0), Fraction(-1, 100))]
+    faces = [(i, (i + 1) % count, count) for i in range(count)] + [((i + 1) % count, i, count + 1) for i in range(count)]
+    return vertices, faces
+
+
+def wall():
+    """A wall of a thousandth, whose two sides are near to every point of it."""
+    size = (Fraction(1), Fraction(1, 1024), Fraction(1))
+    vertices = [tuple(s * (i >> k & 1) for k, s in enumerate(size)) for i in range(8)]
+    quads = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    return vertices, [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
+
+
+def write_obj(path, vertices, faces):
+    lines = [f"v {float(x)!r} {float(y)!r} {float(z)!r}" for x, y, z in vertices]
+    lines += ["f " + " ".join(str(i + 1) for i in face) for face in faces]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("shape", [spiked(5), spiked(12), wall()], ids=["spike", "cone", "wall"])
+def test_points_are_on_the_side_that_fractions_say(quadmesh, tmp_path, shape):
+    seed = 7
+    draw = random.Random(seed)
+    vertices, faces = shape
+    vertices = [tuple(Fraction(float(x)) for x in p) for p in vertices]
+    points = []
+    while len(points) < 150:
+        a, b, c = (vertices[i] for i in draw.choice(faces))
+        u, v = sorted((draw.random(), draw.random()))
+        shift = draw.choice((1e-2, 1e-4, 1e-6))
+        # Beside a face, and in every third case beside one of its edges or corners.
+        if draw.random() < 0.33:
+            u, v = draw.choice(((0, v), (u, 1), (0, 0), (1, 1)))
+        points.append(tuple(float(x * u + y * (v - u) + z * (1 - v)) + draw.uniform(-shift, shift)
+                            for x, y, z in zip(a, b, c)))
+    truth = [is_inside(vertices, faces, tuple(map(Fraction, p))) for p in points]
+    assert 10 < sum(truth) < 140, seed
+    target = write_obj(tmp_path / "target.obj", vertices, faces)
+    for name, wanted in (("in", True), ("out", False)):
+        some = [p for p, inside in zip(points, truth) if inside is wanted]
+        (tmp_path / f"{name}.xyz").write_text("".join(f"{x!r} {y!r} {z!r}\n" for x, y, z in some))
+        done = quadmesh("deviation", tmp_path / f"{name}.xyz", target, "--json", "--sign", "outside")
+        assert done.returncode == 0, done.stderr
+        signed = json.loads(done.stdout)["signed"]
+        there, other = ("inside", "outside") if wanted else ("outside", "inside")
+        assert signed["proven"] is True
+        assert signed[there]["size"]["upper"] >= len(some) * (1 - 1e-9), seed
+        assert signed[there]["size"]["lower"] >= len(some) - 0.5, seed
+        assert signed[other]["size"]["upper"] < 0.5, seed
+
+
+def test_signs_in_words_and_bands(quadmesh, tmp_path, where):
+    vertices, faces = wall()
+    target = write_obj(tmp_path / "wall.obj", vertices, faces)
+    above = write_obj(tmp_path / "above.obj", [(0, 0, 2), (1, 0, 2), (1, 0, 3)], [(0, 1, 2)])
+    done = quadmesh("deviation", above, target, "--sign", "outside", "--bands", "-0.5:1.5,1.5:,:0", *where)
+    assert (done.returncode, done.stderr) == (0, "")
+    lines = done.stdout.splitlines()
+    assert "signed, positive outside" in lines
+    assert [line for line in lines if line.startswith("  from -inf to 0: ")] and "  inside   0 to 0" in lines
+    done = quadmesh("deviation", above, above, "--sign", "outside", *where)
+    assert done.returncode == 2 and "3 boundary edges" in done.stderr and "mesh B" in done.stderr
+    done = quadmesh("deviation", above, above, "--sign", "normal", *where)
+    assert done.returncode == 0 and "not proven" in done.stdout
+
+
+@pytest.mark.parametrize("bands", ["1:0", "1", "x:1", "0:1,", ""])
+def test_bands_in_the_wrong_form(quadmesh, ramp, floor, bands):
+    done = quadmesh("deviation", ramp, floor, "--sign", "normal", "--bands", bands)
+    assert done.returncode == 2 and "--bands" in done.stderr
+
+
+def test_regions_in_words(quadmesh, ramp, floor, where):
+    done = quadmesh("deviation", ramp, floor, "--limit", "1.5", "--regions", *where)
+    assert (done.returncode, done.stderr) == (1, "")
+    assert "verdict  above the limit" in done.stdout and "1 region of A is or may be beyond it" in done.stdout
+    line = next(line for line in done.stdout.splitlines() if line.startswith("  surely"))
+    low, high = (float(word.rstrip(",")) for word in line.split("area ")[1].split()[0:3:2])
+    assert low <= math.sqrt(2) / 2 <= high and high - low < 0.02
+    assert quadmesh("deviation", ramp, floor, "--limit", "2.5", *where).returncode == 0

@@ -194,7 +194,7 @@ static void check_pairs(const question *q, const qm_collision *found)
 
 static void check_least_distance(question *q, bool meets)
 {
-    qm_distance_options options = {.quads = q->quads, .tolerance = share_of_size(q, 1e-6)};
+    qm_distance_options options = {.quads = q->quads, .tolerance = share_of_size(q, 1e-6), .limit = NAN};
     qm_distance result;
     qm_status status = qm_distance_measure(&q->ctx, q->tree[0], q->tree[1], &options, &result);
     CHECK(status == QM_OK || is_refusal(status));

@@ -6,18 +6,24 @@
 #include "shapes.h"
 #include "slow_twin.h"
 
-static qm_distance measure(const qm_mesh *a, const qm_mesh *b, qm_quad_reading quads, double tolerance)
+static qm_distance measure_to(const qm_mesh *a, const qm_mesh *b, qm_quad_reading quads, double tolerance,
+                              double limit)
 {
     qm_context ctx = qm_context_make();
     qm_bvh *bvh_a, *bvh_b;
     qm_distance found;
-    qm_distance_options options = {quads, tolerance};
+    qm_distance_options options = {quads, tolerance, limit};
     assert_int_equal(qm_bvh_build(&ctx, a, QM_BVH_SOURCE, 1, &bvh_a), QM_OK);
     assert_int_equal(qm_bvh_build(&ctx, b, QM_BVH_SOURCE, 1, &bvh_b), QM_OK);
     assert_int_equal(qm_distance_measure(&ctx, bvh_a, bvh_b, &options, &found), QM_OK);
     qm_bvh_destroy(&ctx, bvh_a);
     qm_bvh_destroy(&ctx, bvh_b);
     return found;
+}
+
+static qm_distance measure(const qm_mesh *a, const qm_mesh *b, qm_quad_reading quads, double tolerance)
+{
+    return measure_to(a, b, quads, tolerance, NAN);
 }
 
 /** The returned points lie on their faces, and are as far apart as the upper bound says. */
@@ -106,11 +112,44 @@ static void known_distances(void **state)
     qm_shape_free(&link);
 }
 
+/** With a limit the bounds hold, the verdict is right, and fewer pairs are measured. */
+static void a_limit_ends_the_search(void **state)
+{
+    (void)state;
+    uint64_t whole = 0, ended = 0; /* pairs in two searches without a limit, and with two */
+    for (unsigned run = 0; run < 60; run++) {
+        qm_random random = qm_random_make(qm_check_seed(), 500 + run);
+        qm_quad_reading quads = run % 2 ? QM_QUADS_BILINEAR : QM_QUADS_TRIANGLES;
+        qm_mesh a = qm_shape_soup(&random, 40, QM_SOUP_MIXED, QM_SOUP_APART, 0.2),
+                b = qm_shape_soup(&random, 40, QM_SOUP_MIXED, QM_SOUP_APART, 0.2);
+        const double away[3] = {run % 3 ? 3.0 : 0.0, 0.5, 0.0};
+        qm_shape_move(&b, 1.0, away);
+        qm_distance exact = measure(&a, &b, quads, 1e-9);
+        whole += 2 * exact.pairs;
+        static const double factors[] = {0.0, 0.5, 0.999, 1.001, 2.0, 1e300};
+        for (size_t i = 0; i < sizeof factors / sizeof *factors; i++) {
+            double limit = factors[i] * exact.upper;
+            qm_distance found = measure_to(&a, &b, quads, 1e-9, limit);
+            QM_CHECK(found.lower <= exact.upper && found.upper >= exact.lower, "run %u, limit %g", run,
+                     limit);
+            qm_verdict truth = exact.upper <= limit  ? QM_VERDICT_BELOW
+                               : exact.lower > limit ? QM_VERDICT_ABOVE
+                                                     : QM_VERDICT_OPEN;
+            QM_CHECK(found.verdict == truth, "run %u, limit %g: %d", run, limit, found.verdict);
+            if (i == 1 || i == 4) ended += found.pairs;
+        }
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+    assert_true(ended < whole);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(bounds_hold),
         cmocka_unit_test(known_distances),
+        cmocka_unit_test(a_limit_ends_the_search),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

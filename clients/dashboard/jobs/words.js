@@ -6,7 +6,7 @@ import { nameOf } from "../core/state.js";
 /** @import { AlignmentResult, CollisionResult, ComparisonResult, DeviationResult, Job, MatrixResult, StepResult } from "../../js/types.js" */
 
 export const KINDS = /** @type {Record<string, string>} */ ({
-  hausdorff: "Hausdorff distance", deviation: "Deviation", comparison: "Comparison", project: "Nearest points", collision: "Collisions",
+  hausdorff: "Hausdorff distance", deviation: "Deviation", comparison: "Comparison", heatmap: "Heat map", project: "Nearest points", collision: "Collisions",
   self_collision: "Self-collisions", distance: "Least distance", alignment: "Alignment", reconstruction_step: "Remeshing",
   matrix: "All pairs" });
 
@@ -64,7 +64,7 @@ export function viewOf({ id, type, request }) {
   if ([a, b, mesh].some((name) => typeof name === "object")) return null;
   const address = /** @type {Record<string, string>} */ ({
     hausdorff: `#compare?a=${a}&b=${b}&job=${id}`, deviation: `#compare?a=${a}&b=${b}&quads=${quads}&heat=1`,
-    comparison: `#compare?a=${a}&b=${b}&quads=${quads}`, collision: `#collide?a=${a}&b=${b}&quads=${quads}`, distance: `#collide?a=${a}&b=${b}&quads=${quads}`,
+    comparison: `#compare?a=${a}&b=${b}&quads=${quads}`, heatmap: `#compare?a=${a}&b=${b}&quads=${quads}`, collision: `#collide?a=${a}&b=${b}&quads=${quads}`, distance: `#collide?a=${a}&b=${b}&quads=${quads}`,
     self_collision: `#collide?a=${mesh}&b=${mesh}&quads=${quads}`, reconstruction_step: `#remesh?reconstruction=${reconstruction}` });
   return address[type] ?? null;
 }

@@ -26,7 +26,8 @@
     XX(E_UNSUPPORTED, "unsupported_feature", "the file uses a feature that is not supported")                \
     XX(E_TOO_LARGE, "too_large", "the input is larger than a limit allows")                                  \
     XX(E_SCALE, "scale_out_of_range", "the sizes of the inputs differ beyond double precision")              \
-    XX(E_LAYOUT, "invalid_layout", "the layout does not bound patches of four sides")
+    XX(E_LAYOUT, "invalid_layout", "the layout does not bound patches of four sides")                        \
+    XX(E_NOT_CLOSED, "not_closed", "the mesh does not bound a solid")
 
 typedef enum qm_status {
 #define XX(suffix, code, text) QM_##suffix,

@@ -36,6 +36,7 @@ typedef enum qm_contact_kind { QM_CONTACT_POINT, QM_CONTACT_SEGMENT, QM_CONTACT_
 typedef struct qm_contact {
     qm_contact_kind kind;
     double point[2][3];
+    double normal[2][3]; /* of length 1: of the facets, or patches, of both faces there; 0 0 0 without area */
 } qm_contact;
 
 /** Faces in the numbering of the input (qm_mesh_input_face); of one mesh, a < b. */

@@ -19,6 +19,21 @@
 #define QM_DEVIATION_H
 
 #include "qm/hausdorff.h"
+#include "qm/solid.h"
+
+/**
+ * How the sides of B are told from one another, and which distances count as positive.
+ *
+ * With OUTSIDE and INSIDE the side is proven: B must bound a solid (solid.h). A piece of A whose distance is above 0 does not meet B, so
+ * that all of it is on one side, which one exact winding number tells. With NORMAL it is the side that the normal of the nearest face
+ * points to, for targets that are open: nothing proves it, and pieces that reach round the rim of B are on the side of their centroid.
+ */
+typedef enum qm_sign {
+    QM_SIGN_NONE,    /* distances are not signed */
+    QM_SIGN_OUTSIDE, /* positive outside of B */
+    QM_SIGN_INSIDE,  /* positive inside of B */
+    QM_SIGN_NORMAL   /* positive where the normals of B point to */
+} qm_sign;
 
 typedef struct qm_deviation_options {
     qm_quad_reading quads;
@@ -32,14 +47,22 @@ typedef struct qm_deviation_options {
     size_t bin_count;    /* of the histogram */
     const double *limit; /* limit_count numbers of 0 or more, unit of the meshes */
     size_t limit_count;
-    size_t worst_count;                 /* worst places that are searched; 0: none */
-    double worst_radius;                /* >= 0, unit of the meshes: they are farther apart than this */
-    int thread_count;                   /* 1 or more */
+    size_t worst_count;  /* worst places that are searched; 0: none */
+    double worst_radius; /* >= 0, unit of the meshes: they are farther apart than this */
+    int thread_count;    /* 1 or more */
+    qm_sign sign;
+    const qm_solid
+        *solid; /* what qm_solid_check says of B with this reading of quads; NULL: the call checks B itself */
+    const qm_interval
+        *band; /* band_count ranges of signed distances, lower <= upper; either end may be infinite */
+    size_t band_count;
+    double region_limit;                /* >= 0: regions beyond it are found; NAN: none */
+    size_t face_limit;                  /* faces that are listed of each region */
     qm_hausdorff_progress_fn *progress; /* of the search for the maximum; NULL: none */
     void *progress_user;
 } qm_deviation_options;
 
-/** Triangles, accuracy 1e-2, tolerance 0 (to be set), 2^20 pieces, no percentiles, no bins, one thread. */
+/** Triangles, accuracy 1e-2, tolerance 0 (to be set), 2^20 pieces, no percentiles, no bins, one thread, no sign, no limit. */
 qm_deviation_options qm_deviation_options_default(void);
 
 /** A place of A that is far from B. No point of A farther than the radius from the places before it is farther from B
@@ -50,6 +73,45 @@ typedef struct qm_deviation_place {
 } qm_deviation_place;
 
 typedef enum qm_measure { QM_OVER_AREA, QM_OVER_VERTICES, QM_OVER_POINTS } qm_measure;
+
+/** The part of A on one side of B. */
+typedef struct qm_deviation_side {
+    qm_interval max;  /* of the distance there; 0 to 0 where no point of A is proven or possible there */
+    qm_interval size; /* area, or count */
+    /* A point of A, surely on this side, whose distance is max.lower or more, and its foot on B. */
+    bool has_witness;
+    qm_surface_point from, to;
+} qm_deviation_side;
+
+/** What sign and bands add. Parts of A that are not proven to be on a side, as they touch B or pass through it, count as either in every
+ * interval. */
+typedef struct qm_signed_deviation {
+    bool is_proven;                  /* the sides are; the sign is not NORMAL */
+    qm_interval mean;                /* of the signed distance */
+    qm_deviation_side front, behind; /* outside and inside of B; with NORMAL, before and behind its faces */
+    double open_size;                /* how much of A is on neither side for sure, at most */
+    qm_interval *band;               /* shares of A with a signed distance in each band */
+    size_t band_count;
+} qm_signed_deviation;
+
+/**
+ * A connected part of A that may be farther from B than the limit. Each connected part of A that is farther lies in one region, and
+ * regions are apart. Parts of A are connected where they touch: in a face, or at a corner or an edge that faces share (corners at
+ * equal positions are shared).
+ */
+typedef struct qm_deviation_region {
+    size_t parts;     /* connected parts that are surely beyond the limit; 0: nothing is sure */
+    qm_interval area; /* of what is beyond the limit */
+    qm_interval max;  /* of the distance */
+    bool has_witness; /* from: a point at least max.lower away; to: its foot */
+    qm_surface_point from, to;
+    double centroid[3]; /* of the pieces that may be beyond, rounded */
+    qm_box box;         /* that holds them */
+    size_t
+        face_count; /* faces of A that they are on, in the numbering of the input; the first ones are listed */
+    size_t first_face; /* in region_face */
+    size_t listed_faces;
+} qm_deviation_region;
 
 typedef struct qm_deviation {
     qm_measure measure;
@@ -69,6 +131,12 @@ typedef struct qm_deviation {
         *vertex_distance; /* vertex_count: at every vertex of A, used by a face or not; NULL and 0 where the
                                 call was canceled before all were known */
     size_t percentile_count, bin_count, vertex_count;
+    qm_signed_deviation sides; /* with a sign only */
+    bool has_regions;
+    qm_deviation_region
+        *region;           /* region_count, the farthest first; with a limit, and NULL when there are none */
+    uint32_t *region_face; /* ascending for each region */
+    size_t region_count, region_face_count;
     size_t pieces;
     uint64_t projections; /* nearest-point searches, with those of the maximum */
     bool is_accurate;     /* the accuracy was reached, up to rounding */
@@ -83,8 +151,9 @@ typedef struct qm_deviation {
  * Threads:   only reads the trees; splits its work with ctx->parallel.
  * Returns:   QM_OK, also when the pieces ran out before the accuracy was reached, or the call was canceled:
  *            its intervals are those that were known, first by the size of both meshes, then by A's vertices,
- *            then by its pieces; QM_E_ARGUMENT (accuracy, tolerance, percentiles, limits, radius, threads);
- *            QM_E_NO_MEMORY;
+ *            then by its pieces; QM_E_ARGUMENT (accuracy, tolerance, percentiles, bands, limits, radius, threads);
+ *            QM_E_NOT_CLOSED (a sign that B cannot prove; the message names what is in the way);
+ *            QM_E_UNSUPPORTED (a limit, and A has no area); QM_E_NO_MEMORY;
  *            QM_E_SCALE. After an error *out is all zero.
  */
 qm_status qm_deviation_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,

@@ -5,6 +5,7 @@
  */
 #include "collide_faces.h"
 
+#include "prim/bilinear.h"
 #include "prim/bilinear_pair.h"
 #include "prim/tri_tri.h"
 
@@ -41,6 +42,37 @@ bool qm_collide_faces_meet_exactly(const qm_collide_faces *faces)
                           : qm_tri_tri_meet(a.corner, b.corner);
 }
 
+/** The direction of a vector of any size, or 0 0 0. */
+static qm_vec direction(qm_vec v)
+{
+    double most = fmax(fabs(v.x), fmax(fabs(v.y), fabs(v.z)));
+    if (!(most > 0.0)) return (qm_vec){0, 0, 0};
+    qm_vec scaled = {v.x / most, v.y / most, v.z / most};
+    return qm_vec_scale(1.0 / qm_vec_norm(scaled), scaled);
+}
+
+/** Stores the normal of the plane of two edges. */
+static void store_normal(double out[3], qm_vec edge, qm_vec other)
+{
+    qm_vec_store(out, direction(qm_vec_cross(direction(edge), direction(other))));
+}
+
+static void store_triangle_normal(double out[3], const qm_vec t[3])
+{
+    store_normal(out, qm_vec_sub(t[1], t[0]), qm_vec_sub(t[2], t[0]));
+}
+
+/** The normal of a face at parameters of it. */
+static void store_face_normal(double out[3], const qm_face_shape *shape, const double uv[2])
+{
+    if (shape->count == 3) {
+        store_triangle_normal(out, shape->corner);
+    } else {
+        qm_bilinear patch = qm_bilinear_make(shape->corner);
+        store_normal(out, qm_vec_axpy(patch.e1, uv[1], patch.w), qm_vec_axpy(patch.e2, uv[0], patch.w));
+    }
+}
+
 /** Finds the largest contact of two faces as triangles; false when they have none. */
 static bool find_triangle_contact(const qm_collide_faces *faces, qm_contact *contact)
 {
@@ -58,6 +90,8 @@ static bool find_triangle_contact(const qm_collide_faces *faces, qm_contact *con
             if (found && (here.kind != contact->kind ? here.kind < contact->kind : !(here_length > length)))
                 continue;
             *contact = here;
+            store_triangle_normal(contact->normal[0], p);
+            store_triangle_normal(contact->normal[1], q);
             length = here_length;
             found = true;
         }
@@ -105,6 +139,8 @@ bool qm_collide_faces_meet_bilinear(const qm_collide_faces *faces, double tolera
         contact->kind = QM_CONTACT_POINT;
         qm_vec_store(contact->point[0], midpoint);
         qm_vec_store(contact->point[1], midpoint);
+        store_face_normal(contact->normal[0], &a, gap.uv[0]);
+        store_face_normal(contact->normal[1], &b, gap.uv[1]);
     }
     return meets;
 }

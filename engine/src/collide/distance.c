@@ -53,7 +53,7 @@ typedef struct search {
     double unit[2]; /* of each tree's own frame */
     qm_dual_traversal descent;
     node_queue queue;
-    double tolerance;
+    double tolerance, limit;
     double best;   /* an upper bound: the distance of two points */
     double lowest; /* a lower bound for all pairs that were measured or discarded */
     uint32_t face[2];
@@ -198,6 +198,14 @@ static void measure_packs(search *s, uint32_t pack_a, uint32_t pack_b)
 
 /* ---- nodes ---- */
 
+/** True when it is certain on which side of the limit the distance is, with no waiting pair nearer than this, and there are points
+ * to tell. Without a limit (NAN) it never is. */
+static bool is_decided(const search *s, double lower)
+{
+    if (!(s->best < INFINITY)) return false;
+    return s->best + ERROR <= s->limit || fmin(fmin(s->lowest, s->best), lower) - ERROR > s->limit;
+}
+
 /** Measures pairs of packs, nearest first, and replaces each other pair by those of one of its nodes, that of
  * the higher level, split into its children. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
 static qm_status run(search *s)
@@ -208,6 +216,10 @@ static qm_status run(search *s)
         if (step % CANCEL_STEP == 0 && qm_context_canceled(s->ctx)) return QM_E_CANCELED;
         pair = pop(&s->queue);
         if (discard(s, pair.lower)) return QM_OK;
+        if (is_decided(s, pair.lower)) {
+            s->lowest = fmin(s->lowest, pair.lower);
+            return QM_OK;
+        }
         if (pair.a.level == 0 && pair.b.level == 0) {
             measure_packs(s, pair.a.index, pair.b.index);
             continue;
@@ -267,6 +279,8 @@ qm_status qm_distance_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
     *out = (qm_distance){0};
     if (!(options->tolerance > 0.0))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "tolerance must be > 0, got %g", options->tolerance);
+    if (options->limit < 0.0)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "limit must be >= 0, got %g", options->limit);
     search s = {
         .ctx = ctx,
         .bvh = {a, b},
@@ -293,6 +307,7 @@ qm_status qm_distance_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
         s.unit[0] = s.frame.scale * first->inverse_scale;
         s.unit[1] = s.frame.scale * second->inverse_scale;
         s.tolerance = 0.5 * options->tolerance * s.frame.scale;
+        s.limit = options->limit * s.frame.scale;
         status = run(&s);
         qm_context_free(ctx, s.queue.heap, s.queue.capacity, sizeof *s.queue.heap);
         if (status != QM_OK)
@@ -307,6 +322,10 @@ qm_status qm_distance_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
         out->to = find_point(&s, 1, s.face[1], position[1]);
         out->is_converged = out->upper - out->lower <= s.options->tolerance;
     }
+    if (out->upper <= options->limit)
+        out->verdict = QM_VERDICT_BELOW;
+    else if (out->lower > options->limit)
+        out->verdict = QM_VERDICT_ABOVE;
     out->pairs = s.pairs;
     out->elapsed_ms = qm_clock_ms() - start_ms;
     return QM_OK;

@@ -16,7 +16,8 @@
 #include "core/clock.h"
 #include "core/rounding.h"
 #include "deviation_limits.h"
-#include "deviation_refine.h"
+#include "deviation_regions.h"
+#include "deviation_sides.h"
 #include "deviation_worst.h"
 #include "hausdorff/hausdorff_exact.h"
 
@@ -32,11 +33,13 @@ typedef struct deviation_work {
     qm_deviation *out;
     double start_ms;
     qm_refinement refinement;
+    uint32_t *points; /* the vertices that are measured in place of pieces, or NULL */
 } deviation_work;
 
 qm_deviation_options qm_deviation_options_default(void)
 {
-    return (qm_deviation_options){.accuracy = 1e-2, .piece_limit = 1u << 20, .thread_count = 1};
+    return (qm_deviation_options){
+        .accuracy = 1e-2, .piece_limit = 1u << 20, .thread_count = 1, .region_limit = NAN};
 }
 
 /* ---- checks ---- */
@@ -56,6 +59,15 @@ static qm_status check_options(qm_context *ctx, const qm_deviation_options *opti
         if (!(options->percentile[i] > 0.0 && options->percentile[i] <= 100.0))
             return qm_context_fail(ctx, QM_E_ARGUMENT, "a percentile lies above 0 and at 100 at most, got %g",
                                    options->percentile[i]);
+    if (options->region_limit < 0.0)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "limit must be 0 or more, got %g", options->region_limit);
+    if (options->band_count > 0 && options->sign == QM_SIGN_NONE)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "bands are of signed distances: a sign is needed");
+    for (size_t i = 0; i < options->band_count; i++)
+        if (!(options->band[i].lower <= options->band[i].upper))
+            return qm_context_fail(ctx, QM_E_ARGUMENT,
+                                   "a band goes from a number to one no less, got %g to %g",
+                                   options->band[i].lower, options->band[i].upper);
     for (size_t i = 0; i < options->limit_count; i++)
         if (!(options->limit[i] >= 0.0) || !isfinite(options->limit[i]))
             return qm_context_fail(ctx, QM_E_ARGUMENT, "a limit must be 0 or more, got %g",
@@ -138,11 +150,16 @@ static qm_status take_points(deviation_work *work, qm_measure measure)
     size_t count = mark_points(mesh, is_used);
     out->measure = measure;
     out->size = (qm_interval){(double)count, (double)count};
-    qm_status status = qm_refinement_reserve(pieces, count);
+    work->points = qm_context_alloc(work->ctx, mesh->vertex_count, sizeof *work->points);
+    qm_status status = work->points
+                           ? qm_refinement_reserve(pieces, count)
+                           : qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the points");
     for (size_t i = 0; status == QM_OK && i < mesh->vertex_count; i++) {
-        if (is_used[i])
+        if (is_used[i]) {
+            work->points[pieces->count] = (uint32_t)i;
             pieces->bounds[pieces->count++] = qm_deviation_point_bound(
                 &pieces->setup, mesh->positions + 3 * i, scale * out->vertex_distance[i]);
+        }
         if (i % CANCEL_STRIDE == 0 && qm_context_canceled(work->ctx))
             status = qm_context_fail(work->ctx, QM_E_CANCELED, "deviation canceled");
     }
@@ -302,8 +319,55 @@ static void set_totals(deviation_work *work)
         scale_interval(&out->size, inverse_scale);
     }
     out->pieces = work->refinement.count;
-    out->projections += atomic_load(&work->refinement.searches);
 }
+
+/* ---- signs ---- */
+
+/** True for signs that B must prove. */
+static bool needs_solid(qm_sign sign)
+{
+    return sign == QM_SIGN_OUTSIDE || sign == QM_SIGN_INSIDE;
+}
+
+static qm_status require_solid(deviation_work *work)
+{
+    const qm_deviation_options *options = work->options;
+    qm_solid found;
+    qm_status status = QM_OK;
+    if (!options->solid)
+        status = qm_solid_check(work->ctx, work->b, options->quads, options->thread_count, &found);
+    return status == QM_OK ? qm_solid_require(work->ctx, options->solid ? options->solid : &found, "B")
+                           : status;
+}
+
+/** Sets the signed figures, by the pieces unless the call was canceled before. */
+static qm_status measure_sides(deviation_work *work)
+{
+    qm_deviation_sides sides = {.pieces = &work->refinement,
+                                .options = work->options,
+                                .has_points = work->out->measure != QM_OVER_AREA,
+                                .point = work->points};
+    set_totals(work);
+    qm_status status = qm_deviation_sides_init(work->ctx, work->options, work->out);
+    if (status == QM_OK && !work->out->is_canceled) status = qm_deviation_sides_measure(&sides, work->out);
+    qm_deviation_sides_reset(&sides);
+    return status;
+}
+
+/* ---- regions ---- */
+
+/** Finds the regions beyond the limit. Those of a call that was canceled before are not known: there are none, and has_regions is
+ * not set. */
+static qm_status find_regions(deviation_work *work)
+{
+    if (work->out->is_canceled) return QM_OK;
+    if (work->out->measure != QM_OVER_AREA)
+        return qm_context_fail(work->ctx, QM_E_UNSUPPORTED,
+                               "regions are parts of a surface, and A has no area");
+    return qm_deviation_regions_find(&work->refinement, work->options, work->out);
+}
+
+/* ---- the stages ---- */
 
 static qm_status measure(deviation_work *work)
 {
@@ -331,15 +395,21 @@ static qm_status run(deviation_work *work)
 {
     qm_deviation *out = work->out;
     qm_status status = qm_refinement_init(&work->refinement, work->a, work->b, work->options->quads);
+    if (status == QM_OK && needs_solid(work->options->sign)) status = require_solid(work);
     if (status == QM_OK) status = measure(work);
     out->is_canceled = status == QM_E_CANCELED;
     if (status == QM_OK || out->is_canceled) {
         bound_maximum(work);
         status = out->is_canceled ? QM_OK : search_maximum(work);
     }
-    if (status == QM_OK) status = set_distribution(work, !out->is_canceled);
+    if (status == QM_OK && work->options->sign != QM_SIGN_NONE) status = measure_sides(work);
+    out->is_canceled |= status == QM_E_CANCELED;
+    if (status == QM_OK && !isnan(work->options->region_limit)) status = find_regions(work);
+    out->is_canceled |= status == QM_E_CANCELED;
+    if (status == QM_OK || status == QM_E_CANCELED) status = set_distribution(work, !out->is_canceled);
     out->is_canceled |= status == QM_E_CANCELED;
     if (status == QM_OK || status == QM_E_CANCELED) set_totals(work);
+    out->projections += atomic_load(&work->refinement.searches);
     return status == QM_E_CANCELED ? QM_OK : status;
 }
 
@@ -359,6 +429,7 @@ qm_status qm_deviation_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b
                            .refinement.ctx = ctx};
     status = run(&work);
     qm_refinement_reset(&work.refinement);
+    qm_context_free(ctx, work.points, a->mesh.vertex_count, sizeof *work.points);
     out->elapsed_ms = qm_clock_ms() - work.start_ms;
     if (status != QM_OK) qm_deviation_reset(ctx, out);
     return status;
@@ -370,6 +441,10 @@ void qm_deviation_reset(qm_context *ctx, qm_deviation *deviation)
     qm_context_free(ctx, deviation->bin, deviation->bin_count, sizeof *deviation->bin);
     qm_context_free(ctx, deviation->vertex_distance, deviation->vertex_count,
                     sizeof *deviation->vertex_distance);
+    qm_context_free(ctx, deviation->sides.band, deviation->sides.band_count, sizeof *deviation->sides.band);
+    qm_context_free(ctx, deviation->region, deviation->region_count, sizeof *deviation->region);
+    qm_context_free(ctx, deviation->region_face, deviation->region_face_count,
+                    sizeof *deviation->region_face);
     qm_context_free(ctx, deviation->share, deviation->limit_count, sizeof *deviation->share);
     qm_context_free(ctx, deviation->worst, deviation->worst_count, sizeof *deviation->worst);
     *deviation = (qm_deviation){0};

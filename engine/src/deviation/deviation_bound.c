@@ -1012,30 +1012,38 @@ static void combine_over_base(bound_work *work, const double distance[QM_FACET_P
         qm_deviation_bounds_combine(out, &bounds);
 }
 
+/** The two functions by all facets, or by searches where not all are listed, by the centroid and by the corners. */
+static void bound_by_all(bound_work *work, const qm_deviation_setup *setup, const qm_deviation_face *face,
+                         const qm_deviation_piece *piece, const qm_deviation_shape *shape,
+                         qm_deviation_workspace *workspace, double distance[QM_FACET_PACKS][QM_PACK_LANES])
+{
+    work->setup = setup;
+    work->face = face;
+    work->piece = piece;
+    work->shape = shape;
+    work->near = &workspace->near;
+    qm_deviation_piece_coefficients(face, piece, work->bezier);
+    work->low_sum = -INFINITY;
+    work->high_sum = INFINITY;
+    for (int i = 0; i < 3; i++)
+        work->cap[i] = work->floor[i] = INFINITY;
+    for (int i = 0; i < workspace->near.rectangle_count; i++)
+        work->matches[i].is_computed = work->matches[i].is_computed_within = false;
+    if (workspace->near.is_complete)
+        bound_by_facets(work, distance);
+    else
+        bound_by_searches(work, workspace);
+    bound_by_centroid(work);
+    bound_by_corners(work);
+}
+
 void qm_deviation_piece_bound_near(const qm_deviation_setup *setup, const qm_deviation_face *face,
                                    const qm_deviation_piece *piece, const qm_deviation_shape *shape,
                                    qm_deviation_workspace *workspace, qm_deviation_bounds *out)
 {
     bound_work work; /* large, and filled as it is used */
-    work.setup = setup;
-    work.face = face;
-    work.piece = piece;
-    work.shape = shape;
-    work.near = &workspace->near;
-    qm_deviation_piece_coefficients(face, piece, work.bezier);
-    work.low_sum = -INFINITY;
-    work.high_sum = INFINITY;
-    for (int i = 0; i < 3; i++)
-        work.cap[i] = work.floor[i] = INFINITY;
-    for (int i = 0; i < workspace->near.rectangle_count; i++)
-        work.matches[i].is_computed = work.matches[i].is_computed_within = false;
     _Alignas(64) double distance[QM_FACET_PACKS][QM_PACK_LANES];
-    if (workspace->near.is_complete)
-        bound_by_facets(&work, distance);
-    else
-        bound_by_searches(&work, workspace);
-    bound_by_centroid(&work);
-    bound_by_corners(&work);
+    bound_by_all(&work, setup, face, piece, shape, workspace, distance);
     out->is_signed = false;
     out->bend.cells = 0;
     out->invalid_low = out->invalid_high = out->excess = 0.0;
@@ -1045,4 +1053,19 @@ void qm_deviation_piece_bound_near(const qm_deviation_setup *setup, const qm_dev
     }
     qm_deviation_integrate(shape, out);
     if (workspace->near.is_complete) combine_over_base(&work, distance, out);
+}
+
+void qm_deviation_piece_envelope(const qm_deviation_setup *setup, const qm_deviation_piece *piece,
+                                 qm_deviation_workspace *workspace, double low[3], double high[3])
+{
+    qm_deviation_face face = qm_deviation_face_load(setup, piece);
+    qm_deviation_shape shape = qm_deviation_shape_make(setup, &face, piece);
+    bound_work work; /* large, and filled as it is used */
+    _Alignas(64) double distance[QM_FACET_PACKS][QM_PACK_LANES];
+    qm_deviation_list_facets(setup, &shape, false, workspace);
+    bound_by_all(&work, setup, &face, piece, &shape, workspace, distance);
+    for (int i = 0; i < 3; i++) {
+        low[i] = work.low[i] - setup->eta;
+        high[i] = work.high[i] + setup->eta;
+    }
 }

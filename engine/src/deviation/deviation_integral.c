@@ -161,6 +161,7 @@ void qm_deviation_integrate(const qm_deviation_shape *w, qm_deviation_bounds *ou
     out->area_high = sum3(w->high) / 3.0;
     out->density_low = min3(w->low);
     out->density_high = max3(w->high);
+    out->least = qm_max(0.0, min3(out->low));
     out->most = max3(out->high);
     out->mean_low = mean_below(out->low, w);
     out->mean_high = mean_above(out->high, w);
@@ -205,12 +206,15 @@ static void start_signed(const qm_deviation_shape *w, qm_deviation_bounds *out)
     out->mean_low = out->mean_high = out->square_low = out->square_high = 0.0;
 }
 
+/** Opens the functions; where they are nowhere invalid they bound the least distance. */
 static void open_signed(double room, qm_deviation_bounds *out)
 {
     for (int i = 0; i < 3; i++) {
         out->low[i] -= room;
         out->high[i] += room;
     }
+    bool holds = !(out->invalid_low > 0.0);
+    out->least = holds ? qm_max(0.0, qm_max(min3(out->low), -max3(out->high))) : 0.0;
 }
 
 void qm_deviation_integrate_signed(const qm_deviation_shape *w, qm_positive_part lost, qm_excess outside,
@@ -377,6 +381,7 @@ void qm_deviation_integrate_quadratic(const qm_deviation_shape *w, qm_positive_p
 void qm_deviation_bounds_combine(qm_deviation_bounds *bounds, const qm_deviation_bounds *over)
 {
     qm_deviation_bounds best = over->blur < bounds->blur ? *over : *bounds;
+    best.least = qm_max(bounds->least, over->least);
     best.most = qm_min(bounds->most, over->most);
     best.mean_low = qm_max(bounds->mean_low, over->mean_low);
     best.mean_high = qm_min(bounds->mean_high, over->mean_high);

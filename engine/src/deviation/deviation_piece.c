@@ -299,6 +299,15 @@ qm_deviation_piece qm_deviation_piece_first(const qm_deviation_setup *setup, uin
     return piece;
 }
 
+void qm_deviation_piece_parameters(const qm_deviation_setup *setup, const qm_deviation_piece *piece, double u,
+                                   double v, double uv[2])
+{
+    bool is_quad = setup->source->mesh.faces[4 * (size_t)piece->face + 3] != QM_NO_INDEX;
+    bool is_half = is_quad && piece->is_flat;
+    uv[0] = qm_clamp(is_half && !piece->second ? u + v : u, 0.0, 1.0);
+    uv[1] = qm_clamp(is_half && piece->second ? u + v : v, 0.0, 1.0);
+}
+
 double qm_deviation_piece_area_rounding(const qm_deviation_setup *setup, const qm_deviation_piece *piece)
 {
     qm_deviation_face face = qm_deviation_face_load(setup, piece);
@@ -415,6 +424,7 @@ qm_deviation_bounds qm_deviation_point_bound(const qm_deviation_setup *setup, co
     return (qm_deviation_bounds){
         .low = {low, low, low},
         .high = {high, high, high},
+        .least = sure,
         .most = high,
         .area_low = 1.0,
         .area_high = 1.0,

@@ -16,6 +16,10 @@
  *   deviation_match.c      a piece matched to a bilinear patch
  *   deviation_quadratic.c  heights over a patch, which are quadratic
  *   deviation_integral.c   integrals of both functions
+ *   deviation_sides.c      on which side of the target each piece is, and signed figures
+ *   heatmap.c              pieces with the distance at their corners
+ *   deviation_regions.c    connected parts of the source beyond a limit
+ *   deviation_normals.c    the side by normals, of a target that bounds no solid
  *
  * Words (engine/DEVIATION.md has the whole):
  *   piece      a triangle of parameters on a face of the source; part: a piece that a cut makes of another
@@ -157,7 +161,7 @@ typedef struct qm_deviation_bounds {
     qm_quadratic bend;                /* and between these, where bend.cells > 0 */
     double invalid_low, invalid_high; /* shares of the piece where low is too high, and high too low */
     double excess;                    /* by how much high is too low at most */
-    double most;                      /* no distance is greater */
+    double least, most;               /* no distance is less, or greater */
     double area_low, area_high;       /* of the piece itself */
     double density_low, density_high; /* area of the whole piece at the lowest and highest density */
     double mean_low, mean_high;       /* integral of the distance */
@@ -210,12 +214,20 @@ qm_status qm_deviation_setup_init(qm_context *ctx, const qm_bvh *a, const qm_bvh
  * other half of a quad. */
 qm_deviation_piece qm_deviation_piece_first(const qm_deviation_setup *setup, uint32_t face, bool second);
 
+/** Parameters of a face as mesh.h has them, for those of one of its pieces: a triangle of a quad is half of its square. */
+void qm_deviation_piece_parameters(const qm_deviation_setup *setup, const qm_deviation_piece *piece, double u,
+                                   double v, double uv[2]);
+
 /** How much of the upper bound of a piece's area rounding makes. */
 double qm_deviation_piece_area_rounding(const qm_deviation_setup *setup, const qm_deviation_piece *piece);
 
 /** Bounds a piece. */
 void qm_deviation_piece_bound(const qm_deviation_setup *setup, const qm_deviation_piece *piece,
                               qm_deviation_workspace *workspace, qm_deviation_bounds *out);
+
+/** The values at the corners of two linear functions between which the distance lies everywhere on a piece; low may be negative. */
+void qm_deviation_piece_envelope(const qm_deviation_setup *setup, const qm_deviation_piece *piece,
+                                 qm_deviation_workspace *workspace, double low[3], double high[3]);
 
 /** Bounds of a single point of weight 1 whose distance to the target is no more than this; or, to a target
  * without patches, is this to within eta. */

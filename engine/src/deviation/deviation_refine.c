@@ -379,6 +379,28 @@ qm_status qm_refinement_run(qm_refinement *work, const double *vertex_distance)
     return status;
 }
 
+qm_status qm_refinement_cut(qm_refinement *work, const uint8_t *marks, size_t *count)
+{
+    size_t room = (work->limit - work->count) / ROOM_A_CUT, marked = 0;
+    *count = 0;
+    for (size_t i = 0; i < work->count; i++)
+        marked += marks[i] != 0 && work->piece[i].depth < QM_DEVIATION_DEPTH;
+    marked = marked < room ? marked : room;
+    if (marked == 0) return QM_OK;
+    if (!grow(work->ctx, &work->todo, &work->todo_capacity, marked, sizeof *work->todo))
+        return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
+    work->todo_count = 0;
+    for (size_t i = 0; work->todo_count < marked; i++)
+        if (marks[i] && work->piece[i].depth < QM_DEVIATION_DEPTH) work->todo[work->todo_count++] = i;
+    *count = marked;
+    work->parts = qm_context_alloc(work->ctx, BATCH, sizeof *work->parts);
+    if (!work->parts) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
+    qm_status status = run_round(work);
+    qm_context_free(work->ctx, work->parts, BATCH, sizeof *work->parts);
+    work->parts = NULL;
+    return status;
+}
+
 void qm_refinement_reset(qm_refinement *work)
 {
     qm_context_free(work->ctx, work->piece, work->piece_capacity, sizeof *work->piece);

@@ -62,6 +62,14 @@ qm_status qm_refinement_survey(qm_refinement *work);
  */
 qm_status qm_refinement_run(qm_refinement *work, const double *vertex_distance);
 
+/**
+ * Cuts the pieces with a mark, and bounds their parts: the first part takes the place of its piece, the others follow the pieces that
+ * there are. Cuts only as many as there is room for; then *count is less than that of the marks. The survey is not of the parts.
+ *
+ * Returns QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED, and each piece is whole or replaced by all of its parts.
+ */
+qm_status qm_refinement_cut(qm_refinement *work, const uint8_t *marks, size_t *count);
+
 /** Frees the arrays. */
 void qm_refinement_reset(qm_refinement *work);
 

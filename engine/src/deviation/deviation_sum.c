@@ -272,21 +272,15 @@ static share_sums make_sums(long double *work, size_t count)
     return (share_sums){work, work + (count + 1), work + 2 * (count + 1), work + 3 * (count + 1)};
 }
 
-/** The share within the i-th x when so much area besides is within it, and not beyond it as counted. */
-static double share_of(const share_sums *sums, size_t i, double more)
-{
-    long double within = fmaxl(0, sums->within[i] + (long double)more);
-    long double beyond = fmaxl(0, sums->beyond[i] - (long double)more);
-    return within + beyond > 0 ? (double)(within / (within + beyond)) : 0.0;
-}
-
-qm_status qm_deviation_shares(qm_context *ctx, qm_deviation_piece_list pieces, const double *x, size_t count,
-                              long double *work, qm_interval *share)
+qm_status qm_deviation_find_areas(qm_context *ctx, qm_deviation_piece_list pieces, const int8_t *group,
+                                  int8_t wanted, const double *x, size_t count, long double *work,
+                                  qm_deviation_areas *areas)
 {
     share_sums low = make_sums(work, count), high = make_sums(work + 4 * (count + 1), count);
     for (size_t i = 0; i < pieces.count; i++) {
         if (i % CANCEL_STRIDE == 0 && qm_context_canceled(ctx))
             return qm_context_fail(ctx, QM_E_CANCELED, "deviation canceled");
+        if (group && group[i] != wanted) continue;
         const qm_deviation_bounds *piece = &pieces.bounds[i];
         const double area[2][2] = {{piece->area_low, piece->area_high},
                                    {piece->density_low, piece->density_high}};
@@ -308,11 +302,36 @@ qm_status qm_deviation_shares(qm_context *ctx, qm_deviation_piece_list pieces, c
     }
     prefix_sums(&low, count);
     prefix_sums(&high, count);
-    double error = qm_deviation_sum_error(pieces.count) + CELL_ROUNDINGS * QM_UNIT_ROUNDING;
     for (size_t i = 0; i < count; i++)
-        share[i] = (qm_interval){fmax(0.0, share_of(&low, i, -pieces.leak) - error),
-                                 fmin(1.0, share_of(&high, i, pieces.leak) + error)};
+        areas[i] = (qm_deviation_areas){low.within[i], low.beyond[i], high.within[i], high.beyond[i]};
     return QM_OK;
+}
+
+/** The share within when so much area besides is within, and not beyond as counted. */
+static double share_of(long double within, long double beyond, double more)
+{
+    within = fmaxl(0, within + (long double)more);
+    beyond = fmaxl(0, beyond - (long double)more);
+    return within + beyond > 0 ? (double)(within / (within + beyond)) : 0.0;
+}
+
+qm_interval qm_deviation_share(const qm_deviation_areas *areas, double leak, size_t piece_count)
+{
+    double error = qm_deviation_sum_error(piece_count) + CELL_ROUNDINGS * QM_UNIT_ROUNDING;
+    return (qm_interval){fmax(0.0, share_of(areas->least_within, areas->most_beyond, -leak) - error),
+                         fmin(1.0, share_of(areas->most_within, areas->least_beyond, leak) + error)};
+}
+
+qm_status qm_deviation_shares(qm_context *ctx, qm_deviation_piece_list pieces, const double *x, size_t count,
+                              long double *work, qm_interval *share)
+{
+    qm_deviation_areas *areas = qm_context_alloc(ctx, count, sizeof *areas);
+    if (!areas && count > 0) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the shares");
+    qm_status status = qm_deviation_find_areas(ctx, pieces, NULL, 0, x, count, work, areas);
+    for (size_t i = 0; status == QM_OK && i < count; i++)
+        share[i] = qm_deviation_share(&areas[i], pieces.leak, pieces.count);
+    qm_context_free(ctx, areas, count, sizeof *areas);
+    return status;
 }
 
 /* ---- percentiles ---- */

@@ -9,6 +9,24 @@
 
 #define QM_SHARE_ROWS 10
 
+/** Areas of some pieces with a distance of x or less, and of more: bounds of both that hold together. */
+typedef struct qm_deviation_areas {
+    long double least_within, most_beyond, most_within, least_beyond;
+} qm_deviation_areas;
+
+/**
+ * The areas within count ascending x >= 0 and beyond them, of the pieces whose group is wanted; of all with group NULL. work as
+ * below. The leak is not in them.
+ *
+ * Returns QM_OK; QM_E_CANCELED, and areas are undefined.
+ */
+qm_status qm_deviation_find_areas(qm_context *ctx, qm_deviation_piece_list pieces, const int8_t *group,
+                                  int8_t wanted, const double *x, size_t count, long double *work,
+                                  qm_deviation_areas *areas);
+
+/** The share of the area within, of areas that are those of all pieces together; the leak may belong to either. */
+qm_interval qm_deviation_share(const qm_deviation_areas *areas, double leak, size_t piece_count);
+
 /**
  * The shares of the area with a distance of x[i] or less, for count ascending x >= 0.
  *
@@ -18,7 +36,7 @@
  *
  * work  QM_SHARE_ROWS * (count + 1) long doubles
  *
- * Returns QM_OK; QM_E_CANCELED, and share is undefined.
+ * Returns QM_OK; QM_E_CANCELED or QM_E_NO_MEMORY, and share is undefined.
  */
 qm_status qm_deviation_shares(qm_context *ctx, qm_deviation_piece_list pieces, const double *x, size_t count,
                               long double *work, qm_interval *share);

@@ -204,8 +204,7 @@ qm_status qm_deviation_survey_vertices(qm_context *ctx, const qm_deviation_setup
     return QM_OK;
 }
 
-/** The interval of the greatest distance over a piece. */
-static qm_interval piece_max(const qm_deviation_bounds *piece)
+qm_interval qm_deviation_piece_max(const qm_deviation_bounds *piece)
 {
     qm_interval max = {-INFINITY, piece->most};
     for (int k = 0; k < 3; k++) {
@@ -213,15 +212,6 @@ static qm_interval piece_max(const qm_deviation_bounds *piece)
         if (!(piece->invalid_low > 0.0)) max.lower = fmax(max.lower, fmax(piece->low[k], below));
     }
     return max;
-}
-
-/** A number that no distance over a piece is below. */
-static double piece_least(const qm_deviation_bounds *piece)
-{
-    if (piece->invalid_low > 0.0 || piece->bend.cells > 0) return 0.0;
-    double low = fmin(piece->low[0], fmin(piece->low[1], piece->low[2]));
-    double high = fmax(piece->high[0], fmax(piece->high[1], piece->high[2]));
-    return fmax(0.0, piece->is_signed ? fmax(low, -high) : low);
 }
 
 qm_status qm_deviation_survey_pieces(qm_context *ctx, qm_deviation_piece_list pieces,
@@ -235,10 +225,10 @@ qm_status qm_deviation_survey_pieces(qm_context *ctx, qm_deviation_piece_list pi
         if (i % CANCEL_STRIDE == 0 && qm_context_canceled(ctx))
             return qm_context_fail(ctx, QM_E_CANCELED, "deviation canceled");
         const qm_deviation_bounds *piece = &pieces.bounds[i];
-        qm_interval max = piece_max(piece);
+        qm_interval max = qm_deviation_piece_max(piece);
         here.max.lower = fmax(here.max.lower, max.lower);
         here.max.upper = fmax(here.max.upper, max.upper);
-        double least = fmin(piece_least(piece), max.upper);
+        double least = fmin(piece->least, max.upper);
         here.least = fmin(here.least, least);
         add_levels(&here, least, max.upper, piece->area_low, piece->area_high);
         sums.area[0] += (long double)piece->area_low;

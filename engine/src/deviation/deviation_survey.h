@@ -54,6 +54,9 @@ void qm_deviation_survey_init(qm_deviation_survey *survey, double farthest, doub
 qm_status qm_deviation_survey_vertices(qm_context *ctx, const qm_deviation_setup *setup,
                                        const double *vertex_distance, qm_deviation_survey *survey);
 
+/** The interval of the greatest distance over a piece; the lower end may be negative. */
+qm_interval qm_deviation_piece_max(const qm_deviation_bounds *piece);
+
 /** Surveys pieces, or points. Returns QM_OK; QM_E_CANCELED, and the survey is unchanged. */
 qm_status qm_deviation_survey_pieces(qm_context *ctx, qm_deviation_piece_list pieces,
                                      qm_deviation_survey *survey);

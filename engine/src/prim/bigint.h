@@ -7,8 +7,8 @@
 
 #include <stdint.h>
 
-/** Limbs of the product of three differences of doubles up to 2^300: 3 * 1376 bits and two more. */
-#define QM_BIGINT_LIMBS 68
+/** Limbs of the product of six differences of doubles up to 2^300: 6 * 1376 bits and a few more. */
+#define QM_BIGINT_LIMBS 132
 
 typedef struct qm_bigint {
     int sign;  /* 1, 0 or -1 */

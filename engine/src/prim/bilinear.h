@@ -106,6 +106,16 @@ static inline double qm_bilinear_jacobian_at(const qm_bilinear_jacobian *jacobia
     return jacobian->at + jacobian->rise[0] * x[0] + jacobian->rise[1] * x[1];
 }
 
+/* ---- sides ---- */
+
+/**
+ * On which side of the patch a point inside of the tetrahedron of the corners lies, exactly: with l its weights of the corners,
+ * the sign of l0 l2 - l1 l3. It is 0 on the patch, whose own weights are (1 - s)(1 - t), s (1 - t), s t and (1 - s) t; 1 on the
+ * side of the diagonal c0 c2, where the triangles (c0 c1 c2) and (c0 c2 c3) are; and -1 on that of the other one. Coordinates as
+ * in orient.h.
+ */
+int qm_bilinear_side(const qm_vec corner[4], qm_vec p);
+
 /* ---- the distance from a point ---- */
 
 /** Smallest error that a certified distance may have, as a fraction of the largest coordinate. Both

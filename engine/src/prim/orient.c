@@ -1,7 +1,5 @@
 #include "orient.h"
 
-#include "bigint.h"
-
 /*
  * Relative error bounds: a term of a determinant is rounded at most eight times in three dimensions and four
  * times in two, by 2^-53 each; these are a little above. Underflow adds to a product of three at most a few
@@ -71,19 +69,25 @@ static void minor(qm_bigint *out, const qm_bigint *x0, const qm_bigint *y0, cons
     qm_bigint_add(out, out, &other, 1);
 }
 
-static int large_sign(const double p[4][3], const int low[3])
+void qm_orient3d_value(const double p[4][3], const int low[3], qm_bigint *out)
 {
-    qm_bigint edge[3][3], part, product, sum;
+    qm_bigint edge[3][3], part, product;
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < 3; i++)
             difference(&edge[i][k], p[i + 1][k], p[0][k], low[k]);
-    sum.sign = sum.count = 0;
+    out->sign = out->count = 0;
     for (int i = 0; i < 3; i++) {
         const qm_bigint *next = edge[(i + 1) % 3], *last = edge[(i + 2) % 3];
         minor(&part, &next[0], &next[1], &last[0], &last[1]);
         qm_bigint_multiply(&product, &part, &edge[i][2]);
-        qm_bigint_add(&sum, &sum, &product, 0);
+        qm_bigint_add(out, out, &product, 0);
     }
+}
+
+static int large_sign(const double p[4][3], const int low[3])
+{
+    qm_bigint sum;
+    qm_orient3d_value(p, low, &sum);
     return sum.sign;
 }
 
@@ -181,4 +185,23 @@ int qm_orient2d(qm_vec a, qm_vec b, qm_vec c, int dropped_axis)
     /* A difference is 0 only when it is exactly: edges along the axes are common. */
     if ((ux == 0.0 || vy == 0.0) && (vx == 0.0 || uy == 0.0)) return 0;
     return orient2d_exact(p);
+}
+
+/* ---- a point beside the given one ---- */
+
+int qm_orient3d_nudged(qm_vec a, qm_vec b, qm_vec c, qm_vec d)
+{
+    int side = qm_orient3d(a, b, c, d);
+    /* The determinant changes with d by the normal of the plane, whose components are signs in two dimensions. */
+    for (int axis = 0; side == 0 && axis < 3; axis++)
+        side = qm_orient2d(a, b, c, axis);
+    return side;
+}
+
+int qm_orient2d_nudged(qm_vec a, qm_vec b, qm_vec c)
+{
+    int side = qm_orient2d(a, b, c, 2);
+    /* It changes with c by (a.y - b.y, b.x - a.x). */
+    if (side == 0) side = sign_of(a.y - b.y);
+    return side != 0 ? side : sign_of(b.x - a.x);
 }

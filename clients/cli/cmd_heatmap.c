@@ -1,0 +1,171 @@
+/**
+ * cmd_heatmap.c: one mesh cut into triangles with its distance from another at their corners, as PLY or CSV.
+ */
+#include <endian.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/json.h"
+#include "options.h"
+
+/** Files to write; NULL for none. */
+typedef struct map_files {
+    const char *ply, *csv;
+} map_files;
+
+/** Rows of QM_HEATMAP_COLUMNS numbers. */
+typedef struct triangle_list {
+    const double *row;
+    size_t count;
+    double error;
+} triangle_list;
+
+static void write_double(FILE *file, double value)
+{
+    uint64_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    bits = htole64(bits);
+    fwrite(&bits, sizeof bits, 1, file);
+}
+
+/** Binary PLY with corners of their own for each triangle: the distance is the property "quality", the error that of the face. */
+static void write_ply(FILE *file, const triangle_list *list)
+{
+    char error[QM_NUMBER_SIZE];
+    fprintf(file,
+            "ply\nformat binary_little_endian 1.0\ncomment distances are within %s of what is interpolated\n"
+            "element vertex %zu\nproperty double x\nproperty double y\nproperty double z\nproperty double "
+            "quality\n"
+            "element face %zu\nproperty list uchar uint vertex_indices\nproperty uint source_face\n"
+            "property double error\nend_header\n",
+            qm_text_number(list->error, error), 3 * list->count, list->count);
+    for (size_t i = 0; i < list->count; i++)
+        for (int k = 0; k < 12; k++)
+            write_double(file, list->row[QM_HEATMAP_COLUMNS * i + (size_t)k]);
+    for (size_t i = 0; i < list->count; i++) {
+        const double *row = list->row + QM_HEATMAP_COLUMNS * i;
+        fputc(3, file);
+        const uint32_t index[4] = {htole32((uint32_t)(3 * i)), htole32((uint32_t)(3 * i + 1)),
+                                   htole32((uint32_t)(3 * i + 2)), htole32((uint32_t)row[QM_HEATMAP_FACE])};
+        fwrite(index, sizeof index, 1, file);
+        write_double(file, row[QM_HEATMAP_ERROR]);
+    }
+}
+
+static void write_csv(FILE *file, const triangle_list *list)
+{
+    char number[QM_NUMBER_SIZE];
+    fprintf(file, "%s\n", qm_job_array_of(QM_JOB_HEATMAP)->header);
+    for (size_t i = 0; i < QM_HEATMAP_COLUMNS * list->count; i++)
+        fprintf(file, "%s%s", qm_text_number(list->row[i], number),
+                i % QM_HEATMAP_COLUMNS == QM_HEATMAP_COLUMNS - 1 ? "\n" : ",");
+}
+
+/** Opens, writes and closes a file, unless it has no name; false after a report. */
+static bool write_file(const char *path, void (*write)(FILE *file, const triangle_list *list),
+                       const triangle_list *list)
+{
+    if (!path) return true;
+    FILE *file = fopen(path, "wb");
+    if (file) write(file, list);
+    bool is_written = file && !ferror(file);
+    if (file) is_written &= fclose(file) == 0;
+    if (!is_written) fprintf(stderr, "quadmesh: %s cannot be written\n", path);
+    return is_written;
+}
+
+static void print_text(const qm_json *result)
+{
+    char high[CLI_BOUND_SIZE];
+    printf("%.0f triangles, distances within %s of what is interpolated, quads as %s\n",
+           qm_json_get_number(result, "count"),
+           cli_format_bound(qm_json_get_number(result, "error"), true, high),
+           qm_json_get_string(result, "quads"));
+    printf("  search   %.1f ms after %.1f + %.1f ms to prepare\n", qm_json_get_number(result, "elapsed_ms"),
+           qm_json_get_number(result, "prepare_ms.a"), qm_json_get_number(result, "prepare_ms.b"));
+    if (!qm_json_is_true(result, "accurate"))
+        puts("  stopped  before the error was reached; that above holds");
+}
+
+static int finish(const void *user, const cli_job *job, const cli_job_output *output)
+{
+    const map_files *files = user;
+    qm_json *result = qm_json_parse(output->json);
+    triangle_list list = {.error = qm_json_get_number(result, "error")};
+    double *fetched = NULL;
+    size_t numbers = 0;
+    bool is_read = true;
+    if (output->result) {
+        list.row = output->result->heatmap.row;
+        list.count = output->result->heatmap.count;
+    } else if (files->ply || files->csv) {
+        is_read = cli_session_fetch_numbers(output->session, job->server, &fetched, &numbers);
+        list.row = fetched;
+        list.count = numbers / QM_HEATMAP_COLUMNS;
+    }
+    bool is_written =
+        is_read && write_file(files->ply, write_ply, &list) && write_file(files->csv, write_csv, &list);
+    free(fetched);
+    if (job->as_json)
+        puts(output->json);
+    else
+        print_text(result);
+    bool is_accurate = qm_json_is_true(result, "accurate");
+    qm_json_free(result);
+    return !is_written ? EXIT_BAD_INPUT : is_accurate ? EXIT_OK : EXIT_NOT_CONVERGED;
+}
+
+static int run(int argc, char **argv)
+{
+    cli_job job = cli_job_make(QM_JOB_HEATMAP);
+    qm_job_request *request = &job.request;
+    map_files files = {NULL, NULL};
+    const cli_option options[] = {
+        {.name = "ply",
+         .letter = 'o',
+         .value = "FILE",
+         .type = CLI_TEXT,
+         .target = &files.ply,
+         .help = "the triangles, with the distance as quality"},
+        {.name = "csv",
+         .value = "FILE",
+         .type = CLI_TEXT,
+         .target = &files.csv,
+         .help = "corners, distances, face and error of each triangle"},
+        {.name = "error",
+         .value = "X",
+         .type = CLI_POSITIVE,
+         .target = &request->error,
+         .help = "triangles are cut until their errors are no greater, in the unit of the meshes\n(default: "
+                 "a thousandth of the diagonal of A's box)"},
+        {.name = "pieces",
+         .value = "N",
+         .type = CLI_SIZE,
+         .max = QM_JOB_MAX_PIECES,
+         .target = &request->pieces,
+         .help = "max triangles that A's faces are cut into (default 1048576)"},
+        CLI_OPTION_QUADS(&request->quads),
+        CLI_OPTION_THREADS(&request->threads),
+        CLI_OPTION_JSON(&job.as_json),
+        CLI_OPTION_SERVER(&job.server)};
+    int status;
+    if (!cli_read_options(&cmd_heatmap, options, sizeof options / sizeof *options, argc, argv, job.path,
+                          &status))
+        return status;
+    if (!job.server) request->threads = cli_count_threads(request->threads);
+    return cli_run_job(&job, finish, &files);
+}
+
+const cli_command cmd_heatmap = {.name = "heatmap",
+                                 .arguments = "A B [options]",
+                                 .summary = "A cut into triangles with its distance from B at their corners",
+                                 .takes = "two files",
+                                 .path_count = 2,
+                                 .description =
+                                     "A cut into triangles with its distance from B at their corners: what "
+                                     "is interpolated between them is\nright to the error "
+                                     "that is told.\n\n",
+                                 .exit_status = "Exit status: 0 accurate, 2 bad input or wrong usage, 3 the "
+                                                "triangles ran out before, or interrupted.",
+                                 .run = run};
