@@ -5,7 +5,7 @@ import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
-import { Browser, drawnShare, finish, waitForView } from "./support/page.js";
+import { Browser, drawnShare, finish, rest, waitForView } from "./support/page.js";
 import { HEAP_DISTANCE, SPHERE_DISTANCE, SPHERE_TURN, ball, chance, heaps, moved, off, sphere } from "./support/shapes.js";
 
 let daemon;
@@ -148,6 +148,77 @@ test("signed distances distinguish inside from outside; a link restores the view
   assert((await look(page)).includes("Edges true") && (await look(page)).includes("B false"));
   await finish(page);
   await finish(other);
+});
+
+test("of a mesh that is inside out the inside is the same", async () => {
+  const whole = ball(16);
+  const turned = { ...whole, faces: whole.faces.map((corners) => [...corners].reverse()) };
+  const [near, inside_out] = await Promise.all([moved(ball(8), [0.3, 0, 0]), turned].map(async (mesh, place) =>
+    (await daemon.client().meshes.create(off(mesh), { name: `turned_${place}.off` })).mesh.id));
+  const page = await browser.open(`${daemon.url}/#compare?a=${near}&b=${inside_out}&heat=1&signed=1`);
+  await page.locator(".legend", { hasText: "sides proven" }).waitFor();
+  const [csv] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Distances, CSV" }).click()]);
+  const rows = readFileSync(await csv.path(), "utf8").trim().split("\n").slice(1).map((row) => row.split(","));
+  moved(ball(8), [0.3, 0, 0]).vertices.forEach((point, vertex) => {
+    const radius = Math.hypot(...point);
+    if (radius > 1.001 || radius < 0.97) assert.equal(rows[vertex][2], radius > 1 ? "outside" : "inside");
+  });
+  const farthest = await page.locator("#signed tr", { hasText: "Farthest" }).locator("td").allInnerTexts();
+  assert(Math.abs(Number(farthest[0].split(" ")[0]) - 0.3) < 0.03, farthest.join());
+  await finish(page);
+});
+
+test("a mesh that is open has no proven sides: the page tells why, and offers those of the normals as not proven", async () => {
+  const [square, hill] = await uploadHill();
+  const page = await browser.open(`${daemon.url}/#compare?a=${square}&b=${hill}&heat=1`);
+  await page.locator(".legend").waitFor();
+  await page.getByRole("button", { name: "Signed" }).click();
+  await page.locator("#no-sign", { hasText: "No side is proven: " }).waitFor();
+  assert.match(await page.locator("#no-sign").innerText(), /edge/);
+  assert(await page.getByRole("button", { name: "Signed" }).isDisabled());
+  assert.equal(await page.locator("#signed").count(), 0);
+  await page.getByRole("button", { name: "By the normals" }).click();
+  await page.locator(".legend", { hasText: "sides by the normals, not proven" }).waitFor();
+  await page.locator("#signed", { hasText: "not proven" }).waitFor();
+  const other = await browser.open(page.url());
+  await other.locator(".legend", { hasText: "sides by the normals, not proven" }).waitFor();
+  await finish(page);
+  await finish(other);
+});
+
+test("the parts of A beyond the limit are listed, coloured, and flown to", async () => {
+  const steps = 40;
+  const hills = { vertices: [], faces: [] };
+  const bump = (x, y, cx, height) => height * Math.max(0, 1 - ((x - cx) ** 2 + (y - 0.5) ** 2) / 0.04) ** 2;
+  for (let n = 0; n < (steps + 1) ** 2; n++) {
+    const [x, y] = [Math.floor(n / (steps + 1)) / steps, (n % (steps + 1)) / steps];
+    hills.vertices.push([x, y, bump(x, y, 0.25, 0.2) + bump(x, y, 0.75, 0.3)]);
+  }
+  for (let i = 0; i < steps; i++) for (let j = 0; j < steps; j++) hills.faces.push([[0, 0], [1, 0], [1, 1], [0, 1]].map(([u, v]) => (i + u) * (steps + 1) + j + v));
+  const two = (await daemon.client().meshes.create(off(hills), { name: "two hills.off" })).mesh.id;
+  const [square] = await uploadHill();
+  const page = await browser.open(`${daemon.url}/#compare?a=${two}&b=${square}&limit=0.1&eye=0,0,1.6,0,0,0`, { viewport: { width: 1300, height: 900 } });
+  await waitForView(page);
+  await page.getByRole("button", { name: "Map the distances" }).click();
+  await page.getByText("2 parts of A beyond 0.1:").waitFor();
+  const parts = await page.getByRole("list", { name: "Parts beyond the limit" }).getByRole("button").allInnerTexts();
+  assert.match(parts[0], /^1: up to 0\.3\d* ± [\d.]+, area 0\.\d+ ± [\d.]+$/);
+  assert(Math.abs(Number(/up to ([\d.]+)/.exec(parts[1])[1]) - 0.2) < 0.01, parts[1]);
+  await page.locator(".legend").waitFor();
+  await page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage().eye.fromText("0,0,1.6,0,0,0"));
+  const target = () => page.evaluate(async () => {
+    const { eye: { controls }, frame } = (await import("/dashboard/view/view.js")).currentStage();
+    return controls.target.toArray().map((x, k) => x / frame.scale + frame.centre[k]);
+  });
+  for (const [place, x] of [[1, 0.25], [0, 0.75]]) {
+    await page.getByRole("list", { name: "Parts beyond the limit" }).getByRole("button").nth(place).click();
+    await page.waitForTimeout(900); // the flight
+    assert(Math.abs((await target())[0] - x) < 0.05, `${await target()}`);
+    await rest(page);
+    const [[red, green]] = await coloursAt(page, [[0.5, 0.5]]);
+    assert(red > 1.3 * green, `the part is drawn in the colour of faults, not ${red} ${green}`);
+  }
+  await finish(page);
 });
 
 /** A flat square of one quad, and one with a hill in its middle that the square's corners know nothing of. */

@@ -42,7 +42,7 @@ class Compare {
     this.outcome = makeOutcome();
     this.form = makeForm({ onMeasure: () => this.measure(), onStop: () => run(() => this.measurement.stop()), onReading: () => this.onReading(), onSwap: () => swap() });
     this.map = new DeviationMap({
-      quads: () => settings.quads, firstLimit: () => limitOf(settings),
+      quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings),
       onChange: () => this.requestDraw(), onMeasured: () => this.clearForMap() });
     this.comparison = new ComparisonSection({
       quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings), onChosen: (points) => this.showPlace(points) });
@@ -89,7 +89,7 @@ class Compare {
     this.csv.disabled = measurement.samples.length === 0;
     this.distancesCsv.disabled = !map.deviation?.distances.length;
     map.button.disabled = state.a === null || state.b === null || map.search.isRunning;
-    map.sign.disabled = !map.heat.hasSides;
+    map.sign.draw(map.heat.hasSides);
     this.comparison.button.disabled = map.button.disabled || this.comparison.search.isRunning;
     this.showPair();
   }

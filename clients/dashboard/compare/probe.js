@@ -7,6 +7,7 @@ import { probe } from "../view/loader.js";
 import { Labels } from "../view/labels.js";
 import { pick, prepare } from "../view/pick.js";
 
+/** @import { Turn } from "../view/against.js" */
 /** @import { Stage } from "../view/stage.js" */
 /** @typedef {{ point: number[], distance: number, side: number, label: HTMLElement }} Pin side: 1 outside B, -1 inside, 0 not asked for */
 
@@ -17,12 +18,12 @@ const DIGITS = 4;
 export class Probe {
   /**
    * @param {Stage} stage
-   * @param {{ quads: "triangles" | "bilinear", isSigned: () => boolean, onPins: () => void }} options
+   * @param {{ quads: "triangles" | "bilinear", turn: () => Turn, onPins: () => void }} options
    */
-  constructor(stage, { quads, isSigned, onPins }) {
+  constructor(stage, { quads, turn, onPins }) {
     this.stage = stage;
     this.quads = quads;
-    this.isSigned = isSigned;
+    this.turn = turn;
     this.onPins = onPins;
     /** @type {Pin[]} */
     this.pins = [];
@@ -111,7 +112,7 @@ export class Probe {
   async measure(point) {
     const b = this.stage.models.get("b");
     if (!b) return null;
-    const { distance, side } = await probe(b, point, this.quads, this.isSigned());
+    const { distance, side } = await probe(b, point, this.quads, this.turn());
     return { point, distance, side };
   }
 

@@ -24,7 +24,7 @@ export function length(value, digits = 9) {
  * @param {{ lower: number, upper: number }[]} intervals
  */
 export function intervals(intervals) {
-  const most = Math.max(...intervals.map(({ upper }) => Math.abs(upper)));
+  const most = Math.max(...intervals.map(({ lower, upper }) => Math.max(Math.abs(lower), Math.abs(upper))));
   const power = most > 0 && (most < 1e-3 || most >= 1e7) ? Math.floor(Math.log10(most)) : 0;
   return intervals.map((interval) => (power === 0 ? spread(interval) : `${spread({
     lower: interval.lower / 10 ** power, upper: interval.upper / 10 ** power })} e${power}`));

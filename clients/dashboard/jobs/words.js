@@ -54,7 +54,7 @@ export function answerOf(job) {
   }
   const bounds = job.result ?? job.progress;
   if (!bounds || !("lower" in bounds)) return "";
-  const verdict = "verdict" in bounds && bounds.verdict ? `, ${bounds.verdict} the limit ${job.request.threshold}` : "";
+  const verdict = "verdict" in bounds && bounds.verdict ? `, ${bounds.verdict} the limit ${job.request.threshold ?? job.request.limit}` : "";
   return `${length(bounds.lower, 7)} to ${length(bounds.upper, 7)}${verdict}`;
 }
 
@@ -64,7 +64,7 @@ export function viewOf({ id, type, request }) {
   if ([a, b, mesh].some((name) => typeof name === "object")) return null;
   const address = /** @type {Record<string, string>} */ ({
     hausdorff: `#compare?a=${a}&b=${b}&job=${id}`, deviation: `#compare?a=${a}&b=${b}&quads=${quads}&heat=1`,
-    comparison: `#compare?a=${a}&b=${b}&quads=${quads}`, heatmap: `#compare?a=${a}&b=${b}&quads=${quads}`, collision: `#collide?a=${a}&b=${b}&quads=${quads}`, distance: `#collide?a=${a}&b=${b}&quads=${quads}`,
+    comparison: `#compare?a=${a}&b=${b}&quads=${quads}&comparison=${id}`, heatmap: `#compare?a=${a}&b=${b}&quads=${quads}`, collision: `#collide?a=${a}&b=${b}&quads=${quads}`, distance: `#collide?a=${a}&b=${b}&quads=${quads}`,
     self_collision: `#collide?a=${mesh}&b=${mesh}&quads=${quads}`, reconstruction_step: `#remesh?reconstruction=${reconstruction}` });
   return address[type] ?? null;
 }
