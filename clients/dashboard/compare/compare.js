@@ -6,15 +6,21 @@ import { parameter, setParameters } from "../core/route.js";
 import { changed, meshOf, on, state } from "../core/state.js";
 import { drawTools, toggle } from "../view/tools.js";
 import { currentStage, look, lookAt, setLook, show } from "../view/view.js";
+import { AlignSection } from "./align.js";
 import { copyLink, saveBounds, saveDistances, savePicture } from "./exports.js";
 import { limitOf, makeForm, readRequest, settings } from "./form.js";
 import { ComparisonSection } from "./comparison.js";
 import { DeviationMap } from "./map.js";
 import { Measurement } from "./measurement.js";
 import { makeOutcome } from "./outcome.js";
+import { isMoved, pose, readPose, setPose } from "./pose.js";
 import { readWanted } from "./range.js";
 
-/** @import { Wish } from "../view/stage.js" */
+/** @import { Transform } from "../../js/types.js" */
+/** @import { Role, Wish } from "../view/stage.js" */
+
+/** What a link says of another pair, or of A elsewhere. */
+const NOTHING_MEASURED = { heat: null, eye: null, pins: null, comparison: null };
 
 /** @param {HTMLElement} panel */
 export function showCompare(panel) {
@@ -27,6 +33,7 @@ class Compare {
   constructor(panel) {
     for (const name of /** @type {const} */ (["direction", "quads", "gap", "limit"])) settings[name] = parameter(name) ?? settings[name];
     readWanted();
+    readPose();
     const hidden = (parameter("hide") ?? "").split("");
     this.shown = { a: !hidden.includes("a"), b: !hidden.includes("b") };
     /** Was the view led to the farthest points yet? */
@@ -46,6 +53,8 @@ class Compare {
       onChange: () => this.requestDraw(), onMeasured: () => this.clearForMap() });
     this.comparison = new ComparisonSection({
       quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings), onChosen: (points) => this.showPlace(points) });
+    this.alignment = new AlignSection({
+      quads: () => /** @type {any} */ (settings.quads), onPose: (transform) => this.move(transform), onTurn: (turn) => this.showTurn(turn) });
     this.fly = h("button", { type: "button", disabled: true, onclick: () => run(() => this.flyToPair()) }, "Show the farthest points");
     this.csv = h("button", { type: "button", disabled: true, onclick: () => saveBounds(this.measurement) }, "Bounds, CSV");
     this.distancesCsv = h("button", { type: "button", disabled: true, onclick: () => saveDistances(this.map.heat) }, "Distances, CSV");
@@ -64,7 +73,7 @@ class Compare {
       h("section", { className: "section", "aria-labelledby": "compare-title" }, h("header", {}, h("h2", { id: "compare-title" }, "Compare")), this.form.form),
       h("section", { className: "section", "aria-labelledby": "distance-title" },
         h("header", {}, h("h2", { id: "distance-title" }, "Hausdorff distance"), this.fly), this.outcome.element),
-      this.map.element, this.comparison.element,
+      this.map.element, this.comparison.element, this.alignment.element,
       h("section", { className: "section", "aria-labelledby": "export-title" },
         h("h2", { id: "export-title" }, "Export"),
         h("div", { className: "row" }, h("button", { type: "button", onclick: () => run(() => copyLink(this.lookOfLink())) }, "Copy link"),
@@ -90,6 +99,7 @@ class Compare {
     this.distancesCsv.disabled = !map.deviation?.distances.length;
     map.button.disabled = state.a === null || state.b === null || map.search.isRunning;
     map.sign.draw(map.heat.hasSides);
+    this.alignment.draw();
     this.comparison.button.disabled = map.button.disabled || this.comparison.search.isRunning;
     this.showPair();
   }
@@ -103,7 +113,7 @@ class Compare {
   /** The farthest points of what is shown, that on A before that on B. */
   get witness() {
     const { job, result } = this.measurement;
-    if (!result?.witness || job?.request.a !== state.a || job?.request.b !== state.b) return null;
+    if (!result?.witness || !isMoved(job?.request.a) || job?.request.b !== state.b) return null;
     return { from: result.witness.from.point, to: result.witness.to.point };
   }
 
@@ -139,9 +149,9 @@ class Compare {
     const isBilinear = settings.quads === "bilinear";
     for (const role of /** @type {const} */ (["a", "b"])) {
       const mesh = meshOf(state[role]);
-      if (mesh) wishes.push({ mesh, role, isBilinear, isHidden: !shown[role], isGhost: role === "b" && shown.a });
+      if (mesh) wishes.push({ mesh, role, isBilinear, isHidden: !shown[role], isGhost: role === "b" && shown.a, transform: role === "a" ? pose.transform : null });
     }
-    const key = wishes.map((wish) => `${wish.role} ${wish.mesh.id} ${wish.mesh.revision} ${isBilinear} ${wish.isHidden} ${wish.isGhost}`).join();
+    const key = wishes.map((wish) => `${wish.role} ${wish.mesh.id} ${wish.mesh.revision} ${isBilinear} ${wish.isHidden} ${wish.isGhost} ${wish.transform}`).join();
     if (key === this.view) return;
     this.view = key;
     drawTools(wishes.map(({ mesh }) => mesh), { more: [
@@ -173,19 +183,44 @@ class Compare {
   }
 
   onReading() {
+    this.forget();
+    this.drawView();
+  }
+
+  /** What was measured holds no more. */
+  forget() {
+    this.place = null;
     this.map.forget();
     this.comparison.leave();
+    this.alignment.forget();
+  }
+
+  /** Moves A; null: to where it lies. @param {Transform | null} transform */
+  move(transform) {
+    this.forget();
+    this.measurement.clear();
+    setPose(transform);
+    setParameters({ ...NOTHING_MEASURED, job: null });
     this.drawView();
+    this.draw();
+  }
+
+  /** Shows A or B alone, a place of which is to be clicked; null: both. @param {Role | null} turn */
+  showTurn(turn) {
+    this.shown = { a: turn !== "b", b: turn !== "a" };
+    this.drawView();
+    if (turn) currentStage()?.fit();
   }
 
   onChoice() {
     const pair = `${state.a} ${state.b}`;
     if (pair !== this.pair) {
-      if (this.pair !== "") setParameters({ a: state.a, b: state.b, heat: null, eye: null, pins: null, comparison: null });
+      if (this.pair !== "") {
+        setParameters({ a: state.a, b: state.b, ...NOTHING_MEASURED });
+        setPose(null);
+      }
       this.pair = pair;
-      this.place = null;
-      this.map.forget();
-      this.comparison.leave();
+      this.forget();
     }
     this.drawView();
     this.draw();
@@ -198,8 +233,12 @@ class Compare {
     this.measurement.open(id).then((opened) => {
       if (!opened || opened.type !== "hausdorff") return;
       this.form.fill(opened.request);
-      [state.a, state.b] = [opened.request.a, opened.request.b];
+      const { a, b } = opened.request;
+      [state.a, state.b] = [a.mesh ?? a, b];
       this.onChoice();
+      if (isMoved(a)) return;
+      setPose(a.transform ?? null);
+      this.onReading();
     });
   }
 
@@ -207,8 +246,7 @@ class Compare {
     this.off.forEach((off) => off());
     this.sizes.disconnect();
     this.measurement.leave();
-    this.map.forget();
-    this.comparison.leave();
+    this.forget();
     setLook({ through: false });
     currentStage()?.setPair(null);
   }

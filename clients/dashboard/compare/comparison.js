@@ -8,6 +8,7 @@ import { Search } from "../core/search.js";
 import { state } from "../core/state.js";
 import { makePlaces } from "../view/places.js";
 import { currentStage, lookAt } from "../view/view.js";
+import { moved } from "./pose.js";
 import { makeTable, writeRows } from "./table.js";
 
 /** @import { ComparisonResult, Interval, LengthInterval, QuadReading, Witness } from "../../js/types.js" */
@@ -40,16 +41,14 @@ export class ComparisonSection {
     this.forget();
   }
 
-  /** @param {string} a @param {string} b */
-  question(a, b) {
+  /** @param {string} b */
+  question(b) {
     const limit = this.limit();
-    return { type: /** @type {const} */ ("comparison"), a, b, quads: this.quads(), worst: { count: WORST_COUNT }, limits: limit === null ? [] : [limit] };
+    return { type: /** @type {const} */ ("comparison"), a: moved(), b, quads: this.quads(), worst: { count: WORST_COUNT }, limits: limit === null ? [] : [limit] };
   }
 
   async measure() {
-    const { a, b } = state;
-    if (a === null || b === null) return;
-    await this.take(this.search.run(this.question(a, b)));
+    if (state.a !== null && state.b !== null) await this.take(this.search.run(this.question(state.b)));
   }
 
   /** The comparison of a link. */

@@ -3,6 +3,7 @@
 import { choiceKey, meshChoice } from "../core/choice.js";
 import { h, select } from "../core/dom.js";
 import { state } from "../core/state.js";
+import { moved } from "./pose.js";
 
 /** @import { HausdorffRequest } from "../../js/types.js" */
 /** @typedef {{ direction: string, quads: string, gap: string, limit: string }} Settings */
@@ -63,7 +64,7 @@ export const limitOf = ({ limit }) => (limit.trim() === "" ? null : Number(limit
 /** @returns {HausdorffRequest} of the form's settings */
 export function readRequest() {
   return {
-    type: "hausdorff", a: /** @type {string} */ (state.a), b: /** @type {string} */ (state.b),
+    type: "hausdorff", a: moved(), b: /** @type {string} */ (state.b),
     direction: /** @type {any} */ (settings.direction), quads: /** @type {any} */ (settings.quads),
     gap: Number(settings.gap), limit: limitOf(settings),
   };

@@ -9,11 +9,12 @@ import { meshOf, nameOf, state } from "../core/state.js";
 import { currentStage } from "../view/view.js";
 import { FIRST_ACCURACY, drawDeviation, drawHistogram, makeHistogram, measureDeviation } from "./deviation.js";
 import { Heat } from "./heat.js";
+import { moved } from "./pose.js";
 import { makeRange, wanted } from "./range.js";
 import { Regions } from "./regions.js";
 import { SignChoice } from "./sign.js";
 
-/** @import { QuadReading } from "../../js/types.js" */
+/** @import { MeshName, QuadReading } from "../../js/types.js" */
 /** @import { Deviation } from "./deviation.js" */
 /** @import { Probe } from "./probe.js" */
 
@@ -69,25 +70,24 @@ export class DeviationMap {
     return { a: nameOf(state.a), b: nameOf(state.b) };
   }
 
-  /** @param {string} a @param {string} b */
+  /** @param {MeshName} a @param {MeshName} b */
   question(a, b) {
     return { a, b, quads: this.quads(), ...(this.accuracy < FIRST_ACCURACY ? { accuracy: this.accuracy, pieces: MORE_PIECES } : {}) };
   }
 
-  /** What is asked of A from B alone: its sides, and its parts beyond the limit. @param {string} a */
-  extras(a) {
+  /** What is asked of A from B alone: its sides, and its parts beyond the limit. */
+  extras() {
     const limit = this.limit();
     const { sign } = this.sign;
-    return { ...(sign === "none" ? {} : { sign }), ...(limit === null ? {} : { limit, regions: meshOf(a)?.kind !== "points" }) };
+    return { ...(sign === "none" ? {} : { sign }), ...(limit === null ? {} : { limit, regions: meshOf(state.a)?.kind !== "points" }) };
   }
 
   async measure(accuracy = FIRST_ACCURACY) {
-    const { a, b } = state;
-    if (a === null || b === null) return;
+    if (state.a === null || state.b === null) return;
     this.accuracy = accuracy;
     this.words.textContent = "";
     try {
-      const deviation = await this.ask(a, b);
+      const deviation = await this.ask(moved(), state.b);
       this.heat.take(deviation);
       this.draw();
       setParameters({ heat: 1 });
@@ -101,21 +101,21 @@ export class DeviationMap {
     }
   }
 
-  /** Without the sign where the daemon does not prove it. @param {string} a @param {string} b */
+  /** Without the sign where the daemon does not prove it. @param {MeshName} a @param {MeshName} b */
   async ask(a, b) {
     try {
-      return await measureDeviation(this.search, { ...this.question(a, b), ...this.extras(a) });
+      return await measureDeviation(this.search, { ...this.question(a, b), ...this.extras() });
     } catch (error) {
       if (!(error instanceof ProblemError) || error.code !== "not_closed") throw error;
       this.sign.refuse(error.detail);
-      return measureDeviation(this.search, { ...this.question(a, b), ...this.extras(a) });
+      return measureDeviation(this.search, { ...this.question(a, b), ...this.extras() });
     }
   }
 
   /** B from A, beside A from B. */
   async measureBack() {
     const { deviation } = this;
-    const back = await measureDeviation(this.search, this.question(/** @type {string} */ (state.b), /** @type {string} */ (state.a)));
+    const back = await measureDeviation(this.search, this.question(/** @type {string} */ (state.b), moved()));
     if (deviation !== this.deviation) return;
     this.back = back;
     this.draw();

@@ -49,9 +49,16 @@ export class Measurement {
   }
 
   start() {
-    this.leave();
+    this.clear();
     this.reader = new AbortController();
-    Object.assign(this, { job: null, samples: [], result: null, stage: "running", words: "Asking" });
+    Object.assign(this, { stage: "running", words: "Asking" });
+    this.onChange();
+  }
+
+  /** What was measured holds no more. */
+  clear() {
+    this.leave();
+    Object.assign(this, { job: null, samples: [], result: null, stage: "idle", words: "" });
     this.onChange();
   }
 

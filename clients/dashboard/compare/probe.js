@@ -3,15 +3,15 @@
 import { h } from "../core/dom.js";
 import { length } from "../core/format.js";
 import { run } from "../core/messages.js";
-import { probe } from "../view/loader.js";
+import { listenToClicks } from "../view/clicks.js";
 import { Labels } from "../view/labels.js";
+import { probe } from "../view/loader.js";
 import { pick, prepare } from "../view/pick.js";
 
 /** @import { Turn } from "../view/against.js" */
 /** @import { Stage } from "../view/stage.js" */
 /** @typedef {{ point: number[], distance: number, side: number, label: HTMLElement }} Pin side: 1 outside B, -1 inside, 0 not asked for */
 
-const CLICK_LENGTH = 4;
 /** Of a place that was picked with the numbers of the graphics card more digits are not known. */
 const DIGITS = 4;
 
@@ -33,11 +33,9 @@ export class Probe {
     /** Where the pointer is, while that was not asked about. @type {[number, number] | null} */
     this.wanted = null;
     this.isAsking = false;
-    /** @type {[number, number] | null} */
-    this.pressed = null;
+    this.stopClicks = listenToClicks(stage.canvas, (x, y) => run(() => this.pinAt(x, y)));
     const { canvas, eye } = stage;
-    this.listeners = /** @type {[EventTarget, string, any][]} */ ([[canvas, "pointermove", this.move], [canvas, "pointerleave", this.leave],
-      [canvas, "pointerdown", this.press], [canvas, "pointerup", this.release]]);
+    this.listeners = /** @type {[EventTarget, string, any][]} */ ([[canvas, "pointermove", this.move], [canvas, "pointerleave", this.leave]]);
     for (const [target, name, listener] of this.listeners) target.addEventListener(name, listener);
     eye.controls.addEventListener("change", this.hideTip);
     const a = this.model;
@@ -68,16 +66,6 @@ export class Probe {
   };
 
   hideTip = () => { this.tip.hidden = true; };
-
-  /** @param {PointerEvent} event */
-  press = (event) => { this.pressed = event.button === 0 ? this.at(event) : null; };
-
-  /** @param {PointerEvent} event */
-  release = (event) => {
-    const [x, y] = this.at(event);
-    if (this.pressed && Math.hypot(x - this.pressed[0], y - this.pressed[1]) < CLICK_LENGTH) run(() => this.pinAt(x, y));
-    this.pressed = null;
-  };
 
   /** Asks for the place of the pointer, one at a time. */
   async look() {
@@ -171,6 +159,7 @@ export class Probe {
   dispose() {
     for (const [target, name, listener] of this.listeners) target.removeEventListener(name, listener);
     this.stage.eye.controls.removeEventListener("change", this.hideTip);
+    this.stopClicks();
     this.labels.dispose();
   }
 }

@@ -62,9 +62,9 @@ function receive(data) {
 export function load(model, onPiece) {
   const task = nextTask++;
   taskOf.set(model, task);
-  const { mesh, frame, isBilinear } = model;
+  const { mesh, frame, isBilinear, transform } = model;
   (worker ?? start()).postMessage({
-    kind: "load", task, id: mesh.id, token: client.transport.token, frame, isBilinear, wantsPatches: mesh.patches > 0,
+    kind: "load", task, id: mesh.id, token: client.transport.token, frame, isBilinear, transform, wantsPatches: mesh.patches > 0,
   });
   return new Promise((resolve, reject) => { tasks.set(task, { model, onPiece, resolve, reject }); });
 }

@@ -8,12 +8,13 @@ import { forget, load } from "./loader.js";
 import { Model, makeSample } from "./model.js";
 import { Overlay } from "./overlay.js";
 import { Pair } from "./pair.js";
+import { moveBox } from "./transform.js";
 
-/** @import { Mesh } from "../../js/types.js" */
+/** @import { Mesh, Transform } from "../../js/types.js" */
 /** @import { Scale } from "./scale.js" */
 /** @typedef {"a" | "b"} Role b is the one to compare with */
 /** @typedef {{ mesh: Mesh, role: Role, isBilinear: boolean, isHidden?: boolean, isGhost?: boolean,
- *   isGradual?: boolean }} Wish isGradual: what was there before stays until endChange, and nothing of the new one is drawn yet */
+ *   isGradual?: boolean, transform?: Transform | null }} Wish transform: moves the mesh; isGradual: what was there before stays until endChange, and nothing of the new one is drawn yet */
 /** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, through: boolean, scale: Scale }} Look */
 
 const PIECES_A_FRAME = 2;
@@ -106,8 +107,8 @@ export class Stage {
     for (const wish of wishes) if (!this.models.has(wish.role)) this.add(wish);
     if (first) {
       this.frame = /** @type {Model} */ (this.models.get(first.role)).frame;
-      this.frameId = first.mesh.id;
-      this.eye.setSize(Math.max(1, ...wishes.flatMap(({ mesh: { bounding_box: { min, max } } }) => [min, max].map((corner) => this.toScene(corner).length()))));
+      this.frameId = `${first.mesh.id} ${first.transform}`;
+      this.eye.setSize(Math.max(1, ...wishes.map(boxOf).flatMap(({ min, max }) => [min, max].map((corner) => this.toScene(corner).length()))));
       if (this.frameId !== before) this.fit(START);
     }
     this.placeAll();
@@ -117,8 +118,8 @@ export class Stage {
   }
 
   /** @param {Wish} wish */
-  add({ mesh, role, isBilinear }) {
-    const model = new Model(mesh, isBilinear);
+  add({ mesh, role, isBilinear, transform }) {
+    const model = new Model(mesh, isBilinear, transform);
     if (this.leaving.has(role)) model.setRange(0, 0);
     this.models.set(role, model);
     this.scene.add(model.group);
@@ -162,8 +163,9 @@ export class Stage {
   /** Sees all that is not hidden. @param {Vector3} [side] whence, if not from where one is */
   fit(side = this.eye.side) {
     const all = new Box3();
-    for (const { mesh: { bounding_box: box }, isHidden } of this.wishes) {
-      if (!isHidden) for (const corner of [box.min, box.max]) all.expandByPoint(this.toScene(corner));
+    for (const wish of this.wishes) {
+      const box = boxOf(wish);
+      if (!wish.isHidden) for (const corner of [box.min, box.max]) all.expandByPoint(this.toScene(corner));
     }
     if (!all.isEmpty()) this.eye.fit(all.getCenter(new Vector3()), Math.max(all.min.distanceTo(all.max) / 2, 1e-6), side);
   }
@@ -343,9 +345,12 @@ export class Stage {
   }
 }
 
+/** @param {Wish} wish */
+const boxOf = ({ mesh, transform = null }) => moveBox(mesh.bounding_box, transform);
+
 /** @param {Model} model @param {Wish} wish */
-function isSame({ mesh, isBilinear }, wish) {
-  return mesh.id === wish.mesh.id && mesh.revision === wish.mesh.revision && isBilinear === wish.isBilinear;
+function isSame({ mesh, isBilinear, transform }, wish) {
+  return mesh.id === wish.mesh.id && String(transform) === String(wish.transform ?? null) && mesh.revision === wish.mesh.revision && isBilinear === wish.isBilinear;
 }
 
 /** A colour "rgb(1, 2, 3)" or "color(srgb 0.1 0.2 0.3)" as numbers from 0 to 1. @param {string} text */

@@ -8,12 +8,14 @@ import { moveVertices } from "./handle.js";
 import { readPly } from "./ply.js";
 import { buildPiece, gridSteps, pieces } from "./soup.js";
 import { cornerNormals, faceNormals, facesOfVertices, irregularVertices } from "./topology.js";
+import { movePoints } from "./transform.js";
 
+/** @import { Transform } from "../js/types.js" */
 /** @import { Against } from "./against.js" */
 /** @import { Shape } from "./ply.js" */
 /** @import { Cells, Plan } from "./regions.js" */
 /** @import { Frame } from "./soup.js" */
-/** @typedef {{ task: number, id: string, token: string | null, frame: Frame, isBilinear: boolean,
+/** @typedef {{ task: number, id: string, token: string | null, frame: Frame, isBilinear: boolean, transform: Transform | null,
  *   wantsPatches: boolean }} LoadRequest */
 
 /** @typedef {{ shape: Shape, steps: number, frame: Frame, tints: Uint8Array | null, before?: Float64Array,
@@ -26,11 +28,12 @@ const post = (/** @type {any} */ message, /** @type {Transferable[]} */ transfer
   /** @type {any} */ (self).postMessage(message, transfer);
 
 /** @param {LoadRequest} request */
-async function load({ task, id, token, frame, isBilinear, wantsPatches }) {
+async function load({ task, id, token, frame, isBilinear, transform, wantsPatches }) {
   const meshes = new Meshes(new Transport({ token }));
   const [{ bytes }, patches] = await Promise.all([
     meshes.content(id, { format: "ply" }), wantsPatches ? meshes.patches(id) : null]);
   const shape = readPly(bytes);
+  if (transform) movePoints(transform, shape.points);
   const faceCount = shape.starts.length - 1;
   if (faceCount === 0) {
     kept.set(task, { shape, steps: 1, frame, tints: null });
