@@ -43,7 +43,7 @@ ENGINE_FLAGS := -D_POSIX_C_SOURCE=200809L -Iengine/include -Iengine/src
 ENGINE_FLAGS += $(if $(filter fuzz,$(config)),-fno-sanitize-coverage=trace-cmp)
 
 PACKAGES := libmicrohttpd libuv libcjson sqlite3 nettle zlib expat
-# The command line loads libcurl when it is to ask a daemon, and libspng when it is to write a picture.
+# libcurl is loaded when a daemon is to be asked, and libspng when a picture is to be written.
 LIBRARY_CFLAGS = $(shell pkg-config --cflags $(PACKAGES) libcurl spng)
 # A command line often runs for milliseconds: to find the symbols of shared C++ libraries took one, and to load those of
 # C a quarter of one.
@@ -58,7 +58,7 @@ LIBRARY_LIBS   = $(shell pkg-config --libs $(PACKAGES)) $(CXX_LIBS) -lm -lpthrea
 CLI_LIBS       = $(shell pkg-config --libs libcjson) $(C_LIBS) $(CXX_LIBS) -lm -lpthread
 
 # What the command line and the daemon share: an archive of its own, which needs no library of the daemon's.
-SHARED_ROOMS   := base format ops
+SHARED_ROOMS   := base format ops report
 
 ENGINE_SOURCES := $(wildcard engine/src/*/*.c)
 KERNEL_SOURCES := $(wildcard engine/src/bvh/kernel/*.c)

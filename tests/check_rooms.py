@@ -31,13 +31,14 @@ ROOMS = {
     'server/base': '',
     'server/format': 'base',
     'server/ops': 'base format',
+    'server/report': 'base ops',
     'server/store': 'base ops',
     'server/mesh': 'base format ops store',
     'server/layout': 'base format ops store mesh',
     'server/job': 'base ops store mesh layout',
-    'server/http': 'base format ops store mesh layout job',
-    'server': 'base format ops store mesh layout job http',
-    'clients/cli': 'base format ops',
+    'server/http': 'base format ops report store mesh layout job',
+    'server': 'base format ops report store mesh layout job http',
+    'clients/cli': 'base format ops report',
 }
 INCLUDE = re.compile(r'^\s*#\s*include\s*"([^"]+)"', re.M)
 DEFINITION = re.compile(r'^(?!static\b|typedef\b)[a-z_][\w ]*[ *](qm_\w+)\([^;{}]*\)\s*\{', re.M)

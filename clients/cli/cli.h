@@ -40,6 +40,9 @@ uint8_t *cli_read_file(const char *path, size_t *size, bool as_json);
  * output would be lost. */
 bool cli_check_writable(const char *path, bool as_json);
 
+/** Writes a whole file, "-" for standard output; false with errno. */
+bool cli_write_file(const char *path, const char *bytes, size_t size);
+
 /** Reports that a file cannot be written, with errno as the reason. */
 void cli_report_unwritable(const char *path, bool as_json);
 
@@ -107,10 +110,11 @@ typedef struct cli_job {
 
 cli_job cli_job_make(qm_job_kind kind);
 
-/** The outcome of a job. In this process mesh and result are set; with a daemon session. */
+/** The outcome of a job. In this process the meshes (the second one is NULL for a kind of one) and the result are set; with
+ * a daemon the session. */
 typedef struct cli_job_output {
     const char *json; /* the result object */
-    const qm_mesh *mesh;
+    const qm_loaded_mesh *mesh[2];
     const qm_job_result *result;
     cli_session *session;
 } cli_job_output;

@@ -256,7 +256,7 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     if (output->result) {
         const qm_deviation *deviation = &output->result->deviation;
         const distance_list distances = {deviation->vertex_distance, deviation->vertex_count};
-        is_written = write_files(names, output->mesh, &distances);
+        is_written = write_files(names, &output->mesh[0]->mesh, &distances);
     } else if (names->csv || names->ply) {
         is_written = write_fetched(names, job, output->session);
     }

@@ -104,6 +104,15 @@ uint8_t *cli_read_file(const char *path, size_t *size, bool as_json)
     return bytes;
 }
 
+bool cli_write_file(const char *path, const char *bytes, size_t size)
+{
+    bool is_stdout = strcmp(path, "-") == 0;
+    FILE *file = is_stdout ? stdout : fopen(path, "wb");
+    if (!file) return false;
+    bool is_written = fwrite(bytes, 1, size, file) == size;
+    return (is_stdout ? fflush(file) : fclose(file)) == 0 && is_written;
+}
+
 void cli_report_unwritable(const char *path, bool as_json)
 {
     qm_problem problem =

@@ -131,7 +131,7 @@ static int run_loaded(const cli_job *job, const qm_loaded_mesh *a, const qm_load
     qm_text text = {0};
     qm_json_write_result(&text, &job->request, &result);
     char *json = qm_text_take(&text);
-    const cli_job_output output = {.json = json, .mesh = &a->mesh, .result = &result};
+    const cli_job_output output = {.json = json, .mesh = {a, b}, .result = &result};
     int exit_status = json ? finish(user, job, &output) : EXIT_BAD_INPUT;
     free(json);
     qm_job_result_reset(&ctx, &result);

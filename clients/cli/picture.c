@@ -1,233 +1,110 @@
 /**
- * picture.c: draws triangles into a depth buffer and the edges of faces over them; libspng writes the file.
- * The library, and zlib, which it needs, are loaded when a picture is written: all other runs start faster without them.
+ * picture.c: the picture of a mesh, shaded in grey, with the edges of its faces.
  */
 #include "cli.h"
 
-#include <dlfcn.h>
 #include <errno.h>
-#include <float.h>
 #include <math.h>
-#include <spng.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/library.h"
+#include "base/host.h"
+#include "report/png.h"
+#include "report/raster.h"
 
 enum { WIDTH = 1000, HEIGHT = 800, PIXELS_SIZE = 3 * WIDTH * HEIGHT };
 
-#define MARGIN 0.92     /* fraction of the picture that the mesh fills */
 #define EDGE_LIFT 0.004 /* edges are drawn over faces nearer by up to this fraction of the mesh's diagonal */
 
-typedef struct canvas {
-    double right[3], up[3], towards[3]; /* axes of the view */
-    double centre[3], scale;            /* pixels per length */
-    double lift;
-    uint8_t *pixels; /* HEIGHT lines of WIDTH colours */
-    double *depth;
-} canvas;
-
-typedef struct screen_point {
-    double x, y, z;
-} screen_point;
-
-static double dot(const double *a, const double *b)
-{
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross(const double *a, const double *b, double out[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-static void normalise(double v[3])
-{
-    double length = sqrt(dot(v, v));
-    for (int k = 0; k < 3 && length > 0.0; k++)
-        v[k] /= length;
-}
-
-static screen_point project(const canvas *c, const double *p)
-{
-    const double d[3] = {p[0] - c->centre[0], p[1] - c->centre[1], p[2] - c->centre[2]};
-    return (screen_point){0.5 * WIDTH + c->scale * dot(d, c->right), 0.5 * HEIGHT - c->scale * dot(d, c->up),
-                          c->scale * dot(d, c->towards)};
-}
-
 /** Looks along the shortest side of the box, a little from above and from the side. */
-static void set_view(canvas *c, const qm_mesh *mesh)
+static qm_view choose_view(const qm_mesh *mesh)
 {
     qm_box box = qm_mesh_bounding_box(mesh);
     int shortest = 0, tallest = 1;
     for (int k = 0; k < 3; k++) {
-        c->centre[k] = 0.5 * (box.min[k] + box.max[k]);
         if (box.max[k] - box.min[k] < box.max[shortest] - box.min[shortest]) shortest = k;
     }
     if (shortest == 1) tallest = 2;
+    double towards[3], up[3];
     for (int k = 0; k < 3; k++) {
-        c->towards[k] = k == shortest ? 1.0 : k == tallest ? 0.35 : 0.45;
-        c->up[k] = k == tallest;
+        towards[k] = k == shortest ? 1.0 : k == tallest ? 0.35 : 0.45;
+        up[k] = k == tallest;
     }
-    normalise(c->towards);
-    cross(c->up, c->towards, c->right);
-    normalise(c->right);
-    cross(c->towards, c->right, c->up);
-    double wide = 0.0, high = 0.0;
-    c->scale = 1.0;
-    for (size_t i = 0; i < mesh->vertex_count; i++) {
-        screen_point s = project(c, mesh->positions + 3 * i);
-        wide = fmax(wide, fabs(s.x - 0.5 * WIDTH));
-        high = fmax(high, fabs(s.y - 0.5 * HEIGHT));
-    }
-    c->scale = MARGIN * fmin(0.5 * WIDTH / fmax(wide, DBL_MIN), 0.5 * HEIGHT / fmax(high, DBL_MIN));
-    c->lift = EDGE_LIFT * c->scale * qm_mesh_box_diagonal(&box);
+    return qm_raster_view(&box, towards, up, WIDTH, HEIGHT);
 }
 
-static void put(canvas *c, int x, int y, const uint8_t colour[3])
+static void paint_faces(const qm_raster *raster, const qm_mesh *mesh, uint8_t *pixels)
 {
-    QM_ASSERT(x >= 0 && x < WIDTH && y >= 0 && y < HEIGHT);
-    memcpy(c->pixels + 3 * ((size_t)y * WIDTH + (size_t)x), colour, 3);
-}
-
-static int clamp(double x, int max)
-{
-    return x < 0.0 ? 0 : x > max ? max : (int)x;
-}
-
-static void fill_triangle(canvas *c, const screen_point *a, const screen_point *b, const screen_point *d,
-                          const uint8_t colour[3])
-{
-    double area = (b->x - a->x) * (d->y - a->y) - (d->x - a->x) * (b->y - a->y);
-    if (area == 0.0) return;
-    int left = clamp(floor(fmin(a->x, fmin(b->x, d->x))), WIDTH - 1),
-        right = clamp(ceil(fmax(a->x, fmax(b->x, d->x))), WIDTH - 1),
-        top = clamp(floor(fmin(a->y, fmin(b->y, d->y))), HEIGHT - 1),
-        bottom = clamp(ceil(fmax(a->y, fmax(b->y, d->y))), HEIGHT - 1);
-    for (int y = top; y <= bottom; y++) {
-        for (int x = left; x <= right; x++) {
-            double v = ((x - a->x) * (d->y - a->y) - (d->x - a->x) * (y - a->y)) / area;
-            double w = ((b->x - a->x) * (y - a->y) - (x - a->x) * (b->y - a->y)) / area;
-            double z = a->z + v * (b->z - a->z) + w * (d->z - a->z);
-            size_t at = (size_t)y * WIDTH + (size_t)x;
-            if (v < 0.0 || w < 0.0 || v + w > 1.0 || z <= c->depth[at]) continue;
-            c->depth[at] = z;
-            put(c, x, y, colour);
-        }
+    static const double base[3] = {215, 225, 245};
+    for (size_t i = 0; i < (size_t)WIDTH * HEIGHT; i++) {
+        if (raster->face[i] == QM_NO_INDEX) continue;
+        double normal[3];
+        qm_raster_normal(mesh, QM_QUADS_TRIANGLES, raster->face[i], raster->uv + 2 * i, normal);
+        double shine = qm_raster_shine(&raster->view, normal);
+        for (int k = 0; k < 3; k++)
+            pixels[3 * i + (size_t)k] = (uint8_t)(shine * base[k]);
     }
 }
 
-static void draw_edge(canvas *c, const screen_point *a, const screen_point *b)
+static void paint_edge(const qm_raster *raster, const double *a, const double *b, uint8_t *pixels)
 {
     static const uint8_t ink[3] = {30, 40, 70};
-    int steps = (int)fmax(fabs(b->x - a->x), fabs(b->y - a->y)) + 1;
+    const double lift = EDGE_LIFT * raster->view.scale;
+    double from[3], to[3];
+    qm_raster_project(&raster->view, a, from);
+    qm_raster_project(&raster->view, b, to);
+    int steps = (int)fmax(fabs(to[0] - from[0]), fabs(to[1] - from[1])) + 1;
     for (int k = 0; k <= steps; k++) {
-        double t = (double)k / steps;
-        int x = clamp(a->x + t * (b->x - a->x), WIDTH - 1), y = clamp(a->y + t * (b->y - a->y), HEIGHT - 1);
-        if (a->z + t * (b->z - a->z) + c->lift >= c->depth[(size_t)y * WIDTH + (size_t)x]) put(c, x, y, ink);
+        double t = (double)k / steps, at[3];
+        for (int i = 0; i < 3; i++)
+            at[i] = from[i] + t * (to[i] - from[i]);
+        /* The view has the whole mesh, with a margin. */
+        QM_ASSERT(at[0] >= 0.0 && at[0] < WIDTH && at[1] >= 0.0 && at[1] < HEIGHT);
+        size_t pixel = (size_t)at[1] * WIDTH + (size_t)at[0];
+        if (at[2] + lift >= raster->depth[pixel]) memcpy(pixels + 3 * pixel, ink, sizeof ink);
     }
 }
 
-/** Grey by the angle to a light beside the viewer; both sides of a face look the same. */
-static void shade(const canvas *c, const double *a, const double *b, const double *d, uint8_t colour[3])
+static void paint_edges(const qm_raster *raster, const qm_mesh *mesh, uint8_t *pixels)
 {
-    double e[3], f[3], normal[3], light[3];
-    for (int k = 0; k < 3; k++) {
-        e[k] = b[k] - a[k];
-        f[k] = d[k] - a[k];
-        light[k] = c->towards[k] + 0.4 * c->up[k] - 0.3 * c->right[k];
-    }
-    cross(e, f, normal);
-    normalise(normal);
-    normalise(light);
-    double shine = 0.25 + 0.75 * fabs(dot(normal, light));
-    const double base[3] = {215, 225, 245};
-    for (int k = 0; k < 3; k++)
-        colour[k] = (uint8_t)(shine * base[k]);
-}
-
-static void draw(canvas *c, const qm_mesh *mesh)
-{
-    for (int edges = 0; edges < 2; edges++) {
-        for (size_t f = 0; f < mesh->face_count; f++) {
-            const uint32_t *index = mesh->faces + 4 * f;
-            int count = index[3] == QM_NO_INDEX ? 3 : 4;
-            screen_point at[4];
-            for (int k = 0; k < count; k++)
-                at[k] = project(c, mesh->positions + 3 * (size_t)index[k]);
-            for (int k = 0; edges && k < count; k++)
-                draw_edge(c, &at[k], &at[(k + 1) % count]);
-            for (int k = 1; !edges && k + 1 < count; k++) {
-                uint8_t colour[3];
-                shade(c, mesh->positions + 3 * (size_t)index[0], mesh->positions + 3 * (size_t)index[k],
-                      mesh->positions + 3 * (size_t)index[k + 1], colour);
-                fill_triangle(c, &at[0], &at[k], &at[k + 1], colour);
-            }
-        }
+    for (size_t f = 0; f < mesh->face_count; f++) {
+        const uint32_t *corner = mesh->faces + 4 * f;
+        int count = corner[3] == QM_NO_INDEX ? 3 : 4;
+        for (int k = 0; k < count; k++)
+            paint_edge(raster, mesh->positions + 3 * (size_t)corner[k],
+                       mesh->positions + 3 * (size_t)corner[(k + 1) % count], pixels);
     }
 }
 
-/** The functions in use, without the prefix spng_. */
-#define CLI_SPNG_MAP(XX)                                                                                     \
-    XX(ctx_new)                                                                                              \
-    XX(set_png_file)                                                                                         \
-    XX(set_ihdr)                                                                                             \
-    XX(encode_image)                                                                                         \
-    XX(ctx_free)
-
-typedef struct spng_library {
-#define XX(name) __typeof__(spng_##name) *name;
-    CLI_SPNG_MAP(XX)
-#undef XX
-} spng_library;
-
-#define LIBRARY "libspng.so.0"
-
-/** Loads the library, which stays loaded; false with errno if it cannot. */
-static bool load_spng(spng_library *spng)
+static bool write_file(const char *path, const uint8_t *pixels)
 {
-    void *library = dlopen(LIBRARY, RTLD_LAZY);
-#define XX(name) &&qm_library_find(library, "spng_" #name, &spng->name)
-    const bool is_loaded = library CLI_SPNG_MAP(XX);
-#undef XX
-    if (!is_loaded) errno = ELIBACC;
-    return is_loaded;
-}
-
-static bool write_png(const char *path, const uint8_t *pixels)
-{
-    spng_library spng;
-    if (!load_spng(&spng)) return false;
-    FILE *file = fopen(path, "wb");
-    if (!file) return false;
-    struct spng_ihdr header = {
-        .width = WIDTH, .height = HEIGHT, .bit_depth = 8, .color_type = SPNG_COLOR_TYPE_TRUECOLOR};
-    spng_ctx *png = spng.ctx_new(SPNG_CTX_ENCODER);
-    if (!png) errno = ENOMEM;
-    bool is_written = png && spng.set_png_file(png, file) == 0 && spng.set_ihdr(png, &header) == 0 &&
-                      spng.encode_image(png, pixels, PIXELS_SIZE, SPNG_FMT_PNG, SPNG_ENCODE_FINALIZE) == 0;
-    spng.ctx_free(png);
-    return fclose(file) == 0 && is_written;
+    qm_text file = {0};
+    const qm_png picture = {.width = WIDTH, .height = HEIGHT, .pixels = pixels};
+    qm_png_status status = qm_png_write(&file, &picture);
+    if (status == QM_PNG_OK && file.failed) status = QM_PNG_NO_MEMORY;
+    bool is_written = status == QM_PNG_OK && cli_write_file(path, file.data, file.size);
+    if (status != QM_PNG_OK) errno = status == QM_PNG_NO_LIBRARY ? ELIBACC : ENOMEM;
+    qm_text_reset(&file);
+    return is_written;
 }
 
 bool cli_write_picture(const char *path, const qm_mesh *mesh)
 {
-    canvas c = {.pixels = malloc(PIXELS_SIZE), .depth = malloc((size_t)WIDTH * HEIGHT * sizeof(double))};
-    bool is_written = c.pixels && c.depth;
-    if (is_written) {
-        memset(c.pixels, 255, PIXELS_SIZE);
-        for (size_t i = 0; i < (size_t)WIDTH * HEIGHT; i++)
-            c.depth[i] = -DBL_MAX;
-        set_view(&c, mesh);
-        draw(&c, mesh);
-        is_written = write_png(path, c.pixels);
+    qm_context ctx = qm_host_context();
+    const qm_view view = choose_view(mesh);
+    qm_raster raster;
+    uint8_t *pixels = malloc(PIXELS_SIZE);
+    bool is_ready = pixels && qm_raster_init(&ctx, &view, &raster), is_written = false;
+    if (is_ready) {
+        memset(pixels, 255, PIXELS_SIZE);
+        qm_raster_draw(&raster, mesh, QM_QUADS_TRIANGLES);
+        paint_faces(&raster, mesh, pixels);
+        paint_edges(&raster, mesh, pixels);
+        is_written = write_file(path, pixels);
+        qm_raster_reset(&ctx, &raster);
     } else {
         errno = ENOMEM;
     }
-    free(c.pixels);
-    free(c.depth);
+    free(pixels);
     return is_written;
 }

@@ -145,6 +145,16 @@ export class Jobs {
   }
 
   /**
+   * The result of a comparison as a page of HTML that needs nothing beside itself.
+   * @param {string} id
+   * @param {Options & { limit?: number, range?: number }} [options] the permitted distance, and the end of the colour scale
+   * @returns {Promise<string>}
+   */
+  report(id, { limit, range, signal } = {}) {
+    return this.transport.text(`${pathOf(id)}/report`, { query: { limit, range }, headers: { Accept: "text/html" }, signal });
+  }
+
+  /**
    * The triangles of a heat map, fourteen numbers each: x, y, z and distance of each corner, the face, the error.
    * @param {string} id
    * @param {Options} [options]

@@ -26,6 +26,7 @@ void qm_handle_job_get(qm_request *request);
 void qm_handle_job_delete(qm_request *request);
 void qm_handle_job_events(qm_request *request);
 void qm_handle_job_result(qm_request *request);
+void qm_handle_job_report(qm_request *request);
 
 void qm_handle_layout_create(qm_request *request);
 void qm_handle_layout_list(qm_request *request);

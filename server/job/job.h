@@ -110,6 +110,10 @@ char *qm_job_document_now(qm_jobs *jobs, qm_job *job, bool *has_ended);
 /** The result object, for the caller to free; NULL when the job has none (yet), or out of memory. */
 char *qm_job_result_object(qm_jobs *jobs, qm_job *job);
 
+/** Whether a job that has ended is known to have run on these revisions of its meshes: true for those of files that were
+ * never moved, else for the newest job of its question, with these notes. */
+bool qm_job_ran_on(qm_jobs *jobs, const qm_store_job *row, uint64_t a, uint64_t b, const qm_notes notes[2]);
+
 /** Writes the state of a name; false when there is none of this name. */
 bool qm_job_state_find(const char *name, qm_job_state *out);
 

@@ -397,6 +397,20 @@ static void write_revisions(uint64_t a, uint64_t b, const qm_notes notes[2], cha
                  notes[0].uncertainty, notes[1].unit, notes[1].uncertainty);
 }
 
+bool qm_job_ran_on(qm_jobs *jobs, const qm_store_job *row, uint64_t a, uint64_t b, const qm_notes notes[2])
+{
+    /* Revisions only grow: what is as in its file was so before. */
+    if (a == 0 && b == 0) return true;
+    char revisions[QM_REVISIONS_SIZE];
+    write_revisions(a, b, notes, revisions);
+    qm_store_job found;
+    if (qm_store_find_job_by_key(jobs->store, row->key, revisions, row->state, &found) != QM_STORED)
+        return false;
+    bool is_same = strcmp(found.id, row->id) == 0;
+    qm_store_job_reset(&found);
+    return is_same;
+}
+
 bool qm_job_check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_store_mesh_state *state,
                        qm_problem *problem)
 {

@@ -1,23 +1,19 @@
 // Pictures of the main views, in build/pictures to be looked at. QM_PICTURES names a folder that gets small ones for the README.
 
 import assert from "node:assert/strict";
-import { mkdirSync, writeFileSync } from "node:fs";
-import path from "node:path";
 import { after, before, test } from "node:test";
 
-import { Daemon, ROOT } from "./support/daemon.js";
-import { Browser, drawnShare, finish, rest, waitForView } from "./support/page.js";
+import { Daemon } from "./support/daemon.js";
+import { Browser, drawnShare, finish, keepPicture, rest, waitForView } from "./support/page.js";
 import { hills, hillsLayout, moved, off, roundedBox } from "./support/shapes.js";
 import { waitForPen } from "./support/strokes.js";
 
-const FOLDER = path.join(ROOT, "build/pictures");
 let daemon;
 let browser;
 const ids = {};
 before(async () => {
   daemon = await Daemon.start();
   browser = await Browser.launch();
-  mkdirSync(FOLDER, { recursive: true });
   const client = daemon.client();
   const meshes = {
     coarse: ["hills coarse.off", hills(6)], fine: ["hills.off", hills(32)],
@@ -34,18 +30,7 @@ after(async () => {
 /** Takes a picture that must show something. */
 async function take(page, name) {
   assert(await drawnShare(page) > 0.08, name);
-  const png = await page.screenshot({ animations: "disabled" });
-  assert(png.length > 20000, name);
-  writeFileSync(path.join(FOLDER, `${name}.png`), png);
-  if (!process.env.QM_PICTURES) return;
-  const webp = await page.evaluate(async (text) => {
-    const image = await createImageBitmap(new Blob([Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0))]));
-    const canvas = new OffscreenCanvas(image.width, image.height);
-    canvas.getContext("2d").drawImage(image, 0, 0);
-    const bytes = new Uint8Array(await (await canvas.convertToBlob({ type: "image/webp", quality: 0.85 })).arrayBuffer());
-    return btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
-  }, png.toString("base64"));
-  writeFileSync(path.join(process.env.QM_PICTURES, `${name}.webp`), Buffer.from(webp, "base64"));
+  await keepPicture(page, await page.screenshot({ animations: "disabled" }), name);
 }
 
 /** What leads to each view. */

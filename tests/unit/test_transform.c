@@ -23,7 +23,7 @@ static void transforms_that_move_nothing_well_are_refused(void **state)
         for (int k = 0; k < 3; k++) {
             memcpy(m, identity, sizeof m);
             m[i] = bad[k];
-            char place[16];
+            char place[24];
             snprintf(place, sizeof place, "number %d ", i);
             assert_int_equal(qm_transform_check(&ctx, m), QM_E_NOT_FINITE);
             assert_non_null(strstr(ctx.message, place));

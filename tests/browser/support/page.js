@@ -1,8 +1,12 @@
 // A browser with the daemon's page in it. Every test fails on an error that the page did not expect.
 
 import assert from "node:assert/strict";
+import { mkdirSync, writeFileSync } from "node:fs";
+import path from "node:path";
 
 import { chromium } from "playwright-core";
+
+import { ROOT } from "./daemon.js";
 
 const PATIENCE_MS = 60000;
 
@@ -65,6 +69,23 @@ export async function waitForView(page) {
   await page.waitForFunction(() => document.querySelector(".canvas canvas") !== null
     && document.getElementById("stage-progress").textContent === "" && document.getElementById("stage-empty").hidden);
   await rest(page);
+}
+
+/** Keeps a picture of a page in build/pictures, to be looked at. QM_PICTURES names a folder that gets a small one for the README. */
+export async function keepPicture(page, png, name) {
+  assert(png.length > 20000, name);
+  const folder = path.join(ROOT, "build/pictures");
+  mkdirSync(folder, { recursive: true });
+  writeFileSync(path.join(folder, `${name}.png`), png);
+  if (!process.env.QM_PICTURES) return;
+  const webp = await page.evaluate(async (text) => {
+    const image = await createImageBitmap(new Blob([Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0))]));
+    const canvas = new OffscreenCanvas(image.width, image.height);
+    canvas.getContext("2d").drawImage(image, 0, 0);
+    const bytes = new Uint8Array(await (await canvas.convertToBlob({ type: "image/webp", quality: 0.85 })).arrayBuffer());
+    return btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
+  }, png.toString("base64"));
+  writeFileSync(path.join(process.env.QM_PICTURES, `${name}.webp`), Buffer.from(webp, "base64"));
 }
 
 /** How much of the view has another colour than its corner: 0 when nothing is drawn. */

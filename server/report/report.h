@@ -1,0 +1,56 @@
+/**
+ * report.h: a comparison of two meshes as one file of HTML that needs nothing beside itself: no script, no request, its
+ * pictures and charts within it. The daemon and the command line write it; both have the same result object.
+ *
+ * A report is a view of a result: every interval in it is one of the result's, rounded outward to as many digits as its
+ * width leaves certain, with all digits in data-lower and data-upper. Pictures show distances at the middle of their
+ * pixels, found anew; no word in the report rests on them.
+ */
+#ifndef QM_REPORT_H
+#define QM_REPORT_H
+
+#include "base/notes.h"
+#include "ops/mesh_load.h"
+#include "ops/problem.h"
+#include "qm/transform.h"
+
+typedef struct qm_report_mesh {
+    const char *name; /* of the file; NULL: none */
+    const char *hash; /* SHA-256 of the file in hex; NULL: not known */
+    qm_notes notes;
+    const double *transform;      /* that has moved the mesh (qm/transform.h); NULL: it lies as in its file */
+    const qm_loaded_mesh *loaded; /* with a tree that is a target, of patches too if quads are read so */
+} qm_report_mesh;
+
+typedef struct qm_report {
+    qm_report_mesh mesh[2];
+    const char *result; /* the result object of a comparison */
+    /* results of deviations of A from B and of B from A with regions beyond the limit; NULL: none */
+    const char *regions[2];
+    const char *request; /* the request object that was asked */
+    const char *command; /* the command line; NULL: none */
+    const char *made;    /* when, RFC 3339 */
+    double limit;        /* the permitted distance, 0 or more; NAN: none, and then no verdict */
+    double range;        /* the end of the colour scale, above 0; NAN: chosen (scale.h) */
+    int thread_count;
+} qm_report;
+
+/** What a proven interval of the greatest distance says of a limit. */
+typedef enum qm_report_verdict {
+    QM_REPORT_NO_LIMIT,
+    QM_REPORT_WITHIN,   /* no point is farther */
+    QM_REPORT_BEYOND,   /* a point is farther */
+    QM_REPORT_UNDECIDED /* the limit lies inside the interval, or the interval is not known */
+} qm_report_verdict;
+qm_report_verdict qm_report_judge(double lower, double upper, double limit);
+
+/** Appends the document. False with a problem: memory, a canceled context, no library for pictures. */
+bool qm_report_write(qm_context *ctx, const qm_report *report, qm_text *out, qm_problem *problem);
+
+/** The limits to ask a comparison for so that the report has a histogram in the bands of its colours: the edges of the
+ * scale for a limit and a range as above. None without either, as the scale then follows from the result. Writes at most
+ * QM_REPORT_MAX_LIMITS numbers, and returns how many. */
+#define QM_REPORT_MAX_LIMITS 16
+int qm_report_limits(double limit, double range, double *out);
+
+#endif
