@@ -186,7 +186,7 @@ test("a mesh that is open has no proven sides: the page tells why, and offers th
   await finish(other);
 });
 
-test("the parts of A beyond the limit are listed, coloured, and flown to", async () => {
+test("the parts of A beyond the limit are listed, bordered, and flown to", async () => {
   const steps = 40;
   const hills = { vertices: [], faces: [] };
   const bump = (x, y, cx, height) => height * Math.max(0, 1 - ((x - cx) ** 2 + (y - 0.5) ** 2) / 0.04) ** 2;
@@ -215,8 +215,14 @@ test("the parts of A beyond the limit are listed, coloured, and flown to", async
     await page.waitForTimeout(900); // the flight
     assert(Math.abs((await target())[0] - x) < 0.05, `${await target()}`);
     await rest(page);
-    const [[red, green]] = await coloursAt(page, [[0.5, 0.5]]);
-    assert(red > 1.3 * green, `the part is drawn in the colour of faults, not ${red} ${green}`);
+    // The border that is drawn strongly goes round the part: where the hill is as high as the limit.
+    const drawn = await page.evaluate(async () => {
+      const { overlay, frame } = (await import("/dashboard/view/view.js")).currentStage();
+      const { position, side } = overlay.group.children[0].geometry.attributes;
+      const all = Array.from({ length: position.count }, (_, n) => [0, 1, 2].map((k) => position.getComponent(n, k) / frame.scale + frame.centre[k]));
+      return all.filter((_, n) => side.getY(n) > 2);
+    });
+    assert(drawn.length > 20 && drawn.every(([px, py, pz]) => Math.hypot(px - x, py - 0.5) < 0.2 && pz < 0.15), `${drawn.length} corners`);
   }
   await finish(page);
 });
@@ -332,6 +338,7 @@ test("a search of distances over A tells how far it is, and can be stopped", asy
 test("intervals are written with the digits that are known, and hold what they stand for", async () => {
   const { intervals } = await import("../../clients/dashboard/core/format.js");
   assert.deepEqual(intervals([{ lower: 0.00031172, upper: 0.00032992 }]), ["3.208 ± 0.092 e-4"]);
+  assert.deepEqual(intervals([{ lower: 0.06310890, upper: 0.06311150 }, { lower: -0.25, upper: -0.25 }], 0.01), ["0.06311 ± 0.00001", "-0.25"]);
   assert.deepEqual(intervals([{ lower: 0.5, upper: 0.5 }, { lower: 0, upper: 0.001 }]), ["0.5", "0.00050 ± 0.00050"]);
   const random = chance(7);
   for (let n = 0; n < 5000; n++) {
@@ -374,6 +381,11 @@ test("both ways in one table, and the worst places as pins in a list that flies 
   const values = (await places.allInnerTexts()).map((text) => Number(/: ([\d.]+)/.exec(text)[1]));
   assert(Math.abs(values[0] - 0.3) < 1e-6 && values.every((value, place) => place === 0 || value <= values[place - 1] + 1e-3), values.join());
   assert.equal(await page.locator(".pin").count(), count);
+
+  const [report] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Report, HTML" }).click()]);
+  assert.equal(report.suggestedFilename(), "report.html");
+  const html = readFileSync(await report.path(), "utf8");
+  for (const words of ["<!DOCTYPE html>", "hill_0.off", "hill_1.off", "0.1"]) assert(html.includes(words), words);
 
   const target = () => page.evaluate(async () => {
     const { eye: { controls }, frame, pair } = (await import("/dashboard/view/view.js")).currentStage();

@@ -1,8 +1,8 @@
 // Both bounds over time, on a logarithmic scale: the band between them holds the distance.
 
+import { prepare } from "../core/canvas.js";
 import { colour } from "../core/dom.js";
 import { duration } from "../core/format.js";
-import { prepare } from "./canvas.js";
 
 /** @typedef {{ elapsed_ms: number, lower: number, upper: number | null }} Sample */
 

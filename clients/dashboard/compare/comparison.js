@@ -1,7 +1,8 @@
-// The section of the comparison: the figures of both directions and of both together, and the worst places.
+// The section of the comparison: the figures of both directions and of both together, the worst places, and a report to hand on.
 
-import { colour, h } from "../core/dom.js";
-import { intervals, percent } from "../core/format.js";
+import { client } from "../core/connection.js";
+import { colour, download, h } from "../core/dom.js";
+import { ENOUGH, intervals, percent } from "../core/format.js";
 import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { Search } from "../core/search.js";
@@ -34,6 +35,7 @@ export class ComparisonSection {
     /** @type {Labels | null} */
     this.labels = null;
     this.button = h("button", { type: "button", onclick: () => run(() => this.measure()) }, "Compare both ways");
+    this.report = h("button", { type: "button", onclick: () => run(() => this.saveReport()) }, "Report, HTML");
     this.words = h("p", { className: "muted" });
     this.figures = h("div", { className: "section" });
     this.element = h("section", { className: "section", "aria-labelledby": "comparison-title" },
@@ -77,10 +79,10 @@ export class ComparisonSection {
   draw() {
     if (!this.found) return;
     const { result, places } = this.found;
-    const written = intervals(places);
+    const written = intervals(places, ENOUGH);
     this.figures.replaceChildren(drawFigures(result), makePlaces("Worst places", places.map(({ side, from, to }, place) => ({
       words: `${place + 1}: ${written[place]}, on ${side}`,
-      points: [from.point, to.point], what: `place ${place + 1}` })), (place) => this.choose(place)));
+      points: [from.point, to.point], what: `place ${place + 1}` })), (place) => this.choose(place)), h("div", { className: "row" }, this.report));
   }
 
   /** Numbers at the worst places. */
@@ -113,8 +115,15 @@ export class ComparisonSection {
     if (chosen) this.onChosen({ from: chosen.from.point, to: chosen.to.point });
   }
 
+  /** The comparison as a page to hand on. */
+  async saveReport() {
+    if (!this.found) return;
+    const html = await client.jobs.report(this.found.id, { limit: this.limit() ?? undefined });
+    download(new Blob([html], { type: "text/html" }), "report.html");
+  }
+
   explain() {
-    this.words.textContent = "Figures of A from B, of B from A, and of both together; where they are farthest apart.";
+    this.words.textContent = "Figures of A from B, of B from A, and of both together; where they are farthest apart; a report to hand on.";
   }
 
   /** The meshes are others now. */
@@ -143,7 +152,7 @@ function drawFigures({ a_to_b: there, b_to_a: back, symmetric: both, accurate })
   const rows = writeRows([
     ["Maximum", [both.hausdorff, there.hausdorff, back.hausdorff]], ["95 % lie within", [both.hd95, of95(there), of95(back)]],
     ["Mean", [both.mean, there.mean, back.mean]], ["RMS", [both.rms, there.rms, back.rms]],
-    ["Standard deviation", [null, there.std, back.std]], ["Chamfer, sum of means", [both.chamfer.l1, null, null]]]);
+    ["Standard dev.", [null, there.std, back.std]], ["Chamfer, sum of means", [both.chamfer.l1, null, null]]], ENOUGH);
   const shares = there.shares.map(({ limit, ...share }, place) => /** @type {[string, string[]]} */ ([`Share within ${limit}`,
     ["", writeShare(share), writeShare(back.shares[place])]]));
   const scores = both.f_score.map(({ limit, f }) => /** @type {[string, string[]]} */ ([`F-score at ${limit}`, [writeShare(f), "", ""]]));

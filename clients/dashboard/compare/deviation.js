@@ -1,10 +1,10 @@
 // The deviation of A from B over the whole surface, and of B from A: figures, percentiles, histogram.
 
+import { prepare } from "../core/canvas.js";
 import { client } from "../core/connection.js";
 import { colour, h } from "../core/dom.js";
 import { count, intervals, length } from "../core/format.js";
 import { colourOf } from "../view/scale.js";
-import { prepare } from "./canvas.js";
 import { makeTable, writeRows } from "./table.js";
 
 /** @import { Search } from "../core/search.js" */

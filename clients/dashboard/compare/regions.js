@@ -1,7 +1,7 @@
-// The connected parts of A that are beyond the limit: a list that flies to each, and their faces in the view.
+// The connected parts of A that are beyond the limit: a list that flies to each, and the borders of their faces in the view.
 
 import { colour, h } from "../core/dom.js";
-import { count, intervals } from "../core/format.js";
+import { ENOUGH, count, intervals } from "../core/format.js";
 import { run } from "../core/messages.js";
 import { outline } from "../view/loader.js";
 import { makePlaces } from "../view/places.js";
@@ -34,8 +34,8 @@ export class Regions {
   }
 
   places() {
-    const farthest = intervals(this.listed.map(({ max }) => max));
-    const areas = intervals(this.listed.map(({ area }) => area));
+    const farthest = intervals(this.listed.map(({ max }) => max), ENOUGH);
+    const areas = intervals(this.listed.map(({ area }) => area), ENOUGH);
     return this.listed.map(({ surely, witness, centroid, box }, place) => ({
       words: `${place + 1}: up to ${farthest[place]}, area ${areas[place]}${surely ? "" : ", not certain"}`,
       points: witness ? [witness.from.point, witness.to.point] : [centroid, box.min, box.max], what: `part ${place + 1}` }));
@@ -47,18 +47,19 @@ export class Regions {
     await this.paint();
   }
 
-  /** Lays a colour over the faces: of all parts lightly, of the one that is looked at strongly. */
+  /** Draws the edges round the faces: of all parts thinly, of the one that is looked at strongly. What is inside keeps its colours. */
   async paint() {
     const { listed, chosen } = this;
     const stage = currentStage();
     const a = stage?.models.get("a");
     if (!stage || !a?.isWhole) return;
-    const [light, strong] = await Promise.all([listed.filter((region) => region !== chosen), chosen ? [chosen] : []].map((regions) =>
+    const [thin, strong] = await Promise.all([listed.filter((region) => region !== chosen), chosen ? [chosen] : []].map((regions) =>
       outline(a, regions.flatMap(({ faces }) => faces), stage.frame)));
+    const [{ toVector }, { bordersOf }] = await Promise.all([import("../view/stage.js"), import("../view/borders.js")]);
     if (listed !== this.listed || chosen !== this.chosen) return;
-    const { toVector } = await import("../view/stage.js");
-    const tint = toVector(colour("--fault"));
-    stage.setOverlay({ fills: [{ triangles: light, colour: tint, opacity: 0.3 }, { triangles: strong, colour: tint, opacity: 0.75 }] });
+    const ribbons = (/** @type {Float32Array} */ triangles, /** @type {string} */ name, /** @type {number} */ width) =>
+      bordersOf(triangles).map((points) => ({ points, colour: toVector(colour(name)), width }));
+    stage.setOverlay({ ribbons: [...ribbons(thin, "--ink", 1.2), ...ribbons(strong, "--fault", 3)] });
   }
 
   forget() {

@@ -20,9 +20,10 @@ export function makeTable(caption, heads, rows) {
 /**
  * Rows of intervals, all written alike; where there is none the cell stays empty.
  * @param {[string, (Interval | null)[]][]} rows
+ * @param {number} [finest] share of a figure below which no digits are wanted
  * @returns {[string, string[]][]}
  */
-export function writeRows(rows) {
-  const written = intervals(rows.flatMap(([, cells]) => cells.flatMap((cell) => cell ?? [])));
+export function writeRows(rows, finest = 0) {
+  const written = intervals(rows.flatMap(([, cells]) => cells.flatMap((cell) => cell ?? [])), finest);
   return rows.map(([name, cells]) => [name, cells.map((cell) => (cell === null ? "" : /** @type {string} */ (written.shift())))]);
 }

@@ -40,15 +40,18 @@ export class Labels {
     element.remove();
   }
 
-  /** Where a point is in the window. @param {number[]} point */
+  /** Where a point is in the window, and whether it is before the eye. @param {number[]} point */
   placeOf(point) {
-    const { canvas, eye } = this.stage;
-    const on = this.stage.toScene(point).project(eye.camera);
-    return { x: ((on.x + 1) / 2) * canvas.clientWidth, y: ((1 - on.y) / 2) * canvas.clientHeight, isThere: Math.abs(on.z) <= 1 };
+    const { canvas, eye: { camera } } = this.stage;
+    const place = this.stage.toScene(point);
+    const isThere = place.clone().applyMatrix4(camera.matrixWorldInverse).z < 0;
+    const on = place.project(camera);
+    return { x: ((on.x + 1) / 2) * canvas.clientWidth, y: ((1 - on.y) / 2) * canvas.clientHeight, isThere };
   }
 
   draw = () => {
     const { stage } = this;
+    stage.eye.camera.updateMatrixWorld(); // the eye has moved, and nothing was drawn since
     for (const { point, element } of this.all) {
       const { x, y, isThere } = this.placeOf(point);
       element.hidden = !isThere;
