@@ -408,3 +408,45 @@ test("both ways in one table, and the worst places as pins in a list that flies 
   await finish(page);
   await finish(other);
 });
+
+test("a section takes a part away, draws the curves of the cut, and is in the link; what is taken away is not met", async () => {
+  const page = await browser.open(`${daemon.url}/#compare?a=${ids.a}&b=${ids.b}`, { viewport: { width: 1300, height: 900 } });
+  await waitForView(page);
+  const whole = await drawnShare(page);
+  await page.locator(".stage-tools").getByRole("button", { name: "Section" }).click();
+  await page.getByLabel("Axis of the section").selectOption("z");
+  await page.getByLabel("Place of the section").fill("0.25");
+  const curves = () => page.evaluate(async () => {
+    const stage = (await import("/dashboard/view/view.js")).currentStage();
+    await stage.rest();
+    const { position } = stage.overlay.group.children[0]?.geometry.attributes ?? {};
+    return { count: position?.count ?? 0, heights: Array.from({ length: position?.count ?? 0 }, (_, n) => position.getZ(n)), at: stage.plane?.at };
+  });
+  await page.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().overlay.group.children.length > 0);
+  await page.waitForFunction(() => location.hash.includes("cut=z,0.25"));
+  const { count, heights, at } = await curves();
+  assert(count > 6 * 100 && heights.every((z) => Math.abs(z - at) < 1e-5), `${count} corners of ribbons`);
+  assert(await drawnShare(page) < 0.9 * whole, "most of the sphere is taken away");
+  const met = () => page.evaluate(async () => {
+    const stage = (await import("/dashboard/view/view.js")).currentStage();
+    const { pick } = await import("/dashboard/view/pick.js");
+    stage.eye.fromText("0,0,3,0,0,0");
+    stage.drawNow();
+    const { scale, centre } = stage.frame;
+    return (pick(stage, stage.models.get("a"), stage.canvas.clientWidth / 2 + 40, stage.canvas.clientHeight / 2).point[2] - centre[2]) * scale;
+  });
+  assert(await met() < at, "a ray from before the section goes on to the far side");
+  await page.getByRole("button", { name: "Other side" }).click();
+  await page.waitForFunction(() => location.hash.includes("cut=z,0.25,-"));
+  await rest(page);
+  assert(await met() > at);
+
+  const other = await browser.open(page.url());
+  await waitForView(other);
+  await other.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().overlay.group.children.length > 0);
+  assert.equal(await other.getByLabel("Place of the section").inputValue(), "0.25");
+  await other.locator(".stage-tools").getByRole("button", { name: "Section" }).click();
+  await other.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().overlay.group.children.length === 0);
+  await finish(page);
+  await finish(other);
+});

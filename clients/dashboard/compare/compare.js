@@ -15,6 +15,7 @@ import { Measurement } from "./measurement.js";
 import { makeOutcome } from "./outcome.js";
 import { isMoved, pose, readPose, setPose } from "./pose.js";
 import { readWanted } from "./range.js";
+import { Section } from "./section.js";
 
 /** @import { Transform } from "../../js/types.js" */
 /** @import { Role, Wish } from "../view/stage.js" */
@@ -55,6 +56,7 @@ class Compare {
       quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings), onChosen: (points) => this.showPlace(points) });
     this.alignment = new AlignSection({
       quads: () => /** @type {any} */ (settings.quads), onPose: (transform) => this.move(transform), onTurn: (turn) => this.showTurn(turn) });
+    this.section = new Section();
     this.fly = h("button", { type: "button", disabled: true, onclick: () => run(() => this.flyToPair()) }, "Show the farthest points");
     this.csv = h("button", { type: "button", disabled: true, onclick: () => saveBounds(this.measurement) }, "Bounds, CSV");
     this.distancesCsv = h("button", { type: "button", disabled: true, onclick: () => saveDistances(this.map.heat) }, "Distances, CSV");
@@ -156,7 +158,7 @@ class Compare {
     this.view = key;
     drawTools(wishes.map(({ mesh }) => mesh), { more: [
       toggle("A", "Show A", shown.a, (isOn) => { shown.a = isOn; this.drawView(); }),
-      toggle("B", "Show B", shown.b, (isOn) => { shown.b = isOn; this.drawView(); })] });
+      toggle("B", "Show B", shown.b, (isOn) => { shown.b = isOn; this.drawView(); }), ...this.section.tools] });
     show(wishes, "Choose two meshes to compare.").then((isWhole) => { if (isWhole) this.onWhole(); });
   }
 
@@ -165,6 +167,7 @@ class Compare {
     const eye = parameter("eye");
     if (eye) currentStage()?.eye.fromText(eye);
     this.showPair();
+    run(() => this.section.draw());
     if (this.map.deviation) run(() => this.map.paint());
     else if (parameter("heat") && !this.map.search.isRunning) run(() => this.map.measure());
     run(() => (this.comparison.found ? this.comparison.pin() : this.comparison.restore()));
@@ -247,6 +250,7 @@ class Compare {
     this.sizes.disconnect();
     this.measurement.leave();
     this.forget();
+    this.section.leave();
     setLook({ through: false });
     currentStage()?.setPair(null);
   }

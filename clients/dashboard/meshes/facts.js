@@ -8,7 +8,6 @@ import { ENOUGH, bytes, count, duration, faceCount, intervals, length, time } fr
 import { run, say } from "../core/messages.js";
 import { state } from "../core/state.js";
 import { makeNotes } from "./notes.js";
-import { makeQuality } from "./quality.js";
 
 /** @import { Extent, Format, Mesh } from "../../js/types.js" */
 
@@ -28,7 +27,7 @@ export function drawFacts(place, mesh) {
     h("header", {}, h("h2", { id: "facts-title" }, mesh.name || mesh.id), deletion(mesh)),
     mesh.warnings.length > 0 ? h("ul", { className: "warnings", "aria-label": "Remarks" }, ...mesh.warnings.map((words) => h("li", {}, words))) : "",
     figures(rows(mesh)), figures([["Box", sizeOf(mesh)], ...extents(mesh)], "figures single"), makeNotes(mesh),
-    mesh.kind === "points" ? "" : makeQuality(mesh), downloads(mesh));
+    mesh.kind === "points" ? "" : quality(mesh), downloads(mesh));
 }
 
 /** @param {Mesh} mesh @returns {[string, string][]} */
@@ -89,6 +88,13 @@ export function downloads(mesh) {
   format.setAttribute("aria-label", "Format of the download");
   const button = h("button", { type: "button", onclick: () => run(() => fetchFile(mesh, /** @type {Format} */ (format.value))) }, "Download");
   return h("div", { className: "row" }, format, button);
+}
+
+/** The shape of the faces, once it is asked for. @param {Mesh} mesh */
+function quality(mesh) {
+  const found = h("div", { className: "section", id: "quality" });
+  const show = async () => (await import("./quality.js")).showQuality(found, mesh);
+  return h("div", { className: "section" }, h("div", { className: "row" }, h("button", { type: "button", onclick: () => run(show) }, "Shape of the faces")), found);
 }
 
 /** @param {Mesh} mesh @param {Format} format */

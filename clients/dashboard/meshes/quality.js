@@ -11,29 +11,24 @@ import { run } from "../core/messages.js";
 const BINS = 40;
 const DIGITS = 4;
 
-/** @param {Mesh} mesh */
-export function makeQuality(mesh) {
-  const canvas = h("canvas", { className: "drawing low", role: "img", hidden: true });
-  const found = h("div", { className: "section", id: "quality" });
-  const button = h("button", { type: "button", onclick: () => run(showAll) }, "Shape of the faces");
+/** @param {HTMLElement} place @param {Mesh} mesh */
+export async function showQuality(place, mesh) {
+  const { metrics } = await client.meshes.quality(mesh.id);
+  const known = metrics.filter(({ faces }) => faces > 0);
+  const canvas = h("canvas", { className: "drawing low", role: "img", hidden: known.length === 0 });
+  const show = async (/** @type {string} */ metric) => {
+    for (const choice of place.querySelectorAll("button")) choice.setAttribute("aria-pressed", String(choice.textContent === wordsOf(metric)));
+    await drawMetric(canvas, mesh, metric);
+  };
+  place.replaceChildren(tableOf(known, (metric) => run(() => show(metric))), canvas);
+  if (known.length > 0) await show(known[0].metric);
+}
 
-  async function showAll() {
-    const { metrics } = await client.meshes.quality(mesh.id);
-    const known = metrics.filter(({ faces }) => faces > 0);
-    found.replaceChildren(tableOf(known, (metric) => run(() => showOne(metric))), canvas);
-    if (known.length > 0) await showOne(known[0].metric);
-  }
-
-  /** @param {string} metric */
-  async function showOne(metric) {
-    for (const choice of found.querySelectorAll("button")) choice.setAttribute("aria-pressed", String(choice.textContent === wordsOf(metric)));
-    const { values, minimum, maximum } = await client.meshes.qualityOfFaces(mesh.id, metric);
-    canvas.hidden = false;
-    const bins = spread(values, minimum ?? 0, maximum ?? 0);
-    canvas.setAttribute("aria-label", `How many faces have which ${wordsOf(metric)}, from ${length(minimum, DIGITS)} to ${length(maximum, DIGITS)}`);
-    drawBins(canvas, bins, minimum ?? 0, maximum ?? 0);
-  }
-  return h("div", { className: "section" }, h("div", { className: "row" }, button), found);
+/** How one metric spreads over the faces. @param {HTMLCanvasElement} canvas @param {Mesh} mesh @param {string} metric */
+async function drawMetric(canvas, mesh, metric) {
+  const { values, minimum, maximum } = await client.meshes.qualityOfFaces(mesh.id, metric);
+  canvas.setAttribute("aria-label", `How many faces have which ${wordsOf(metric)}, from ${length(minimum, DIGITS)} to ${length(maximum, DIGITS)}`);
+  drawBins(canvas, spread(values, minimum ?? 0, maximum ?? 0), minimum ?? 0, maximum ?? 0);
 }
 
 /** @param {string} metric */

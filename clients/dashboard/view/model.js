@@ -9,6 +9,7 @@ import { moveBox } from "./transform.js";
 
 /** @import { Data3DTexture, ShaderMaterial } from "three" */
 /** @import { Mesh, Transform } from "../../js/types.js" */
+/** @import { Plane } from "./plane.js" */
 
 // Positions lie within half a unit of the centre: no piece needs a look to know its bounds.
 const BOUNDS = new Sphere(new Vector3(), 1);
@@ -23,6 +24,8 @@ export class Model {
     this.mesh = mesh;
     this.isBilinear = isBilinear;
     this.transform = transform;
+    /** What cuts it in the view. @type {Plane | null} */
+    this.plane = null;
     this.box = moveBox(mesh.bounding_box, transform);
     const { min, max, diagonal } = this.box;
     this.frame = { centre: min.map((low, k) => low / 2 + max[k] / 2), scale: diagonal > 0 ? 1 / diagonal : 1 };

@@ -8,14 +8,19 @@ import { forget, load } from "./loader.js";
 import { Model, makeSample } from "./model.js";
 import { Overlay } from "./overlay.js";
 import { Pair } from "./pair.js";
+import { toUniform } from "./plane.js";
 import { moveBox } from "./transform.js";
 
 /** @import { Mesh, Transform } from "../../js/types.js" */
+/** @import { Drawing } from "./overlay.js" */
+/** @import { Plane } from "./plane.js" */
 /** @import { Scale } from "./scale.js" */
 /** @typedef {"a" | "b"} Role b is the one to compare with */
 /** @typedef {{ mesh: Mesh, role: Role, isBilinear: boolean, isHidden?: boolean, isGhost?: boolean,
  *   isGradual?: boolean, transform?: Transform | null }} Wish transform: moves the mesh; isGradual: what was there before stays until endChange, and nothing of the new one is drawn yet */
-/** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, through: boolean, scale: Scale }} Look */
+/** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, through: boolean, scale: Scale,
+ *   cut: Cut | null }} Look */
+/** @typedef {{ axis: number, share: number, isOther: boolean }} Cut a section; share: of the way through all that is there */
 
 const PIECES_A_FRAME = 2;
 
@@ -43,6 +48,8 @@ export class Stage {
     this.eye = new Eye(this.canvas, () => this.draw(), () => this.fit());
     this.pair = new Pair(this.scene);
     this.overlay = new Overlay(this.scene);
+    /** What lies over the meshes, by who drew it. @type {Map<string, Drawing>} */
+    this.layers = new Map();
     /** @type {Map<Role, Model>} */
     this.models = new Map();
     /** Those that others take the place of by and by. @type {Map<Role, Model>} */
@@ -51,7 +58,7 @@ export class Stage {
     this.wishes = [];
     this.frame = { centre: [0, 0, 0], scale: 1 };
     /** @type {Look} */
-    this.look = { wire: false, patches: false, irregular: false, heat: false, structure: true, disc: 1, through: false, scale: { low: 0, high: 1, isSigned: false, limits: null } };
+    this.look = { wire: false, patches: false, irregular: false, heat: false, structure: true, disc: 1, through: false, cut: null, scale: { low: 0, high: 1, isSigned: false, limits: null } };
     this.isWaiting = false;
     /** Are the programs of the graphics card there? */
     this.isReady = false;
@@ -191,6 +198,8 @@ export class Stage {
     const base = toVector(colour(role === "a" ? "--mesh-a" : "--mesh-b"));
     const { surface, discs } = model;
     const isHeated = this.look.heat && role === "a";
+    model.plane = this.plane;
+    for (const { uniforms } of model.materials()) uniforms.cut.value.fromArray(toUniform(model.plane));
     surface.uniforms.base.value = base;
     surface.uniforms.line.value = toVector(colour("--ink"));
     surface.uniforms.wire.value = this.look.wire ? 1 : 0;
@@ -247,10 +256,23 @@ export class Stage {
     this.onThrough(isOn);
   }
 
-  /** @param {Parameters<Overlay["set"]>[0]} [drawing] */
-  setOverlay(drawing) {
-    this.overlay.set(drawing);
+  /** Draws over the meshes, in the place of what the same layer had. @param {Drawing} [drawing] @param {string} [layer] */
+  setOverlay(drawing = {}, layer = "marks") {
+    this.layers.set(layer, drawing);
+    const all = [...this.layers.values()];
+    this.overlay.set({
+      ribbons: all.flatMap(({ ribbons = [] }) => ribbons), dots: all.flatMap(({ dots = [] }) => dots), fills: all.flatMap(({ fills = [] }) => fills),
+      isOverCloud: all.some(({ isOverCloud }) => isOverCloud) });
     this.draw();
+  }
+
+  /** Where the look cuts; null where it does not. @returns {Plane | null} */
+  get plane() {
+    const { cut } = this.look;
+    if (!cut || this.wishes.length === 0) return null;
+    const ends = this.wishes.map(boxOf).flatMap(({ min, max }) => [min, max].map((corner) => this.toScene(corner).getComponent(cut.axis)));
+    const [low, high] = [Math.min(...ends), Math.max(...ends)];
+    return { axis: cut.axis, at: low + cut.share * (high - low), side: cut.isOther ? -1 : 1 };
   }
 
   draw() {

@@ -2,7 +2,6 @@
 
 import { Meshes } from "../js/meshes.js";
 import { Transport } from "../js/transport.js";
-import { CLOUD_PIECE, cloudNormals } from "./cloud.js";
 import { patchTint } from "./colours.js";
 import { moveVertices } from "./handle.js";
 import { readPly } from "./ply.js";
@@ -73,8 +72,9 @@ function sendIrregular(task, { points }, { vertices, valences }, { centre, scale
   post({ task, kind: "irregular", position, valence: Float32Array.from(valences) });
 }
 
-/** Points at once, then their normals. @param {number} task @param {Shape} shape @param {Frame} frame */
-function sendCloud(task, { points }, { centre, scale }) {
+/** Points at once, then their normals, by a module that is fetched for them. @param {number} task @param {Shape} shape @param {Frame} frame */
+async function sendCloud(task, { points }, { centre, scale }) {
+  const { CLOUD_PIECE, cloudNormals } = await import("./cloud.js");
   const position = new Float32Array(points.length);
   for (let i = 0; i < points.length; i++) position[i] = (points[i] - centre[i % 3]) * scale;
   for (let from = 0; from < position.length; from += 3 * CLOUD_PIECE) {
