@@ -45,6 +45,8 @@ const VIEWS = {
       await page.locator("#outcome", { hasText: "Done" }).waitFor();
       await page.getByRole("button", { name: "Map the distances" }).click();
       await page.locator(".legend").waitFor();
+      await page.getByRole("button", { name: "Compare both ways" }).click();
+      await page.locator(".pin").first().waitFor({ state: "attached" });
       await page.waitForTimeout(700); // the flight
       await page.getByRole("button", { name: "Fit" }).click();
       await page.evaluate(() => { document.getElementById("panel").scrollTop = 0; });

@@ -3,7 +3,7 @@
 import { client } from "../core/connection.js";
 import { refreshMeshes } from "../core/data.js";
 import { figures, h, select } from "../core/dom.js";
-import { intervals, length } from "../core/format.js";
+import { ENOUGH, intervals, length } from "../core/format.js";
 import { run, say } from "../core/messages.js";
 import { Search } from "../core/search.js";
 import { changed, nameOf, state } from "../core/state.js";
@@ -125,7 +125,7 @@ export class AlignSection {
 function rowsOf({ rms, floor, scale, certainty: { runner_up_rms: second }, hausdorff: { lower, upper } }) {
   return [
     ["RMS of the distances that count", length(rms, DIGITS)],
-    ["Hausdorff distance that is left, proven", intervals([{ lower, upper }])[0]],
+    ["Hausdorff distance, proven", intervals([{ lower, upper }], ENOUGH)[0]],
     ["No motion gets below, proven", floor === null ? "not known with a scale" : length(floor, DIGITS)],
     ["RMS of the runner-up", second === null ? "none: all starts ended here" : length(second, DIGITS)],
     ...(scale === 1 ? [] : [/** @type {[string, string]} */ (["Scale", length(scale, 6)])])];

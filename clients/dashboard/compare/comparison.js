@@ -152,7 +152,7 @@ function drawFigures({ a_to_b: there, b_to_a: back, symmetric: both, accurate })
   const rows = writeRows([
     ["Maximum", [both.hausdorff, there.hausdorff, back.hausdorff]], ["95 % lie within", [both.hd95, of95(there), of95(back)]],
     ["Mean", [both.mean, there.mean, back.mean]], ["RMS", [both.rms, there.rms, back.rms]],
-    ["Standard dev.", [null, there.std, back.std]], ["Chamfer, sum of means", [both.chamfer.l1, null, null]]], ENOUGH);
+    ["Standard dev.", [null, there.std, back.std]], ["Chamfer, sum", [both.chamfer.l1, null, null]]], ENOUGH);
   const shares = there.shares.map(({ limit, ...share }, place) => /** @type {[string, string[]]} */ ([`Share within ${limit}`,
     ["", writeShare(share), writeShare(back.shares[place])]]));
   const scores = both.f_score.map(({ limit, f }) => /** @type {[string, string[]]} */ ([`F-score at ${limit}`, [writeShare(f), "", ""]]));
