@@ -40,7 +40,7 @@ const VIEWS = {
       await page.locator("img.thumbnail").nth(3).waitFor();
     } },
   compare: {
-    hash: () => `#compare?a=${ids.fine}&b=${ids.coarse}&eye=0.75,0.55,1.45,0,0,0`, act: async (page) => {
+    hash: () => `#compare?a=${ids.fine}&b=${ids.coarse}&eye=-1.45,0.6,0.75,0,0,0`, act: async (page) => {
       await page.getByRole("button", { name: "Measure" }).click();
       await page.locator("#outcome", { hasText: "Done" }).waitFor();
       await page.getByRole("button", { name: "Map the distances" }).click();

@@ -6,7 +6,7 @@ import { ENOUGH, intervals, percent } from "../core/format.js";
 import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { Search } from "../core/search.js";
-import { state } from "../core/state.js";
+import { meshOf, state } from "../core/state.js";
 import { makePlaces } from "../view/places.js";
 import { currentStage, lookAt } from "../view/view.js";
 import { moved } from "./pose.js";
@@ -17,6 +17,8 @@ import { makeTable, writeRows } from "./table.js";
 /** @typedef {LengthInterval & Witness & { side: "A" | "B" }} WorstPlace */
 
 const WORST_COUNT = 5;
+/** Of the diagonal. */
+const RADIUS_SHARE = 0.05;
 
 export class ComparisonSection {
   /**
@@ -43,10 +45,15 @@ export class ComparisonSection {
     this.forget();
   }
 
+  /** How far apart the worst places are at least. */
+  get radius() {
+    return RADIUS_SHARE * (meshOf(state.a)?.bounding_box.diagonal ?? 0);
+  }
+
   /** @param {string} b */
   question(b) {
     const limit = this.limit();
-    return { type: /** @type {const} */ ("comparison"), a: moved(), b, quads: this.quads(), worst: { count: WORST_COUNT }, limits: limit === null ? [] : [limit] };
+    return { type: /** @type {const} */ ("comparison"), a: moved(), b, quads: this.quads(), worst: { count: WORST_COUNT, radius: this.radius }, limits: limit === null ? [] : [limit] };
   }
 
   async measure() {
@@ -66,7 +73,7 @@ export class ComparisonSection {
     try {
       const { id, result: answer } = await asked;
       const result = /** @type {ComparisonResult} */ (answer);
-      this.found = { id, result, places: worstOf(result) };
+      this.found = { id, result, places: worstOf(result, this.radius) };
       setParameters({ comparison: id });
       this.draw();
       await this.pin();
@@ -140,10 +147,23 @@ export class ComparisonSection {
   }
 }
 
-/** Of both directions, the farthest first. @param {ComparisonResult} result @returns {WorstPlace[]} */
-function worstOf({ a_to_b: there, b_to_a: back }) {
-  return [...(there.worst ?? []).map((place) => ({ ...place, side: /** @type {const} */ ("A") })),
+/**
+ * Of both directions, the farthest first. The two are often farthest apart at places that lie side by side: the lesser of them is left out.
+ * @param {ComparisonResult} result
+ * @param {number} radius about which places count as one
+ * @returns {WorstPlace[]}
+ */
+function worstOf({ a_to_b: there, b_to_a: back }, radius) {
+  /** @type {WorstPlace[]} */
+  const all = [...(there.worst ?? []).map((place) => ({ ...place, side: /** @type {const} */ ("A") })),
     ...(back.worst ?? []).map((place) => ({ ...place, side: /** @type {const} */ ("B") }))].sort((one, other) => other.lower - one.lower);
+  return all.filter((place, at) => !all.slice(0, at).some((before) => isBeside(before, place, radius)));
+}
+
+/** Are two places of the two meshes one, as both are ends of nearly the same way? @param {WorstPlace} one @param {WorstPlace} other @param {number} radius */
+function isBeside(one, other, radius) {
+  const isNear = (/** @type {number[]} */ p, /** @type {number[]} */ q) => Math.hypot(...p.map((x, k) => x - q[k])) < radius;
+  return one.side !== other.side && (isNear(one.from.point, other.from.point) || isNear(one.from.point, other.to.point) || isNear(one.to.point, other.from.point));
 }
 
 /** @param {ComparisonResult} result */
