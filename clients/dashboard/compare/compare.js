@@ -16,6 +16,7 @@ import { makeOutcome } from "./outcome.js";
 import { isMoved, pose, readPose, setPose } from "./pose.js";
 import { readWanted } from "./range.js";
 import { Section } from "./section.js";
+import { aFirst } from "./witness.js";
 
 /** @import { Transform } from "../../js/types.js" */
 /** @import { Role, Wish } from "../view/stage.js" */
@@ -116,7 +117,8 @@ class Compare {
   get witness() {
     const { job, result } = this.measurement;
     if (!result?.witness || !isMoved(job?.request.a) || job?.request.b !== state.b) return null;
-    return { from: result.witness.from.point, to: result.witness.to.point };
+    const [from, to] = aFirst(result.witness);
+    return { from, to };
   }
 
   showPair() {

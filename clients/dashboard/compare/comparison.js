@@ -11,6 +11,7 @@ import { makePlaces } from "../view/places.js";
 import { currentStage, lookAt } from "../view/view.js";
 import { moved } from "./pose.js";
 import { makeTable, writeRows } from "./table.js";
+import { aFirst } from "./witness.js";
 
 /** @import { ComparisonResult, Interval, LengthInterval, QuadReading, Witness } from "../../js/types.js" */
 /** @import { Labels } from "../view/labels.js" */
@@ -89,7 +90,7 @@ export class ComparisonSection {
     const written = intervals(places, ENOUGH);
     this.figures.replaceChildren(drawFigures(result), makePlaces("Worst places", places.map(({ side, from, to }, place) => ({
       words: `${place + 1}: ${written[place]}, on ${side}`,
-      points: [from.point, to.point], what: `place ${place + 1}` })), (place) => this.choose(place)), h("div", { className: "row" }, this.report));
+      points: aFirst({ from, to }), what: `place ${place + 1}` })), (place) => this.choose(place)), h("div", { className: "row" }, this.report));
   }
 
   /** Numbers at the worst places. */
@@ -113,7 +114,7 @@ export class ComparisonSection {
   flyTo(place) {
     this.choose(place);
     const { from, to } = /** @type {NonNullable<typeof this.found>} */ (this.found).places[place];
-    run(() => lookAt([from.point, to.point], `place ${place + 1}`));
+    run(() => lookAt(aFirst({ from, to }), `place ${place + 1}`));
   }
 
   /** @param {number} place */
