@@ -20,11 +20,25 @@ sh docker/install-packages.sh test || exit 1
 # What is about a shared store has a PostgreSQL of its own.
 [ -n "${QM_TEST_POSTGRES:-}" ] || exec sh tests/with_postgres.sh sh tests/run.sh
 jobs=$(nproc)
-make -j"$jobs" all >build-release.log 2>&1 || { cat build-release.log; exit 1; }
-make -j"$jobs" config=asan all unit-programs >build-asan.log 2>&1 || { cat build-asan.log; exit 1; }
-make -j"$jobs" build/tests/test_sandbox build/tests/test_large_pages build/prove/prove >>build-release.log 2>&1 ||
+
+# The sandbox forbids what sanitizers do, and they put their own memory in place of large pages.
+released="test_sandbox test_large_pages"
+# These search for long: ASan would make minutes of it.
+slow="test_align test_reconstruct test_collide test_distance test_bilinear_pair test_hausdorff test_hausdorff_adversarial
+    test_hausdorff_invariance test_hausdorff_property test_rigour test_wide test_locator test_pairs"
+sanitized=
+for source in tests/unit/test_*.c; do
+    name=$(basename "$source" .c)
+    case " $(echo $slow $released) " in *" $name "*) ;; *) sanitized="$sanitized $name" ;; esac
+done
+programs() { # FOLDER NAMES
+    for name in $2; do echo "$1/tests/$name"; done
+}
+make -j"$jobs" all $(programs build "$released") build/prove/prove >build-release.log 2>&1 ||
     { cat build-release.log; exit 1; }
-make -j"$jobs" config=check unit-programs >build-check.log 2>&1 || { cat build-check.log; exit 1; }
+make -j"$jobs" config=asan all $(programs build/asan "$sanitized") >build-asan.log 2>&1 ||
+    { cat build-asan.log; exit 1; }
+make -j"$jobs" config=check $(programs build/check "$slow") >build-check.log 2>&1 || { cat build-check.log; exit 1; }
 rm -f build-release.log build-asan.log build-check.log
 
 passed=0
@@ -71,16 +85,7 @@ unit() { # PROGRAM
     not_run=$((not_run + $(sed -n 's/^NOT RUN \([0-9]*\).*/\1/p' "$output" | awk '{ sum += $1 } END { print sum + 0 }')))
 }
 
-# The sandbox forbids what sanitizers do, and they put their own memory in place of large pages.
-released="test_sandbox test_large_pages"
-# These search for long: ASan would make minutes of it.
-slow="test_align test_reconstruct test_collide test_distance test_bilinear_pair test_hausdorff test_hausdorff_adversarial
-    test_hausdorff_invariance test_hausdorff_property test_rigour test_wide test_locator test_pairs"
-for program in build/asan/tests/test_*; do
-    case "$program" in *.d | *.o) continue ;; esac
-    case " $(echo $slow $released) " in *" $(basename "$program") "*) continue ;; esac
-    unit "$program"
-done
+for name in $sanitized; do unit "build/asan/tests/$name"; done
 for name in $slow; do unit "build/check/tests/$name"; done
 for name in $released; do unit "build/tests/$name"; done
 

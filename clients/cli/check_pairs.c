@@ -13,6 +13,12 @@
 
 enum { MAX_DEPTH = 16 }; /* of folders in folders */
 
+static bool is_folder(const char *path)
+{
+    struct stat info;
+    return stat(path, &info) == 0 && S_ISDIR(info.st_mode);
+}
+
 /* ---- the meshes of a folder ---- */
 
 /** Paths below a folder, sorted. */
@@ -52,25 +58,39 @@ static char *join(const char *folder, const char *name)
     return path;
 }
 
-/** Adds the mesh files below root/below; hidden ones and other files are left out. */
+static bool list_folder(const char *root, const char *below, int depth, name_list *list);
+
+/** Adds an entry of a folder, or what is below it. A link that leads nowhere is a file, which cannot be read when its turn comes. */
+static bool list_entry(const char *root, const char *name, int depth, name_list *list)
+{
+    char *path = join(root, name);
+    bool has_more = path && is_folder(path);
+    if (has_more) {
+        free(path);
+        return list_folder(root, name, depth + 1, list);
+    }
+    bool is_listed = path && (qm_format_from_path(name) == QM_FORMAT_UNKNOWN || add_name(list, name));
+    free(path);
+    if (!is_listed) cli_print_problem(root, NAN, NAN, "out of memory for the names");
+    return is_listed;
+}
+
+/** Adds the mesh files below root/below; hidden ones and other files are left out. False after a report. */
 static bool list_folder(const char *root, const char *below, int depth, name_list *list)
 {
     char *folder = join(root, below);
-    DIR *directory = folder ? opendir(folder) : NULL;
+    DIR *directory = folder && depth <= MAX_DEPTH ? opendir(folder) : NULL;
     bool is_complete = directory != NULL;
+    if (folder && depth > MAX_DEPTH)
+        cli_print_problem(folder, NAN, NAN, "folders are too deep in one another, or a link leads back");
+    else if (!is_complete)
+        cli_print_problem(folder ? folder : root, NAN, NAN, "the folder cannot be read");
     for (const struct dirent *entry; is_complete && (entry = readdir(directory));) {
         if (entry->d_name[0] == '.') continue;
-        char *name = join(below, entry->d_name), *path = name ? join(root, name) : NULL;
-        struct stat info;
-        is_complete = path != NULL;
-        if (is_complete && stat(path, &info) == 0) {
-            if (S_ISDIR(info.st_mode) && depth < MAX_DEPTH)
-                is_complete = list_folder(root, name, depth + 1, list);
-            else if (!S_ISDIR(info.st_mode) && qm_format_from_path(name) != QM_FORMAT_UNKNOWN)
-                is_complete = add_name(list, name);
-        }
+        char *name = join(below, entry->d_name);
+        if (!name) cli_print_problem(folder, NAN, NAN, "out of memory for the names");
+        is_complete = name && list_entry(root, name, depth, list);
         free(name);
-        free(path);
     }
     if (directory) closedir(directory);
     free(folder);
@@ -162,7 +182,6 @@ static bool find_in_folders(const char *const folder[2], const qm_check_rule *ru
     bool is_complete = true;
     for (int side = 0; is_complete && side < 2; side++) {
         is_complete = list_folder(folder[side], "", 0, &names[side]);
-        if (!is_complete) cli_print_problem(folder[side], NAN, NAN, "the folder cannot be read");
         if (names[side].count > 0) qsort(names[side].names, names[side].count, sizeof(char *), compare_names);
     }
     if (is_complete) {
@@ -179,12 +198,6 @@ static bool find_in_folders(const char *const folder[2], const qm_check_rule *ru
 }
 
 /* ---- all kinds ---- */
-
-static bool is_folder(const char *path)
-{
-    struct stat info;
-    return stat(path, &info) == 0 && S_ISDIR(info.st_mode);
-}
 
 static bool read_manifest(const char *path, const qm_check_rule *rule, qm_check_list *list)
 {

@@ -4,6 +4,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "check.h"
 #include "options.h"
@@ -25,6 +26,14 @@ static int exit_status(cli_outcome outcome)
     return status[outcome];
 }
 
+/** Prints text without control characters: a name with the end of a line in it would be able to add lines of its own, which a
+ * terminal or a pipeline may take for commands. */
+static void print_plain(const char *text)
+{
+    for (; *text; text++)
+        putchar((unsigned char)*text < 0x20 || *text == 0x7f ? '?' : *text);
+}
+
 /** Runs all checks of a list and reports them. */
 static int run_list(const check_options *options, const qm_check_list *list)
 {
@@ -33,12 +42,17 @@ static int run_list(const check_options *options, const qm_check_list *list)
         cli_print_problem(options->path[0], NAN, NAN, "out of memory for the checks");
         return EXIT_BAD_INPUT;
     }
-    bool is_quiet = options->as_json || (options->junit && options->junit[0] == '-');
+    /* Standard output holds one of the reports. */
+    bool has_junit = options->junit && strcmp(options->junit, "-") == 0,
+         is_quiet = options->as_json || has_junit;
     for (size_t i = 0; i < list->count; i++) {
         verdicts[i] = cli_run_check(&list->checks[i], &options->settings);
         if (is_quiet) continue;
-        printf("%-9s  %s: %s\n", cli_outcome_names[verdicts[i].outcome], list->checks[i].name,
-               verdicts[i].detail);
+        printf("%-9s  ", cli_outcome_names[verdicts[i].outcome]);
+        print_plain(list->checks[i].name);
+        fputs(": ", stdout);
+        print_plain(verdicts[i].detail);
+        putchar('\n');
         fflush(stdout);
     }
     size_t count[4];
@@ -46,7 +60,7 @@ static int run_list(const check_options *options, const qm_check_list *list)
     if (list->count > 1 && !is_quiet)
         printf("%zu pairs: %zu within, %zu beyond, %zu undecided, %zu trouble\n", list->count,
                count[CLI_WITHIN], count[CLI_BEYOND], count[CLI_UNDECIDED], count[CLI_TROUBLE]);
-    if (options->as_json) cli_print_checks(list, verdicts);
+    if (options->as_json && !has_junit) cli_print_checks(list, verdicts);
     if (options->as_github) cli_print_github(is_quiet ? stderr : stdout, list, verdicts);
     if (options->junit && !cli_write_junit(options->junit, list, verdicts)) {
         cli_report_unwritable(options->junit, false);
@@ -112,7 +126,7 @@ static int run(int argc, char **argv)
          .value = "FILE",
          .type = CLI_TEXT,
          .target = &o.junit,
-         .help = "a report in JUnit's XML"},
+         .help = "a report in JUnit's XML; - is standard output, instead of all else there"},
         {.name = "github",
          .type = CLI_FLAG,
          .target = &o.as_github,

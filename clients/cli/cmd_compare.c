@@ -206,6 +206,10 @@ static int run(int argc, char **argv)
     if (!cli_read_options(&cmd_compare, options, sizeof options / sizeof *options, argc, argv, job.path,
                           &status))
         return status;
+    if (job.aligns && job.transform) {
+        fputs("quadmesh: --align and --transform both move A: give one of them\n", stderr);
+        return EXIT_USAGE;
+    }
     if (!job.server) request->threads = cli_count_threads(request->threads);
     return cli_run_job(&job, finish, NULL);
 }

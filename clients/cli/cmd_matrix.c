@@ -211,8 +211,9 @@ static int finish(const file_set *files, const cli_job *job, const char *json, c
 {
     qm_json *result = qm_json_parse(json);
     bool is_written = !files->output || write_csv(files, rows, job->as_json);
+    /* Standard output holds either the pairs or the result. */
     bool has_stdout = files->output && strcmp(files->output, "-") == 0;
-    if (job->as_json)
+    if (job->as_json && !has_stdout)
         is_written &= print_json(files, json, rows);
     else if (is_written && !has_stdout)
         print_text(files, job, result, rows);
@@ -363,7 +364,7 @@ static int run_there(const cli_job *job, const file_set *files)
     bool is_ready = session && request.meshes;
     for (; is_ready && request.mesh_count < files->count; request.mesh_count++)
         is_ready = cli_session_upload(session, files->path[request.mesh_count], &(qm_notes){0},
-                                      request.meshes[request.mesh_count], NULL);
+                                      request.meshes[request.mesh_count].name, NULL);
     char *json = is_ready ? cli_session_run_job(session, &request, cli_bar_make(0.0, false)) : NULL;
     size_t count = files->count * (files->count - 1) / 2;
     double *values = json ? fetch_rows(job, session, count) : NULL;

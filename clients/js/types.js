@@ -60,7 +60,7 @@
  *   detach?: boolean }} AlignmentRequest */
 /** @typedef {CommonRequest & { type: "heatmap", a: MeshName, b: MeshName, error?: number, pieces?: number }} HeatmapRequest */
 /** @typedef {"all" | { nearest: number } | { within: number }} MatrixWant */
-/** @typedef {Gap & { type: "matrix", meshes: string[], want?: MatrixWant, measure?: "hausdorff", quads?: QuadReading,
+/** @typedef {Gap & { type: "matrix", meshes: MeshName[], want?: MatrixWant, measure?: "hausdorff", quads?: QuadReading,
  *   threads?: number, detach?: boolean, deadline_ms?: number }} MatrixRequest */
 /** @typedef {{ type: "reconstruction_step", reconstruction: string, steps?: number, measure?: boolean, threads?: number,
  *   until?: { hausdorff_relative?: number, max_quads?: number, edge_length?: number }, detach?: boolean }} StepRequest */
@@ -120,7 +120,7 @@
  *   mode: "all" | "first" | "any", quads: QuadReading, tests: number, elapsed_ms: number,
  *   incremental?: boolean }} CollisionResult */
 /** A pair of meshes by their places, with the bounds of its distance. @typedef {[number, number, number, number | null]} PairRow */
-/** @typedef {{ measure: "hausdorff", mesh_count: number, meshes: string[], pair_count: number, searched_pairs: number,
+/** @typedef {{ measure: "hausdorff", mesh_count: number, meshes: MeshName[], pair_count: number, searched_pairs: number,
  *   bounded_pairs: number, searches: number, pivots: number, want: MatrixWant,
  *   nearest?: ({ mesh: number, lower: number, upper: number | null, place: "proven" | "tied" | "open" })[][],
  *   verdicts?: { within: number, beyond: number, undecided: number }, open: number, pairs?: PairRow[],

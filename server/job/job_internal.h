@@ -316,6 +316,10 @@ qm_job_request qm_job_begin_run(qm_job *job, qm_context *ctx);
 void qm_job_end_run(qm_job *job, qm_context *ctx, qm_status status, qm_job_result *result,
                     const qm_problem *fault);
 
+/** Takes a mesh where a request has it: moved when it has a pose. NULL with a problem. */
+qm_mesh_ref *qm_job_acquire(qm_meshes *meshes, const char *id, const qm_job_pose *pose, qm_notes *notes,
+                            qm_problem *problem);
+
 /** Finds the revision and the notes of a mesh; false with a problem, which names the field of the request. */
 bool qm_job_check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_store_mesh_state *state,
                        qm_problem *problem);

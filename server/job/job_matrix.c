@@ -79,7 +79,7 @@ static bool check_set(qm_jobs *jobs, const qm_job_request *request, char revisio
         char field[32];
         qm_store_mesh_state state = {0};
         snprintf(field, sizeof field, "meshes/%zu", i);
-        bool is_usable = qm_job_check_mesh(jobs, request->meshes[i], field, &state, problem) &&
+        bool is_usable = qm_job_check_mesh(jobs, request->meshes[i].name, field, &state, problem) &&
                          check_unit(&known, &state.notes, field, problem);
         if (!is_usable) {
             qm_text_reset(&listed);
@@ -94,15 +94,16 @@ static bool check_set(qm_jobs *jobs, const qm_job_request *request, char revisio
 
 /* ---- meshes ---- */
 
-/** A reference to a mesh. One that is not in memory is read without a worker. */
-static qm_mesh_ref *take(matrix_run *run, const char *id)
+/** A reference to a mesh. One that is not in memory, or may have to be moved, is taken without a worker. */
+static qm_mesh_ref *take(matrix_run *run, const qm_job_member *mesh)
 {
     qm_meshes *meshes = run->job->jobs->meshes;
-    bool loads = !qm_meshes_has_loaded(meshes, id);
+    bool loads = mesh->pose.is_given || !qm_meshes_has_loaded(meshes, mesh->name);
+    qm_notes notes;
     qm_mesh_ref *ref;
     if (loads) qm_scheduler_leave(run->job->turn);
     do
-        ref = qm_meshes_acquire(meshes, id, &run->problem);
+        ref = qm_job_acquire(meshes, mesh->name, &mesh->pose, &notes, &run->problem);
     while (!ref && loads && qm_job_outlasts(run->job, &run->problem));
     if (loads) qm_scheduler_return(run->job->turn);
     return ref;
@@ -118,8 +119,8 @@ static qm_status acquire(void *user, size_t index, const qm_loaded_mesh **out)
 {
     matrix_run *run = user;
     member *own = &run->members[index];
-    const char *id = run->job->request.meshes[index];
-    if (!own->ref) own->ref = take(run, id);
+    const qm_job_member *mesh = &run->job->request.meshes[index];
+    if (!own->ref) own->ref = take(run, mesh);
     if (!own->ref) return fail(run, QM_E_EMPTY);
     *out = qm_mesh_ref_get(own->ref);
     own->holds++;
@@ -129,8 +130,8 @@ static qm_status acquire(void *user, size_t index, const qm_loaded_mesh **out)
     own->holds--;
     qm_meshes_release(run->job->jobs->meshes, own->ref);
     own->ref = NULL;
-    run->problem =
-        qm_problem_make(QM_PROBLEM_CONFLICT, "mesh %s was deformed while its pairs were measured", id);
+    run->problem = qm_problem_make(QM_PROBLEM_CONFLICT, "mesh %s was deformed while its pairs were measured",
+                                   mesh->name);
     return fail(run, QM_E_ARGUMENT);
 }
 
@@ -150,7 +151,7 @@ typedef struct content {
     int format;
 } content;
 
-/** Finds the meshes that are made of the same bytes in the same format. One whose row cannot be read equals none. */
+/** Finds the meshes that are made of the same bytes in the same format, and lie at the same place. One whose row cannot be read equals none. */
 static bool find_same(const qm_job *job, size_t *same)
 {
     const qm_job_request *request = &job->request;
@@ -158,7 +159,7 @@ static bool find_same(const qm_job *job, size_t *same)
     if (!rows) return false;
     for (size_t i = 0; i < request->mesh_count; i++) {
         qm_store_mesh row;
-        bool is_read = qm_store_find_mesh(job->jobs->store, request->meshes[i], &row) == QM_STORED;
+        bool is_read = qm_store_find_mesh(job->jobs->store, request->meshes[i].name, &row) == QM_STORED;
         same[i] = i;
         if (!is_read) continue;
         memcpy(rows[i].hash, row.hash, sizeof row.hash);
@@ -167,7 +168,8 @@ static bool find_same(const qm_job *job, size_t *same)
         qm_store_mesh_reset(&row);
         for (size_t k = 0; k < i && same[i] == i; k++)
             if (rows[k].format == rows[i].format && strcmp(rows[k].hash, rows[i].hash) == 0 &&
-                strcmp(rows[k].positions, rows[i].positions) == 0)
+                strcmp(rows[k].positions, rows[i].positions) == 0 &&
+                qm_job_equal_poses(&request->meshes[k].pose, &request->meshes[i].pose))
                 same[i] = same[k];
     }
     free(rows);

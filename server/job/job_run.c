@@ -472,7 +472,7 @@ bool qm_job_names_hash(const qm_job_request *request)
 {
     bool has_hash = is_hash_name(request->a) || is_hash_name(request->b);
     for (size_t i = 0; i < request->mesh_count; i++)
-        has_hash |= is_hash_name(request->meshes[i]);
+        has_hash |= is_hash_name(request->meshes[i].name);
     return has_hash;
 }
 
@@ -482,9 +482,9 @@ bool qm_job_resolve(qm_jobs *jobs, qm_job_request *request, qm_problem *problem)
     for (size_t i = 0; i < request->mesh_count; i++) {
         char pointer[32];
         snprintf(pointer, sizeof pointer, "meshes/%zu", i);
-        if (!resolve_mesh(jobs, pointer, request->meshes[i], problem)) return false;
+        if (!resolve_mesh(jobs, pointer, request->meshes[i].name, problem)) return false;
     }
-    if (request->mesh_count > 0) strcpy(request->a, request->meshes[0]);
+    if (request->mesh_count > 0) strcpy(request->a, request->meshes[0].name);
     return (!field[0] || resolve_mesh(jobs, field[0], request->a, problem)) &&
            (!field[1] || resolve_mesh(jobs, field[1], request->b, problem));
 }
@@ -639,13 +639,11 @@ typedef struct mesh_pair {
 /** True when b names the mesh that a names, at the same place. */
 static bool is_itself(const qm_job_request *request)
 {
-    const qm_job_pose *a = &request->pose[0], *b = &request->pose[1];
-    return strcmp(request->a, request->b) == 0 && a->is_given == b->is_given &&
-           (!a->is_given || memcmp(a->transform, b->transform, sizeof a->transform) == 0);
+    return strcmp(request->a, request->b) == 0 && qm_job_equal_poses(&request->pose[0], &request->pose[1]);
 }
 
-static qm_mesh_ref *acquire_posed(qm_meshes *meshes, const char *id, const qm_job_pose *pose, qm_notes *notes,
-                                  qm_problem *problem)
+qm_mesh_ref *qm_job_acquire(qm_meshes *meshes, const char *id, const qm_job_pose *pose, qm_notes *notes,
+                            qm_problem *problem)
 {
     return pose->is_given ? qm_meshes_acquire_moved(meshes, id, pose->transform, notes, problem)
                           : qm_meshes_acquire_noted(meshes, id, notes, problem);
@@ -664,9 +662,9 @@ static bool acquire(qm_job *job, mesh_pair *pair, qm_problem *problem)
     qm_meshes *meshes = job->jobs->meshes;
     const qm_job_request *request = &job->request;
     bool has_b = qm_job_type_of(request->kind)->mesh_field[1] && !is_itself(request);
-    pair->a = acquire_posed(meshes, request->a, &request->pose[0], &pair->notes[0], problem);
+    pair->a = qm_job_acquire(meshes, request->a, &request->pose[0], &pair->notes[0], problem);
     pair->b = pair->a && has_b
-                  ? acquire_posed(meshes, request->b, &request->pose[1], &pair->notes[1], problem)
+                  ? qm_job_acquire(meshes, request->b, &request->pose[1], &pair->notes[1], problem)
                   : NULL;
     if (!has_b && qm_job_type_of(request->kind)->mesh_field[1]) pair->notes[1] = pair->notes[0];
     if (pair->a && (pair->b || !has_b)) return true;

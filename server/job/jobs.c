@@ -309,7 +309,7 @@ static char *list_subjects(const qm_job_request *request)
     qm_text out = {0};
     qm_text_printf(&out, "%s %s", request->a, request->b);
     for (size_t i = 1; i < request->mesh_count; i++)
-        qm_text_printf(&out, "%s%s", i > 1 ? " " : "", request->meshes[i]);
+        qm_text_printf(&out, "%s%s", i > 1 ? " " : "", request->meshes[i].name);
     return qm_text_take(&out);
 }
 

@@ -29,31 +29,6 @@ _Static_assert(sizeof(qm_job_kind) == sizeof(int) && sizeof(qm_direction) == siz
                    sizeof(qm_job_align_direction) == sizeof(int),
                "a choice is copied into its enum as an int");
 
-static bool is_identity(const double transform[QM_TRANSFORM_SIZE])
-{
-    double identity[QM_TRANSFORM_SIZE];
-    qm_transform_identity(identity);
-    for (int i = 0; i < QM_TRANSFORM_SIZE; i++)
-        if (transform[i] != identity[i]) return false;
-    return true;
-}
-
-/** Reads {"mesh": id, "transform": [16 numbers]}. */
-static bool read_posed(const cJSON *object, char name[QM_JOB_MESH_SIZE], qm_job_pose *pose,
-                       qm_json_location *at)
-{
-    const cJSON *mesh = cJSON_GetObjectItemCaseSensitive(object, "mesh");
-    const cJSON *transform = cJSON_GetObjectItemCaseSensitive(object, "transform");
-    if (cJSON_GetArraySize(object) != (mesh != NULL) + (transform != NULL)) return false;
-    at->member = "mesh";
-    snprintf(at->detail, sizeof at->detail, QM_JOB_NAMES_MESH);
-    if (!qm_job_read_mesh_name(cJSON_GetStringValue(mesh), name)) return false;
-    at->member = "transform";
-    if (!qm_json_read_transform(transform, pose->transform, at)) return false;
-    pose->is_given = !is_identity(pose->transform);
-    return true;
-}
-
 /** Reads a value into its member; false leaves the location of the fault. */
 static bool read_value(const qm_job_field *field, const cJSON *value, qm_job_request *out,
                        qm_json_location *at)
@@ -63,11 +38,9 @@ static bool read_value(const qm_job_field *field, const cJSON *value, qm_job_req
     int index;
     switch (field->type) {
     case QM_FIELD_ID:
-        return qm_job_read_mesh_name(cJSON_GetStringValue(value), member);
+        return qm_json_read_mesh_name(cJSON_GetStringValue(value), member);
     case QM_FIELD_MESH:
-        return cJSON_IsObject(value)
-                   ? read_posed(value, member, &out->pose[field->offset == offsetof(qm_job_request, b)], at)
-                   : qm_job_read_mesh_name(cJSON_GetStringValue(value), member);
+        return qm_json_read_mesh(value, member, &out->pose[field->offset == offsetof(qm_job_request, b)], at);
     case QM_FIELD_POSITIVE:
         return qm_json_read_number(value, member) && *(double *)member > 0.0;
     case QM_FIELD_LIMIT:

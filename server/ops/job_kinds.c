@@ -144,19 +144,10 @@ static double prepare_ms(const qm_loaded_mesh *mesh)
     return mesh ? mesh->parse_ms + mesh->topology_ms + mesh->bvh_ms : 0.0;
 }
 
-/** True for a mesh that is named by the hash of its file. */
-static bool is_hash_name(const char *text)
+bool qm_job_equal_poses(const qm_job_pose *a, const qm_job_pose *b)
 {
-    size_t prefix = strlen(QM_JOB_HASH_PREFIX);
-    return strlen(text) == QM_JOB_MESH_SIZE - 1 && strncmp(text, QM_JOB_HASH_PREFIX, prefix) == 0 &&
-           strspn(text + prefix, "0123456789abcdef") == QM_HASH_SIZE - 1;
-}
-
-bool qm_job_read_mesh_name(const char *text, char out[QM_JOB_MESH_SIZE])
-{
-    if (!text || !text[0] || (strlen(text) >= QM_ID_SIZE && !is_hash_name(text))) return false;
-    strcpy(out, text);
-    return true;
+    return a->is_given == b->is_given &&
+           (!a->is_given || memcmp(a->transform, b->transform, sizeof a->transform) == 0);
 }
 
 bool qm_job_check_units(const qm_notes notes[2], qm_problem *problem)

@@ -125,6 +125,19 @@ typedef struct qm_job_pose {
     double transform[QM_TRANSFORM_SIZE];
 } qm_job_pose;
 
+/** True when both leave a mesh at the same place. */
+bool qm_job_equal_poses(const qm_job_pose *a, const qm_job_pose *b);
+
+/** How a request names a mesh: by its id, or until it is submitted by the hash of its file, after this prefix. */
+#define QM_JOB_HASH_PREFIX "sha256:"
+#define QM_JOB_MESH_SIZE (sizeof QM_JOB_HASH_PREFIX - 1 + QM_HASH_SIZE)
+
+/** A mesh of a set. */
+typedef struct qm_job_member {
+    char name[QM_JOB_MESH_SIZE];
+    qm_job_pose pose;
+} qm_job_member;
+
 /** Which distances an alignment counts: auto is both directions for a scale and for min-max, and those of A else. */
 typedef enum qm_job_align_direction {
     QM_JOB_ALIGN_AUTO,
@@ -143,10 +156,6 @@ typedef struct qm_job_set {
         *same; /* of each mesh the first one with the same surface, or itself; NULL: none is known to */
     void *user;
 } qm_job_set;
-/** How a request names a mesh: by its id, or until it is submitted by the hash of its file, after this prefix. */
-#define QM_JOB_HASH_PREFIX "sha256:"
-#define QM_JOB_MESH_SIZE (sizeof QM_JOB_HASH_PREFIX - 1 + QM_HASH_SIZE)
-
 /** A request; fields of other kinds keep their defaults. */
 typedef struct qm_job_request {
     qm_job_kind kind;
@@ -209,7 +218,7 @@ typedef struct qm_job_request {
     size_t landmark_count;
 
     /* matrix, whose a is the first of its meshes */
-    char (*meshes)[QM_JOB_MESH_SIZE]; /* malloc'ed, owned by the request */
+    qm_job_member *meshes; /* malloc'ed, owned by the request */
     size_t mesh_count;
     qm_matrix_want want;
     size_t nearest;

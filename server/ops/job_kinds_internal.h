@@ -93,7 +93,14 @@ extern const char *const qm_job_box_names[];
 /* ---- hooks ---- */
 
 /** Copies the name of a mesh: its id, or the hash of its file after QM_JOB_HASH_PREFIX. False for other texts and NULL. */
-bool qm_job_read_mesh_name(const char *text, char out[QM_JOB_MESH_SIZE]);
+bool qm_json_read_mesh_name(const char *text, char out[QM_JOB_MESH_SIZE]);
+
+/** Reads such a name, or an object of a name and a transform. False with the location of the fault. */
+bool qm_json_read_mesh(const struct cJSON *value, char name[QM_JOB_MESH_SIZE], qm_job_pose *pose,
+                       struct qm_json_location *at);
+
+/** Adds a mesh as a request names it, after the name of its member, or the comma of its array. */
+void qm_json_add_mesh(qm_text *out, const char *name, const qm_job_pose *pose);
 
 /** A request with its meshes and its context. */
 typedef struct qm_job_call {

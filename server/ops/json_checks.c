@@ -119,6 +119,8 @@ static bool read_check(const cJSON *object, const char *place, const char *folde
     const char *name = NULL, *given[2] = {NULL, NULL};
     if (!cJSON_IsObject(object)) return reject(problem, place, "", "must be an object");
     for (const cJSON *member = object->child; member; member = member->next) {
+        if (qm_json_is_repeated(object, member))
+            return reject(problem, place, member->string, "is given more than once");
         const char *text = cJSON_GetStringValue(member);
         bool is_known = false;
         for (int i = 0; i < 2; i++)
@@ -158,6 +160,8 @@ static bool read_manifest(const cJSON *object, const char *folder, qm_check_rule
     const cJSON *checks = NULL;
     for (const cJSON *member = object->child; member; member = member->next) {
         bool is_known;
+        if (qm_json_is_repeated(object, member))
+            return reject(problem, "", member->string, "is given more than once");
         if (strcmp(member->string, "checks") == 0) {
             checks = member;
             continue;

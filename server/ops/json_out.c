@@ -174,27 +174,17 @@ void qm_json_write_problem(qm_text *out, const qm_problem *problem)
 
 /* ---- requests ---- */
 
-/** A mesh as a request names it. */
-static void add_mesh_name(qm_text *out, const char *name, const char *id, const qm_job_pose *pose)
-{
-    if (!pose->is_given) {
-        qm_json_add_string(out, name, id);
-        return;
-    }
-    qm_json_open(out, name, "{");
-    qm_json_add_string(out, "mesh", id);
-    qm_json_add_numbers(out, "transform", pose->transform, QM_TRANSFORM_SIZE);
-    qm_text_add_string(out, "}");
-}
-
 static void write_request(qm_text *out, const qm_job_request *request, bool is_brief)
 {
     const qm_job_hooks *hooks = qm_job_hooks_of(request->kind);
     const qm_job_type *type = &hooks->type;
     qm_text_add_string(out, "{");
     qm_json_add_string(out, "type", type->name);
-    if (type->mesh_field[0]) add_mesh_name(out, type->mesh_field[0], request->a, &request->pose[0]);
-    if (type->mesh_field[1]) add_mesh_name(out, type->mesh_field[1], request->b, &request->pose[1]);
+    const char *const meshes[2] = {request->a, request->b};
+    for (int i = 0; i < 2 && type->mesh_field[i]; i++) {
+        qm_json_add_name(out, type->mesh_field[i]);
+        qm_json_add_mesh(out, meshes[i], &request->pose[i]);
+    }
     if (qm_job_find_field(hooks->fields, "quads"))
         qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     if (request->threads > 0) qm_json_add_count(out, "threads", (uint64_t)request->threads);

@@ -159,9 +159,12 @@ static void make_pointer(char out[POINTER_SIZE], const char *name, const qm_json
     }
     QM_ASSERT(length < POINTER_SIZE && at->depth <= 2);
     out[length] = '\0';
-    if (at->member) length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%s", at->member);
-    for (int i = 0; i < at->depth; i++)
-        length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%zu", at->index[i]);
+    for (int i = 0; i <= at->depth; i++) {
+        if (at->member && i == at->member_depth)
+            length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%s", at->member);
+        if (i < at->depth)
+            length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%zu", at->index[i]);
+    }
 }
 
 void qm_json_report_at(qm_problem *problem, const char *name, const qm_json_location *at, const char *message)
@@ -212,6 +215,14 @@ bool qm_json_reject(qm_problem *problem, const char *message, const char *format
     *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "%s %s", pointer + 1, message);
     qm_problem_add_pointer(problem, pointer, "%s", message);
     return false;
+}
+
+bool qm_json_is_repeated(const cJSON *object, const cJSON *member)
+{
+    const cJSON *first = object->child;
+    while (strcmp(first->string, member->string) != 0)
+        first = first->next;
+    return first != member;
 }
 
 bool qm_json_check_members(const cJSON *object, const char *const *known, qm_problem *problem)

@@ -40,9 +40,10 @@ bool qm_json_read_numbers(const struct cJSON *value, int count, double *out);
 
 /* ---- reports ---- */
 
-/** Where in a member a value is invalid: a member of it, then array indices, outermost first. */
+/** Where in a member a value is invalid: array indices, outermost first, and among them a member of what is there. */
 typedef struct qm_json_location {
     const char *member; /* NULL: none */
+    int member_depth;   /* indices before it */
     char detail[128];   /* what is wrong there; "": what the reader of the member says */
     int depth;
     size_t index[2];
@@ -73,6 +74,9 @@ bool qm_json_read_transform(const struct cJSON *value, double out[QM_TRANSFORM_S
 bool qm_json_reject(qm_problem *problem, const char *message, const char *format, size_t i, size_t k);
 
 /* ---- members: false with a problem ---- */
+
+/** Whether a member of the object before this one has its name: which of the two is meant? */
+bool qm_json_is_repeated(const struct cJSON *object, const struct cJSON *member);
 
 /** Rejects members that are not in the list, which NULL ends. */
 bool qm_json_check_members(const struct cJSON *object, const char *const *known, qm_problem *problem);

@@ -76,6 +76,7 @@ static bool read_worst(const cJSON *value, qm_job_request *out, qm_json_location
     if (!cJSON_IsObject(value)) return false;
     bool has_count = false;
     for (const cJSON *member = value->child; member; member = member->next) {
+        if (qm_json_is_repeated(value, member)) return false;
         if (strcmp(member->string, "count") == 0)
             has_count = qm_json_read_count(member, 1.0, QM_JOB_MAX_PLACES, &out->worst_count);
         else if (strcmp(member->string, "radius") != 0 || !qm_json_read_number(member, &out->worst_radius) ||

@@ -142,13 +142,14 @@ static bool read_meshes(const cJSON *value, qm_job_request *out, qm_json_locatio
         at->no_memory = true;
         return false;
     }
-    at->depth = 1;
+    at->depth = at->member_depth = 1;
     for (const cJSON *id = value->child; id; id = id->next, at->index[0]++) {
-        char *name = out->meshes[out->mesh_count];
-        if (!qm_job_read_mesh_name(cJSON_GetStringValue(id), name) || strchr(name, ' ')) return false;
+        qm_job_member *member = &out->meshes[out->mesh_count];
+        if (!qm_json_read_mesh(id, member->name, &member->pose, at) || strchr(member->name, ' '))
+            return false;
         out->mesh_count++;
     }
-    strcpy(out->a, out->meshes[0]);
+    strcpy(out->a, out->meshes[0].name);
     return true;
 }
 _Static_assert(QM_JOB_MAX_MESHES == 1000, "the text of meshes names the limit");
@@ -198,7 +199,7 @@ static void add_meshes(qm_text *out, const qm_job_request *request)
     qm_json_open(out, "meshes", "[");
     for (size_t i = 0; i < request->mesh_count; i++) {
         qm_json_add_comma(out);
-        qm_json_add_quoted(out, request->meshes[i]);
+        qm_json_add_mesh(out, request->meshes[i].name, &request->meshes[i].pose);
     }
     qm_text_add_string(out, "]");
 }
@@ -292,7 +293,9 @@ static const qm_job_array pairs = {"pairs", "a,b,lower,upper", COLUMNS};
 
 static const qm_job_field fields[] = {
     {"meshes", QM_FIELD_OTHER, .is_required = true, .read = read_meshes,
-     .expected = "must be an array of 2 to 1000 ids of meshes, or hashes of their files after sha256:"},
+     .expected = "must be an array of 2 to 1000 meshes: ids, hashes of files after sha256:, or objects with "
+                 "\"mesh\" and "
+                 "\"transform\""},
     {"want", QM_FIELD_OTHER, .read = read_want,
      .expected =
          "must be \"all\", {\"nearest\": an integer from 1 to 100} or {\"within\": a number of 0 or more}"},

@@ -129,6 +129,12 @@ def test_faults_name_their_place(client, pair, fields, pointer):
     assert [error["pointer"] for error in problem["errors"]] == [pointer]
 
 
+def test_members_of_worst_are_given_once(client, pair):
+    body = f'{{"type": "comparison", "a": "{pair[0]}", "b": "{pair[1]}", "worst": {{"count": 1, "count": 2}}}}'
+    reply = client.post("/v1/jobs", content=body.encode(), headers={"Content-Type": "application/json"})
+    assert reply.status_code == 400 and reply.json()["errors"][0]["pointer"] == "/worst"
+
+
 def test_names_of_the_version_before(client, pair):
     def distance(**fields):
         reply = client.post("/v1/jobs", json={"type": "hausdorff", "a": pair[0], "b": pair[1], **fields},

@@ -155,7 +155,7 @@ def test_a_mesh_that_is_missing_is_named(client, boxes):
 
 
 def test_meshes_by_the_hash_of_their_file(client):
-    data = [shapes.obj(shapes.cube(origin=(shift, 0, 0))) for shift in (0, 3, 7)]
+    data = [shapes.obj(shapes.cube(origin=(shift, 0, 0))) for shift in (0.125, 3.125, 7.125)]
     ids = [client.upload(text, name="by hash")["id"] for text in data]
     names = ["sha256:" + hashlib.sha256(text).hexdigest() for text in data]
     job = ask(client, [names[0], ids[1], names[2]])
@@ -165,6 +165,25 @@ def test_meshes_by_the_hash_of_their_file(client):
     problem = check_problem(client.post("/v1/jobs", json={"type": "matrix", "meshes": [*names, missing]}), 404,
                             "mesh_not_found")
     assert problem["errors"][0]["pointer"] == "/meshes/3"
+
+
+def test_moved_meshes(client):
+    mesh, shifts = client.upload(shapes.cube(), name="moved in a set")["id"], [(0, 0, 0), (0, 3, 0), (0, 3, 0), (7, 0, 0)]
+    at = [[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, *shift, 1] for shift in shifts]
+    named = [mesh, *({"mesh": mesh, "transform": transform} for transform in at[1:])]
+    job = ask(client, named)
+    assert job["result"]["meshes"] == named
+    rows = rows_of(client, job)
+    check_rows(rows, shifts)
+    assert rows[3][2:] == [0, 0]  # the same mesh at the same place twice
+    again = ask(client, [{"mesh": mesh, "transform": at[0]}, *named[1:]])
+    assert rows_of(client, again) == rows
+    at[3][5] = 0
+    problem = check_problem(client.post("/v1/jobs", json={"type": "matrix", "meshes": named}), 400, "invalid_field")
+    assert problem["errors"][0]["pointer"] == "/meshes/3/transform"
+    at[3][5] = "1"
+    problem = check_problem(client.post("/v1/jobs", json={"type": "matrix", "meshes": named}), 400, "invalid_field")
+    assert problem["errors"][0]["pointer"] == "/meshes/3/transform/5"
 
 
 def test_meshes_of_different_units_are_refused(client):

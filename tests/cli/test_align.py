@@ -122,6 +122,8 @@ def test_a_pose_file_that_is_none(quadmesh, tmp_path, square, raised, text, word
 
 
 def test_wrong_usage(quadmesh, tmp_path, square, raised):
+    done = quadmesh("compare", square, raised, "--align", "--transform", "nowhere.json")
+    assert (done.returncode, done.stdout) == (2, "") and "one of them" in done.stderr
     for words in (["--landmark", "1,2,3"], ["--landmark", "1,2,3,4,5,x"], ["--trim", "1"], ["--samples", "3"], ["--fit", "x"]):
         done = quadmesh("align", square, raised, *words)
         assert done.returncode == 2 and words[0][2:] in done.stderr

@@ -134,6 +134,46 @@ def test_folders_that_cannot_be_paired(quadmesh, folders, square):
     assert done.returncode == 2 and done.stdout.count("trouble") == 4  # three, and the sum
 
 
+def test_nothing_in_a_folder_is_passed_over(quadmesh, square, tmp_path):
+    """A link that leads nowhere is in trouble; folders that cannot be followed to their ends are no answer."""
+    new, golden = tmp_path / "new", tmp_path / "golden"
+    for folder in (new, golden):
+        folder.mkdir()
+        (folder / "square.obj").write_bytes(square.read_bytes())
+        (folder / "lost.obj").symlink_to("nowhere.obj")
+        (folder / "round.obj").symlink_to("round.obj")
+    done = quadmesh("check", new, golden, "--limit", "1")
+    assert done.returncode == 2 and "2 trouble" in done.stdout and "1 within" in done.stdout
+    for folder in (new, golden):
+        for name in ("lost.obj", "round.obj"):
+            (folder / name).unlink()
+    assert quadmesh("check", new, golden, "--limit", "1").returncode == 0
+    (new / "back").symlink_to(new)
+    done = quadmesh("check", new, golden, "--limit", "1")
+    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1 and "leads back" in done.stderr
+    (new / "back").unlink()
+    for folder in (new, golden):
+        deep = folder.joinpath(*"abcdefghijklmnopq")
+        deep.mkdir(parents=True)
+        (deep / "square.obj").write_text("v 0 0 0\nv 9 0 0\nv 0 9 0\nf 1 2 3\n" if folder == new else square.read_text())
+    done = quadmesh("check", new, golden, "--limit", "1")
+    assert done.returncode == 2 and "too deep" in done.stderr
+
+
+def test_a_name_adds_no_lines(quadmesh, square, tmp_path):
+    """GitHub takes any line that begins with :: for a command, and a terminal obeys escapes."""
+    for folder in ("new", "golden"):
+        (tmp_path / folder).mkdir()
+    name = "a\n::error::b\r\x1b[31m.obj"
+    (tmp_path / "new" / name).write_bytes(square.read_bytes())
+    (tmp_path / "golden" / "c.obj").write_bytes(square.read_bytes())
+    done = quadmesh("check", "new", "golden", "--limit", "1", "--github")
+    lines = re.split("[\r\n]", done.stdout.rstrip("\n"))
+    assert len(lines) == 5 and "\x1b" not in "".join(lines[:3])
+    assert [line.startswith("::") for line in lines] == [False] * 3 + [True] * 2
+    assert "a%0A%3A%3Aerror%3A%3Ab%0D" in lines[3]
+
+
 def test_a_manifest(quadmesh, folders):
     manifest = {"limit": 0.5, "checks": [
         {"new": "new/same.obj", "golden": "golden/same.obj", "limit": 0},
@@ -166,6 +206,8 @@ def test_a_manifest(quadmesh, folders):
     ('{"limit": 1, "checks": [{"new": "a", "golden": ""}]}', "checks/0/golden must be the path"),
     ('{"limit": 1, "checks": [{"new": "a", "golden": "b", "name": 4}]}', "checks/0/name must be a text"),
     ('{"limit": 1, "collides": "maybe", "checks": []}', "collides must be"),
+    ('{"limit": 1, "limit": 2, "checks": []}', "limit is given more than once"),
+    ('{"limit": 1, "checks": [{"new": "a", "golden": "b", "new": "c"}]}', "checks/0/new is given more than once"),
 ])
 def test_bad_manifests(quadmesh, tmp_path, manifest, words):
     (tmp_path / "m.json").write_text(manifest)
@@ -193,6 +235,11 @@ def test_junit(quadmesh, folders):
     root = xml.etree.ElementTree.parse(folders / "report.xml").getroot()
     assert root.tag == "testsuites" and root.find("testsuite").get("tests") == "4"
     assert quadmesh("check", "new", "golden", "--limit", "1", "--junit", "no/folder.xml").returncode == 2
+
+
+def test_standard_output_holds_one_document(quadmesh, square, raised):
+    done = quadmesh("check", square, raised, "--limit", "0.5", "--json", "--junit", "-")
+    assert done.returncode == 1 and xml.etree.ElementTree.fromstring(done.stdout).get("failures") == "1"
 
 
 def test_github(quadmesh, folders):

@@ -113,6 +113,11 @@ def test_wrong_usage(quadmesh, squares, tmp_path):
     assert bad.returncode == 2 and "cannot be written" in bad.stderr
 
 
+def test_standard_output_holds_one_document(quadmesh, squares):
+    done = quadmesh("matrix", *squares, "--json", "-o", "-")
+    assert done.returncode == 0 and done.stdout == quadmesh("matrix", *squares, "-o", "-").stdout
+
+
 def test_the_same_file_twice(quadmesh, squares, where):
     done = quadmesh("matrix", squares[0], squares[1], squares[0], "--json", *where)
     assert json.loads(done.stdout)["pairs"][1] == [0, 2, 0, 0]

@@ -2,6 +2,7 @@
  * Signed deviations: known values, and intervals held against a dense subdivision of the source, whose cells have distances by the slow
  * twin and sides by solid angles.
  */
+#include <float.h>
 #include <math.h>
 #include <stdatomic.h>
 #include <string.h>
@@ -131,6 +132,28 @@ static void a_square_through_a_box_is_on_both_sides(void **state)
     }
     qm_shape_free(&a);
     qm_shape_free(&b);
+}
+
+/** Areas of the sides that are above 0 and below the least number. */
+static void a_tiny_area_is_not_none(void **state)
+{
+    (void)state;
+    static const double corners[4][3] = {{-2, -2, 0}, {2, -2, 0}, {2, 2, 0}, {-2, 2, 0}}, origin[3] = {0};
+    for (double scale = 0x1p-500; scale >= 0x1p-1000; scale *= 0x1p-50) {
+        qm_mesh a = qm_shape_face(4, corners), b = box_of(1.0);
+        qm_shape_move(&a, scale, origin);
+        qm_shape_move(&b, scale, origin);
+        qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, QM_SIGN_OUTSIDE, NULL, 0);
+        options.tolerance *= scale;
+        qm_deviation found = measure(&a, &b, &options);
+        double inside = 4.0 * scale * scale, outside = 12.0 * scale * scale;
+        check_holds(found.sides.behind.size, inside, 0.1 * inside + DBL_MIN, "area inside");
+        check_holds(found.sides.front.size, outside, 0.1 * outside + DBL_MIN, "area outside");
+        assert_true(found.sides.behind.size.upper > 0.0 && found.sides.front.size.upper > 0.0);
+        release(&found);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
 }
 
 static void a_surface_on_the_target_is_on_neither_side(void **state)
@@ -484,6 +507,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_box_in_a_box_is_inside),
         cmocka_unit_test(a_square_through_a_box_is_on_both_sides),
+        cmocka_unit_test(a_tiny_area_is_not_none),
         cmocka_unit_test(a_surface_on_the_target_is_on_neither_side),
         cmocka_unit_test(points_are_counted_by_side),
         cmocka_unit_test(only_solids_prove_a_sign),

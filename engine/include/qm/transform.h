@@ -14,6 +14,8 @@
 /** Writes the map that moves nothing. */
 void qm_transform_identity(double m[QM_TRANSFORM_SIZE]);
 
+bool qm_transform_is_identity(const double m[QM_TRANSFORM_SIZE]);
+
 /**
  * Checks that a matrix moves meshes: all its numbers are finite, its last row is 0 0 0 1, and it is not singular: with its
  * columns scaled to length 1, its determinant is not below 2^-40, at which a surface would be flat but for roundings.

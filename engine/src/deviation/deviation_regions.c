@@ -344,10 +344,7 @@ static double to_area(const region_work *work, long double area, bool is_lower)
     const qm_deviation_setup *setup = &work->pieces->setup;
     double error = qm_deviation_sum_error(work->count) * (is_lower ? -1.0 : 1.0);
     double leak = is_lower ? -work->pieces->leak : work->pieces->leak;
-    double local = fmax(0.0, (double)area * (1.0 + error) + leak),
-           inverse = setup->target->frame.inverse_scale;
-    double out = local * (inverse / setup->area_unit) * inverse;
-    return out >= DBL_MIN ? out : is_lower || !(local > 0.0) ? 0.0 : DBL_MIN;
+    return qm_deviation_unit_area(setup, fmax(0.0, (double)area * (1.0 + error) + leak), is_lower);
 }
 
 static void set_region(const region_work *work, const region_sums *sums, qm_deviation_region *out)

@@ -225,11 +225,8 @@ static qm_interval to_unit(const qm_deviation_sides *sides, const qm_deviation *
 {
     if (out->measure == QM_OVER_AREA) {
         const qm_deviation_setup *setup = &sides->pieces->setup;
-        double inverse = setup->target->frame.inverse_scale;
-        size.lower = size.lower * (inverse / setup->area_unit) * inverse;
-        size.upper = size.upper * (inverse / setup->area_unit) * inverse;
-        if (size.lower < DBL_MIN) size.lower = 0.0;
-        if (size.upper > 0.0 && size.upper < DBL_MIN) size.upper = DBL_MIN;
+        size.lower = qm_deviation_unit_area(setup, size.lower, true);
+        size.upper = qm_deviation_unit_area(setup, size.upper, false);
     }
     size.upper = fmin(size.upper, out->size.upper);
     return size;

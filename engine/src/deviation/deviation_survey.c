@@ -23,6 +23,13 @@ double qm_deviation_sum_error(size_t count)
     return PIECE_ROUNDINGS * QM_UNIT_ROUNDING + 32.0 * (double)count * (double)LDBL_EPSILON;
 }
 
+double qm_deviation_unit_area(const qm_deviation_setup *setup, double area, bool is_lower)
+{
+    double inverse = setup->target->frame.inverse_scale;
+    double out = area * (inverse / setup->area_unit) * inverse;
+    return out >= DBL_MIN ? out : is_lower || !(area > 0.0) ? 0.0 : DBL_MIN;
+}
+
 /* ---- levels ---- */
 
 static uint64_t leading_bits(double x)

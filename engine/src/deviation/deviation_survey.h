@@ -39,6 +39,10 @@ typedef struct qm_deviation_survey {
 /** The relative rounding error of a sum over so many pieces of terms that are not negative. */
 double qm_deviation_sum_error(size_t count);
 
+/** A bound of an area in square units of the meshes. The factors are powers of two; below the least normal number, and where a
+ * positive area underflows to 0, it is rounded outward. */
+double qm_deviation_unit_area(const qm_deviation_setup *setup, double area, bool is_lower);
+
 /** Before anything is measured: no distance exceeds farthest, and the area does not exceed area. */
 void qm_deviation_survey_init(qm_deviation_survey *survey, double farthest, double area);
 

@@ -51,7 +51,7 @@ bool qm_transform_mirrors(const double m[QM_TRANSFORM_SIZE])
     return unit_determinant(m) < 0.0;
 }
 
-static bool is_identity(const double m[QM_TRANSFORM_SIZE])
+bool qm_transform_is_identity(const double m[QM_TRANSFORM_SIZE])
 {
     bool is_same = true;
     for (int i = 0; i < QM_TRANSFORM_SIZE; i++)
@@ -63,7 +63,7 @@ qm_status qm_transform_positions(qm_context *ctx, const double m[QM_TRANSFORM_SI
                                  double *positions)
 {
     const size_t size = 3 * sizeof *positions * mesh->vertex_count;
-    if (is_identity(m)) {
+    if (qm_transform_is_identity(m)) {
         if (positions != mesh->positions && size > 0) memcpy(positions, mesh->positions, size);
         return QM_OK;
     }
@@ -89,7 +89,7 @@ qm_status qm_transform_positions(qm_context *ctx, const double m[QM_TRANSFORM_SI
  * or the largest shift; a point of a face is a convex combination of its corners, and so off by at most sqrt(3) of that. */
 qm_transform_change qm_transform_find_change(const double m[QM_TRANSFORM_SIZE], const qm_mesh *mesh)
 {
-    if (is_identity(m)) return (qm_transform_change){1.0, 0.0};
+    if (qm_transform_is_identity(m)) return (qm_transform_change){1.0, 0.0};
     double largest = 0.0, shift = 0.0, coordinate = 0.0;
     for (int i = 0; i < QM_TRANSFORM_SIZE - 4; i++)
         largest = qm_max(largest, fabs(m[i]));
