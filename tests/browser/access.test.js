@@ -44,11 +44,20 @@ async function violations(page) {
 
 /** What is done in each view before it is looked at. */
 const VIEWS = {
-  meshes: { hash: () => "#meshes", act: waitForView },
+  meshes: {
+    hash: () => `#meshes?mesh=${box}`, act: async (page) => {
+      await waitForView(page);
+      await page.getByRole("button", { name: "Shape of the faces" }).click();
+      await page.locator("#quality canvas").waitFor();
+    } },
   compare: {
-    hash: () => `#compare?a=${ids[0]}&b=${ids[1]}`, act: async (page) => {
+    hash: () => `#compare?a=${ids[0]}&b=${ids[1]}&limit=0.0001&signed=1`, act: async (page) => {
       await page.getByRole("button", { name: "Measure" }).click();
-      await page.locator("#outcome", { hasText: "Done" }).waitFor();
+      await page.locator("#outcome", { hasText: "the side of the limit is certain" }).waitFor();
+      await page.getByRole("button", { name: "Compare both ways" }).click();
+      await page.locator(".pin").first().waitFor({ state: "attached" });
+      await page.getByRole("button", { name: "By landmarks" }).click();
+      await page.locator("#landmarks", { hasText: "Click a place of A" }).waitFor();
       await page.getByRole("button", { name: "Map the distances" }).click();
       await page.locator("#deviation").waitFor();
     } },

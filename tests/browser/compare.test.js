@@ -1,11 +1,11 @@
-// The page that compares: right numbers, the chart, stopping, threshold, heat map, links, exports.
+// The page that compares: right numbers, the chart, stopping, limit, heat map, links, exports.
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
-import { Browser, drawnShare, finish, waitForView } from "./support/page.js";
+import { Browser, drawnShare, finish, rest, waitForView } from "./support/page.js";
 import { HEAP_DISTANCE, SPHERE_DISTANCE, SPHERE_TURN, ball, chance, heaps, moved, off, sphere } from "./support/shapes.js";
 
 let daemon;
@@ -61,7 +61,7 @@ test("a search is stopped at any time, and its bounds hold", async () => {
   const page = await browser.open(`${daemon.url}/#compare`);
   await choose(page, "low", "high");
   await page.locator("select[name=quads]").selectOption("bilinear");
-  await page.locator("input[name=tolerance]").fill("1e-12");
+  await page.locator("input[name=gap]").fill("1e-12");
   await page.getByRole("button", { name: "Measure" }).click();
   await page.waitForFunction(() => document.querySelector("#upper .value").textContent !== "–");
   await page.getByRole("button", { name: "Stop" }).click();
@@ -72,15 +72,17 @@ test("a search is stopped at any time, and its bounds hold", async () => {
   await finish(page);
 });
 
-test("a threshold gets its verdict", async () => {
-  const page = await browser.open(`${daemon.url}/#compare?a=${ids.a}&b=${ids.b}&threshold=0.001`);
+test("a limit gets its verdict", async () => {
+  const page = await browser.open(`${daemon.url}/#compare?a=${ids.a}&b=${ids.b}&limit=0.001`);
   await page.locator(`select[name=a] option[value="${ids.a}"]:checked`).waitFor({ state: "attached" });
-  assert.equal(await page.locator("input[name=threshold]").inputValue(), "0.001");
+  assert.equal(await page.locator("input[name=limit]").inputValue(), "0.001");
   await page.getByRole("button", { name: "Measure" }).click();
-  await page.getByText("The distance is below the threshold 0.001.").waitFor();
-  await page.locator("input[name=threshold]").fill("0.0004");
+  await page.getByText("The distance is below the limit 0.001.").waitFor();
+  await page.locator("input[name=limit]").fill("0.0004");
   await page.getByRole("button", { name: "Measure" }).click();
-  await page.getByText("The distance is above the threshold 0.0004.").waitFor();
+  await page.getByText("The distance is above the limit 0.0004.").waitFor();
+  await page.getByRole("link", { name: "Jobs" }).click();
+  await page.locator("tbody tr", { hasText: "above the limit 0.0004" }).waitFor();
   await finish(page);
 });
 
@@ -146,6 +148,83 @@ test("signed distances distinguish inside from outside; a link restores the view
   assert((await look(page)).includes("Edges true") && (await look(page)).includes("B false"));
   await finish(page);
   await finish(other);
+});
+
+test("of a mesh that is inside out the inside is the same", async () => {
+  const whole = ball(16);
+  const turned = { ...whole, faces: whole.faces.map((corners) => [...corners].reverse()) };
+  const [near, inside_out] = await Promise.all([moved(ball(8), [0.3, 0, 0]), turned].map(async (mesh, place) =>
+    (await daemon.client().meshes.create(off(mesh), { name: `turned_${place}.off` })).mesh.id));
+  const page = await browser.open(`${daemon.url}/#compare?a=${near}&b=${inside_out}&heat=1&signed=1`);
+  await page.locator(".legend", { hasText: "sides proven" }).waitFor();
+  const [csv] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Distances, CSV" }).click()]);
+  const rows = readFileSync(await csv.path(), "utf8").trim().split("\n").slice(1).map((row) => row.split(","));
+  moved(ball(8), [0.3, 0, 0]).vertices.forEach((point, vertex) => {
+    const radius = Math.hypot(...point);
+    if (radius > 1.001 || radius < 0.97) assert.equal(rows[vertex][2], radius > 1 ? "outside" : "inside");
+  });
+  const farthest = await page.locator("#signed tr", { hasText: "Farthest" }).locator("td").allInnerTexts();
+  assert(Math.abs(Number(farthest[0].split(" ")[0]) - 0.3) < 0.03, farthest.join());
+  await finish(page);
+});
+
+test("a mesh that is open has no proven sides: the page tells why, and offers those of the normals as not proven", async () => {
+  const [square, hill] = await uploadHill();
+  const page = await browser.open(`${daemon.url}/#compare?a=${square}&b=${hill}&heat=1`);
+  await page.locator(".legend").waitFor();
+  await page.getByRole("button", { name: "Signed" }).click();
+  await page.locator("#no-sign", { hasText: "No side is proven: " }).waitFor();
+  assert.match(await page.locator("#no-sign").innerText(), /edge/);
+  assert(await page.getByRole("button", { name: "Signed" }).isDisabled());
+  assert.equal(await page.locator("#signed").count(), 0);
+  await page.getByRole("button", { name: "By the normals" }).click();
+  await page.locator(".legend", { hasText: "sides by the normals, not proven" }).waitFor();
+  await page.locator("#signed", { hasText: "not proven" }).waitFor();
+  const other = await browser.open(page.url());
+  await other.locator(".legend", { hasText: "sides by the normals, not proven" }).waitFor();
+  await finish(page);
+  await finish(other);
+});
+
+test("the parts of A beyond the limit are listed, bordered, and flown to", async () => {
+  const steps = 40;
+  const hills = { vertices: [], faces: [] };
+  const bump = (x, y, cx, height) => height * Math.max(0, 1 - ((x - cx) ** 2 + (y - 0.5) ** 2) / 0.04) ** 2;
+  for (let n = 0; n < (steps + 1) ** 2; n++) {
+    const [x, y] = [Math.floor(n / (steps + 1)) / steps, (n % (steps + 1)) / steps];
+    hills.vertices.push([x, y, bump(x, y, 0.25, 0.2) + bump(x, y, 0.75, 0.3)]);
+  }
+  for (let i = 0; i < steps; i++) for (let j = 0; j < steps; j++) hills.faces.push([[0, 0], [1, 0], [1, 1], [0, 1]].map(([u, v]) => (i + u) * (steps + 1) + j + v));
+  const two = (await daemon.client().meshes.create(off(hills), { name: "two hills.off" })).mesh.id;
+  const [square] = await uploadHill();
+  const page = await browser.open(`${daemon.url}/#compare?a=${two}&b=${square}&limit=0.1&eye=0,0,1.6,0,0,0`, { viewport: { width: 1300, height: 900 } });
+  await waitForView(page);
+  await page.getByRole("button", { name: "Map the distances" }).click();
+  await page.getByText("2 parts of A beyond 0.1:").waitFor();
+  const parts = await page.getByRole("list", { name: "Parts beyond the limit" }).getByRole("button").allInnerTexts();
+  assert.match(parts[0], /^1: up to 0\.3\d* ± [\d.]+, area 0\.\d+ ± [\d.]+$/);
+  assert(Math.abs(Number(/up to ([\d.]+)/.exec(parts[1])[1]) - 0.2) < 0.01, parts[1]);
+  await page.locator(".legend").waitFor();
+  await page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage().eye.fromText("0,0,1.6,0,0,0"));
+  const target = () => page.evaluate(async () => {
+    const { eye: { controls }, frame } = (await import("/dashboard/view/view.js")).currentStage();
+    return controls.target.toArray().map((x, k) => x / frame.scale + frame.centre[k]);
+  });
+  for (const [place, x] of [[1, 0.25], [0, 0.75]]) {
+    await page.getByRole("list", { name: "Parts beyond the limit" }).getByRole("button").nth(place).click();
+    await page.waitForTimeout(900); // the flight
+    assert(Math.abs((await target())[0] - x) < 0.05, `${await target()}`);
+    await rest(page);
+    // The border that is drawn strongly goes round the part: where the hill is as high as the limit.
+    const drawn = await page.evaluate(async () => {
+      const { overlay, frame } = (await import("/dashboard/view/view.js")).currentStage();
+      const { position, side } = overlay.group.children[0].geometry.attributes;
+      const all = Array.from({ length: position.count }, (_, n) => [0, 1, 2].map((k) => position.getComponent(n, k) / frame.scale + frame.centre[k]));
+      return all.filter((_, n) => side.getY(n) > 2);
+    });
+    assert(drawn.length > 20 && drawn.every(([px, py, pz]) => Math.hypot(px - x, py - 0.5) < 0.2 && pz < 0.15), `${drawn.length} corners`);
+  }
+  await finish(page);
 });
 
 /** A flat square of one quad, and one with a hill in its middle that the square's corners know nothing of. */
@@ -223,7 +302,7 @@ test("the colours' range is the user's, stays, and is in the link; bands show wh
   await page.getByRole("button", { name: "Map the distances" }).click();
   await page.locator(".legend", { hasText: "hill_0.off from hill_1.off" }).waitFor();
 
-  await page.locator("input[name=threshold]").fill("0.04");
+  await page.locator("input[name=limit]").fill("0.04");
   await page.getByRole("button", { name: "Bands" }).click();
   await page.locator(".legend .band", { hasText: "within 0.0400" }).waitFor();
   await page.waitForFunction(() => location.hash.includes("limits=-0.04,0.04"));
@@ -259,6 +338,7 @@ test("a search of distances over A tells how far it is, and can be stopped", asy
 test("intervals are written with the digits that are known, and hold what they stand for", async () => {
   const { intervals } = await import("../../clients/dashboard/core/format.js");
   assert.deepEqual(intervals([{ lower: 0.00031172, upper: 0.00032992 }]), ["3.208 ± 0.092 e-4"]);
+  assert.deepEqual(intervals([{ lower: 0.06310890, upper: 0.06311150 }, { lower: -0.25, upper: -0.25 }], 0.01), ["0.06311 ± 0.00001", "-0.25"]);
   assert.deepEqual(intervals([{ lower: 0.5, upper: 0.5 }, { lower: 0, upper: 0.001 }]), ["0.5", "0.00050 ± 0.00050"]);
   const random = chance(7);
   for (let n = 0; n < 5000; n++) {
@@ -281,4 +361,99 @@ test("a fault of the request is shown in words", async () => {
   await page.getByRole("button", { name: "Measure" }).click();
   await page.locator("#outcome.fault", { hasText: "/b" }).waitFor();
   await finish(page);
+});
+
+test("both ways in one table, and the worst places as pins in a list that flies to each; a link brings them back", async () => {
+  const [square, hill] = await uploadHill();
+  const page = await browser.open(`${daemon.url}/#compare?a=${hill}&b=${square}&limit=0.1`, { viewport: { width: 1300, height: 900 } });
+  await waitForView(page);
+  await page.getByRole("button", { name: "Compare both ways" }).click();
+  await page.locator("#comparison").waitFor();
+  const row = (name) => page.locator("#comparison tr", { hasText: name }).locator("td").allInnerTexts();
+  // The top of the hill is 0.3 above the square; of the square the farthest point is somewhere beside that.
+  const [both, there] = await row("Maximum");
+  assert.equal(both, there);
+  assert(Math.abs(Number(both.split(" ")[0]) - 0.3) < 1e-6, both);
+  assert.match((await row("Share within 0.1")).join(), /^,\d+\.\d %( to \d+\.\d %)?,\d+\.\d %/);
+  const places = page.getByRole("list", { name: "Worst places" }).getByRole("button");
+  const count = await places.count();
+  assert(count >= 5 && count <= 10, `${count} places`);
+  const values = (await places.allInnerTexts()).map((text) => Number(/: ([\d.]+)/.exec(text)[1]));
+  assert(Math.abs(values[0] - 0.3) < 1e-6 && values.every((value, place) => place === 0 || value <= values[place - 1] + 1e-3), values.join());
+  assert.equal(await page.locator(".pin").count(), count);
+  const same = await daemon.client().meshes.create(off(moved(sphere(), [0.2, 0, 0])), { name: "moved.off" });
+  const twin = await browser.open(`${daemon.url}/#compare?a=${ids.a}&b=${same.mesh.id}`);
+  await twin.getByRole("button", { name: "Compare both ways" }).click();
+  await twin.locator("#comparison").waitFor();
+  const firsts = await twin.getByRole("list", { name: "Worst places" }).getByRole("button").allInnerTexts();
+  assert(firsts.length > 1 && firsts.length < 10, "places that lie side by side on both are listed once");
+  await finish(twin);
+
+  const [report] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Report, HTML" }).click()]);
+  assert.equal(report.suggestedFilename(), "report.html");
+  const html = readFileSync(await report.path(), "utf8");
+  for (const words of ["<!DOCTYPE html>", "hill_0.off", "hill_1.off", "0.1"]) assert(html.includes(words), words);
+
+  const target = () => page.evaluate(async () => {
+    const { eye: { controls }, frame, pair } = (await import("/dashboard/view/view.js")).currentStage();
+    return { target: controls.target.toArray().map((x, k) => x / frame.scale + frame.centre[k]), from: pair.from.toArray().map((x, k) => x / frame.scale + frame.centre[k]) };
+  });
+  await places.first().click();
+  assert.equal(await places.first().getAttribute("aria-pressed"), "true");
+  await page.waitForTimeout(900); // the flight
+  const { target: at, from } = await target();
+  assert(Math.hypot(from[0] - 0.5, from[1] - 0.5, from[2] - 0.3) < 1e-6, from.join());
+  assert(Math.hypot(at[0] - 0.5, at[1] - 0.5) < 1e-3 && at[2] > 0 && at[2] < 0.3001, at.join());
+  await page.locator(".pin").nth(1).click();
+  await page.waitForTimeout(900);
+  assert(Math.hypot(...(await target()).from.map((x, k) => x - from[k])) > 0.05, "another place, apart by the radius");
+
+  const other = await browser.open(page.url());
+  await other.locator("#comparison").waitFor();
+  await other.locator(".pin").nth(count - 1).waitFor({ state: "attached" });
+  assert.equal(await other.locator("#comparison").innerText(), await page.locator("#comparison").innerText());
+  await finish(page);
+  await finish(other);
+});
+
+test("a section takes a part away, draws the curves of the cut, and is in the link; what is taken away is not met", async () => {
+  const page = await browser.open(`${daemon.url}/#compare?a=${ids.a}&b=${ids.b}`, { viewport: { width: 1300, height: 900 } });
+  await waitForView(page);
+  const whole = await drawnShare(page);
+  await page.locator(".stage-tools").getByRole("button", { name: "Section" }).click();
+  await page.getByLabel("Axis of the section").selectOption("z");
+  await page.getByLabel("Place of the section").fill("0.25");
+  const curves = () => page.evaluate(async () => {
+    const stage = (await import("/dashboard/view/view.js")).currentStage();
+    await stage.rest();
+    const { position } = stage.overlay.group.children[0]?.geometry.attributes ?? {};
+    return { count: position?.count ?? 0, heights: Array.from({ length: position?.count ?? 0 }, (_, n) => position.getZ(n)), at: stage.plane?.at };
+  });
+  await page.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().overlay.group.children.length > 0);
+  await page.waitForFunction(() => location.hash.includes("cut=z,0.25"));
+  const { count, heights, at } = await curves();
+  assert(count > 6 * 100 && heights.every((z) => Math.abs(z - at) < 1e-5), `${count} corners of ribbons`);
+  assert(await drawnShare(page) < 0.9 * whole, "most of the sphere is taken away");
+  const met = () => page.evaluate(async () => {
+    const stage = (await import("/dashboard/view/view.js")).currentStage();
+    const { pick } = await import("/dashboard/view/pick.js");
+    stage.eye.fromText("0,0,3,0,0,0");
+    stage.drawNow();
+    const { scale, centre } = stage.frame;
+    return (pick(stage, stage.models.get("a"), stage.canvas.clientWidth / 2 + 40, stage.canvas.clientHeight / 2).point[2] - centre[2]) * scale;
+  });
+  assert(await met() < at, "a ray from before the section goes on to the far side");
+  await page.getByRole("button", { name: "Other side" }).click();
+  await page.waitForFunction(() => location.hash.includes("cut=z,0.25,-"));
+  await rest(page);
+  assert(await met() > at);
+
+  const other = await browser.open(page.url());
+  await waitForView(other);
+  await other.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().overlay.group.children.length > 0);
+  assert.equal(await other.getByLabel("Place of the section").inputValue(), "0.25");
+  await other.locator(".stage-tools").getByRole("button", { name: "Section" }).click();
+  await other.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().overlay.group.children.length === 0);
+  await finish(page);
+  await finish(other);
 });

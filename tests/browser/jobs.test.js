@@ -55,7 +55,7 @@ test("the history is read a page at a time, filtered by kind and state, looked i
   const client = daemon.client();
   const [a, b] = await Promise.all([box(2), box(3)].map(async (mesh, place) => (await client.meshes.create(off(mesh), { name: `box_${place}` })).mesh.id));
   for (let n = 0; n < 70; n++) await client.jobs.create({ type: "project", mesh: a, points: [[n, 0, 0]] }, { wait: 10 });
-  for (let n = 0; n < 3; n++) await client.jobs.create({ type: "hausdorff", a, b, tolerance: 10 ** (-3 - n) }, { wait: 10 });
+  for (let n = 0; n < 3; n++) await client.jobs.create({ type: "hausdorff", a, b, gap: 10 ** (-3 - n) }, { wait: 10 });
   const page = await browser.open("about:blank");
   let read = 0;
   page.on("response", async (response) => {
@@ -97,7 +97,7 @@ test("the history is read a page at a time, filtered by kind and state, looked i
 
 test("a stream is taken up again when the daemon is back", () => withDaemon([], async (daemon) => {
   const { a, b } = await slowRequest(daemon.client());
-  const page = await browser.open(`${daemon.url}/#compare?a=${a}&b=${b}&quads=bilinear&tolerance=1e-12`);
+  const page = await browser.open(`${daemon.url}/#compare?a=${a}&b=${b}&quads=bilinear&gap=1e-12`);
   await page.getByRole("button", { name: "Measure" }).click();
   await page.waitForFunction(() => document.querySelector("#upper .value").textContent !== "–");
   await daemon.stop("SIGKILL");

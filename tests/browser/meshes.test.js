@@ -36,6 +36,36 @@ test("an empty daemon says what to do; a first mesh is listed, drawn and describ
   await finish(page);
 });
 
+test("area, volume and topology are told; unit and uncertainty can be set; the shape of the faces is a table and a histogram", async () => {
+  const client = daemon.client();
+  const { mesh } = await client.meshes.create(off(box(4)), { name: "unit cube.off" });
+  const page = await browser.open(`${daemon.url}/#meshes?mesh=${mesh.id}`, { viewport: { width: 1300, height: 900 } });
+  await page.locator("#facts-title", { hasText: "unit cube.off" }).waitFor();
+  assert.match(await fact(page, "Area"), /^6(\.0+ ± 0\.0*1)?$/);
+  assert.match(await fact(page, "Volume"), /^1(\.0+ ± 0\.0*1)?$/);
+  for (const [name, value] of [["Watertight", "yes"], ["Winding agrees", "yes"], ["Genus", "0"], ["Euler number", "2"], ["Degenerate faces", "0"], ["Duplicate faces", "0"]]) {
+    assert.equal(await fact(page, name), value, name);
+  }
+  await page.locator("select[name=unit]").selectOption("mm");
+  await until(async () => (await client.meshes.get(mesh.id)).unit === "mm", "the unit");
+  await page.waitForFunction(() => [...document.querySelectorAll(".figures dd")].some((value) => value.textContent.endsWith(" mm³")));
+  await page.locator("input[name=uncertainty]").fill("0.02");
+  await page.locator("input[name=uncertainty]").press("Tab");
+  await until(async () => (await client.meshes.get(mesh.id)).uncertainty === 0.02, "the uncertainty");
+  await page.locator("input[name=uncertainty]").fill("-1");
+  await page.locator("input[name=uncertainty]").press("Tab");
+  await page.locator(".message.is-fault", { hasText: "0 or more" }).waitFor();
+
+  await page.getByRole("button", { name: "Shape of the faces" }).click();
+  const row = page.locator("#quality tr", { hasText: "scaled jacobian" });
+  await row.waitFor();
+  assert.deepEqual(await row.locator("td").allInnerTexts(), ["1.000", "1.000", "1.000"]);
+  await page.getByRole("button", { name: "warpage" }).click();
+  await page.locator('#quality canvas[aria-label*="warpage"]').waitFor();
+  assert.equal(await page.getByRole("button", { name: "warpage" }).getAttribute("aria-pressed"), "true");
+  await finish(page);
+});
+
 test("files may be dropped anywhere, several at once", async () => {
   const page = await browser.open(daemon.url);
   await page.locator(".mesh").first().waitFor();

@@ -40,11 +40,13 @@ const VIEWS = {
       await page.locator("img.thumbnail").nth(3).waitFor();
     } },
   compare: {
-    hash: () => `#compare?a=${ids.fine}&b=${ids.coarse}&eye=0.75,0.55,1.45,0,0,0`, act: async (page) => {
+    hash: () => `#compare?a=${ids.fine}&b=${ids.coarse}&eye=-1.45,0.6,0.75,0,0,0`, act: async (page) => {
       await page.getByRole("button", { name: "Measure" }).click();
       await page.locator("#outcome", { hasText: "Done" }).waitFor();
       await page.getByRole("button", { name: "Map the distances" }).click();
       await page.locator(".legend").waitFor();
+      await page.getByRole("button", { name: "Compare both ways" }).click();
+      await page.locator(".pin").first().waitFor({ state: "attached" });
       await page.waitForTimeout(700); // the flight
       await page.getByRole("button", { name: "Fit" }).click();
       await page.evaluate(() => { document.getElementById("panel").scrollTop = 0; });

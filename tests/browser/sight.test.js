@@ -19,7 +19,7 @@ before(async () => {
     vertices: [...all.vertices, ...vertices], faces: [...all.faces, ...faces.map((face) => face.map((vertex) => vertex + all.vertices.length))] }));
   const meshes = {
     well: well(0.2), deeper: well(0.1), pebble: moved(small(box(1)), [0.43, 0.44, 0.15]),
-    closed: box(4), layers: together(shell(0), shell(0.001), shell(0.002)), skins: together(shell(0), shell(0.002)),
+    longer: { ...box(4), vertices: box(4).vertices.map(([x, y, z]) => [x, y, z === 0 ? -0.3 : z]) }, closed: box(4), layers: together(shell(0), shell(0.001), shell(0.002)), skins: together(shell(0), shell(0.002)),
   };
   for (const [name, mesh] of Object.entries(meshes)) ids[name] = (await daemon.client().meshes.create(off(mesh), { name })).mesh.id;
 });
@@ -62,6 +62,22 @@ test("the farthest points at the bottom of a well are seen from its mouth, not t
   const onA = result.witness.from.mesh === "a" ? result.witness.from.point : result.witness.to.point;
   const met = await metAt(page, onA);
   assert(met > 0.995 && met < 1.005, `the first surface is met at ${met} of the way to ${onA}`);
+  await finish(page);
+});
+
+test("a place at the back of a closed surface is seen from outside, not from within", async () => {
+  const page = await browser.open(`${daemon.url}/#compare?a=${ids.closed}&b=${ids.longer}`);
+  await waitForView(page);
+  await page.getByRole("button", { name: "Measure" }).click();
+  await page.locator("#outcome", { hasText: "Done" }).waitFor();
+  await landed(page);
+  await page.getByRole("button", { name: "Show the farthest points" }).click();
+  await landed(page);
+  const height = await page.evaluate(async () => {
+    const { eye, frame } = (await import("/dashboard/view/view.js")).currentStage();
+    return eye.camera.position.z / frame.scale + frame.centre[2];
+  });
+  assert(height < -0.3, `the eye is at z = ${height}`);
   await finish(page);
 });
 

@@ -1,8 +1,8 @@
 // Both bounds over time, on a logarithmic scale: the band between them holds the distance.
 
+import { prepare } from "../core/canvas.js";
 import { colour } from "../core/dom.js";
 import { duration } from "../core/format.js";
-import { prepare } from "./canvas.js";
 
 /** @typedef {{ elapsed_ms: number, lower: number, upper: number | null }} Sample */
 
@@ -15,10 +15,10 @@ const MOST_DECADES = 9;
 /**
  * The powers of ten that hold all samples.
  * @param {Sample[]} samples
- * @param {number | null} threshold
+ * @param {number | null} limit
  */
-function range(samples, threshold) {
-  const values = samples.flatMap(({ lower, upper }) => [lower, upper ?? 0]).concat(threshold ?? 0).filter((value) => value > 0);
+function range(samples, limit) {
+  const values = samples.flatMap(({ lower, upper }) => [lower, upper ?? 0]).concat(limit ?? 0).filter((value) => value > 0);
   if (values.length === 0) return { low: -3, high: 0 };
   const high = Math.ceil(Math.log10(Math.max(...values)) + 1e-9);
   const low = Math.floor(Math.log10(Math.min(...values)) - 1e-9);
@@ -35,11 +35,11 @@ function niceStep(span, most) {
 /**
  * @param {HTMLCanvasElement} canvas
  * @param {Sample[]} samples
- * @param {number | null} threshold
+ * @param {number | null} limit
  */
-export function drawChart(canvas, samples, threshold) {
+export function drawChart(canvas, samples, limit) {
   const { context, width, height } = prepare(canvas);
-  const { low, high } = range(samples, threshold);
+  const { low, high } = range(samples, limit);
   const begin = samples[0]?.elapsed_ms ?? 0; // what was waited for before is no part of it
   const end = Math.max(begin + 1e-3, samples.at(-1)?.elapsed_ms ?? 0);
   const x = (/** @type {number} */ ms) => LEFT + ((ms - begin) / (end - begin)) * (width - LEFT - RIGHT);
@@ -48,14 +48,14 @@ export function drawChart(canvas, samples, threshold) {
     return height - BOTTOM - Math.max(0, Math.min(1, place)) * (height - TOP - BOTTOM);
   };
   drawAxes(context, { x, y, low, high, begin, end, width, height, isEmpty: samples.length === 0 });
-  if (threshold !== null && threshold > 0) {
+  if (limit !== null && limit > 0) {
     context.strokeStyle = colour("--ink");
     context.setLineDash([5, 4]);
-    line(context, [[LEFT, y(threshold)], [width - RIGHT, y(threshold)]]);
+    line(context, [[LEFT, y(limit)], [width - RIGHT, y(limit)]]);
     context.setLineDash([]);
     context.fillStyle = colour("--ink");
     context.textAlign = "left";
-    context.fillText("threshold", LEFT + 4, y(threshold) - 6);
+    context.fillText("limit", LEFT + 4, y(limit) - 6);
   }
   drawBand(context, samples, x, y, TOP);
 }

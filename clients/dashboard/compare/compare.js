@@ -6,14 +6,23 @@ import { parameter, setParameters } from "../core/route.js";
 import { changed, meshOf, on, state } from "../core/state.js";
 import { drawTools, toggle } from "../view/tools.js";
 import { currentStage, look, lookAt, setLook, show } from "../view/view.js";
+import { AlignSection } from "./align.js";
 import { copyLink, saveBounds, saveDistances, savePicture } from "./exports.js";
-import { makeForm, readRequest, settings } from "./form.js";
+import { limitOf, makeForm, readRequest, settings } from "./form.js";
+import { ComparisonSection } from "./comparison.js";
 import { DeviationMap } from "./map.js";
 import { Measurement } from "./measurement.js";
 import { makeOutcome } from "./outcome.js";
+import { isMoved, pose, readPose, setPose } from "./pose.js";
 import { readWanted } from "./range.js";
+import { Section } from "./section.js";
+import { aFirst } from "./witness.js";
 
-/** @import { Wish } from "../view/stage.js" */
+/** @import { Transform } from "../../js/types.js" */
+/** @import { Role, Wish } from "../view/stage.js" */
+
+/** What a link says of another pair, or of A elsewhere. */
+const NOTHING_MEASURED = { heat: null, eye: null, pins: null, comparison: null };
 
 /** @param {HTMLElement} panel */
 export function showCompare(panel) {
@@ -24,12 +33,15 @@ export function showCompare(panel) {
 class Compare {
   /** @param {HTMLElement} panel */
   constructor(panel) {
-    for (const name of /** @type {const} */ (["direction", "quads", "tolerance", "threshold"])) settings[name] = parameter(name) ?? settings[name];
+    for (const name of /** @type {const} */ (["direction", "quads", "gap", "limit"])) settings[name] = parameter(name) ?? settings[name];
     readWanted();
+    readPose();
     const hidden = (parameter("hide") ?? "").split("");
     this.shown = { a: !hidden.includes("a"), b: !hidden.includes("b") };
     /** Was the view led to the farthest points yet? */
     this.isFollowed = false;
+    /** One of the worst places, in the place of the farthest points. @type {{ from: number[], to: number[] } | null} */
+    this.place = null;
     this.pairKey = "";
     this.view = "nothing yet";
     this.pair = "";
@@ -39,8 +51,13 @@ class Compare {
     this.outcome = makeOutcome();
     this.form = makeForm({ onMeasure: () => this.measure(), onStop: () => run(() => this.measurement.stop()), onReading: () => this.onReading(), onSwap: () => swap() });
     this.map = new DeviationMap({
-      quads: () => settings.quads, firstLimit: () => (settings.threshold.trim() === "" ? null : Number(settings.threshold)),
+      quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings),
       onChange: () => this.requestDraw(), onMeasured: () => this.clearForMap() });
+    this.comparison = new ComparisonSection({
+      quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings), onChosen: (points) => this.showPlace(points) });
+    this.alignment = new AlignSection({
+      quads: () => /** @type {any} */ (settings.quads), onPose: (transform) => this.move(transform), onTurn: (turn) => this.showTurn(turn) });
+    this.section = new Section();
     this.fly = h("button", { type: "button", disabled: true, onclick: () => run(() => this.flyToPair()) }, "Show the farthest points");
     this.csv = h("button", { type: "button", disabled: true, onclick: () => saveBounds(this.measurement) }, "Bounds, CSV");
     this.distancesCsv = h("button", { type: "button", disabled: true, onclick: () => saveDistances(this.map.heat) }, "Distances, CSV");
@@ -59,11 +76,11 @@ class Compare {
       h("section", { className: "section", "aria-labelledby": "compare-title" }, h("header", {}, h("h2", { id: "compare-title" }, "Compare")), this.form.form),
       h("section", { className: "section", "aria-labelledby": "distance-title" },
         h("header", {}, h("h2", { id: "distance-title" }, "Hausdorff distance"), this.fly), this.outcome.element),
-      this.map.element,
+      this.map.element, this.comparison.element, this.alignment.element,
       h("section", { className: "section", "aria-labelledby": "export-title" },
         h("h2", { id: "export-title" }, "Export"),
         h("div", { className: "row" }, h("button", { type: "button", onclick: () => run(() => copyLink(this.lookOfLink())) }, "Copy link"),
-          h("button", { type: "button", onclick: () => run(() => savePicture(this.map)) }, "Picture, PNG"), this.csv, this.distancesCsv)));
+          h("button", { type: "button", onclick: () => run(() => savePicture(this.map, this.comparison.labels)) }, "Picture, PNG"), this.csv, this.distancesCsv)));
   }
 
   /** Events may come faster than the screen shows them. */
@@ -80,11 +97,13 @@ class Compare {
     const { measurement, map } = this;
     this.form.draw(measurement.isRunning);
     const request = measurement.job?.request;
-    this.outcome.draw(measurement, request?.threshold ?? (settings.threshold === "" ? null : Number(settings.threshold)));
+    this.outcome.draw(measurement, request?.threshold ?? limitOf(settings));
     this.csv.disabled = measurement.samples.length === 0;
     this.distancesCsv.disabled = !map.deviation?.distances.length;
     map.button.disabled = state.a === null || state.b === null || map.search.isRunning;
-    map.sign.disabled = !map.heat.hasSides;
+    map.sign.draw(map.heat.hasSides);
+    this.alignment.draw();
+    this.comparison.button.disabled = map.button.disabled || this.comparison.search.isRunning;
     this.showPair();
   }
 
@@ -97,23 +116,33 @@ class Compare {
   /** The farthest points of what is shown, that on A before that on B. */
   get witness() {
     const { job, result } = this.measurement;
-    if (!result?.witness || job?.request.a !== state.a || job?.request.b !== state.b) return null;
-    return { from: result.witness.from.point, to: result.witness.to.point };
+    if (!result?.witness || !isMoved(job?.request.a) || job?.request.b !== state.b) return null;
+    const [from, to] = aFirst(result.witness);
+    return { from, to };
   }
 
   showPair() {
-    const points = this.witness;
+    const { witness } = this;
+    const points = this.place ?? witness;
     const stage = currentStage();
-    this.fly.disabled = !points || !stage;
+    this.fly.disabled = !witness || !stage;
     const key = stage ? JSON.stringify([points, stage.frame]) : "";
     if (key !== this.pairKey) stage?.setPair(points);
     this.pairKey = key;
-    if (!points || this.isFollowed || !stage?.models.get("a")?.isWhole) return;
+    if (!witness || this.isFollowed || !stage?.models.get("a")?.isWhole) return;
     this.isFollowed = true;
     if (!parameter("eye")) run(() => this.flyToPair());
   }
 
+  /** A place of the comparison, which takes the place of the farthest points. @param {{ from: number[], to: number[] }} points */
+  showPlace(points) {
+    this.place = points;
+    this.showPair();
+  }
+
   async flyToPair() {
+    this.place = null;
+    this.showPair();
     if (this.witness) await lookAt([this.witness.from, this.witness.to], "the farthest points");
   }
 
@@ -124,14 +153,14 @@ class Compare {
     const isBilinear = settings.quads === "bilinear";
     for (const role of /** @type {const} */ (["a", "b"])) {
       const mesh = meshOf(state[role]);
-      if (mesh) wishes.push({ mesh, role, isBilinear, isHidden: !shown[role], isGhost: role === "b" && shown.a });
+      if (mesh) wishes.push({ mesh, role, isBilinear, isHidden: !shown[role], isGhost: role === "b" && shown.a, transform: role === "a" ? pose.transform : null });
     }
-    const key = wishes.map((wish) => `${wish.role} ${wish.mesh.id} ${wish.mesh.revision} ${isBilinear} ${wish.isHidden} ${wish.isGhost}`).join();
+    const key = wishes.map((wish) => `${wish.role} ${wish.mesh.id} ${wish.mesh.revision} ${isBilinear} ${wish.isHidden} ${wish.isGhost} ${wish.transform}`).join();
     if (key === this.view) return;
     this.view = key;
     drawTools(wishes.map(({ mesh }) => mesh), { more: [
       toggle("A", "Show A", shown.a, (isOn) => { shown.a = isOn; this.drawView(); }),
-      toggle("B", "Show B", shown.b, (isOn) => { shown.b = isOn; this.drawView(); })] });
+      toggle("B", "Show B", shown.b, (isOn) => { shown.b = isOn; this.drawView(); }), ...this.section.tools] });
     show(wishes, "Choose two meshes to compare.").then((isWhole) => { if (isWhole) this.onWhole(); });
   }
 
@@ -140,8 +169,10 @@ class Compare {
     const eye = parameter("eye");
     if (eye) currentStage()?.eye.fromText(eye);
     this.showPair();
+    run(() => this.section.draw());
     if (this.map.deviation) run(() => this.map.paint());
     else if (parameter("heat") && !this.map.search.isRunning) run(() => this.map.measure());
+    run(() => (this.comparison.found ? this.comparison.pin() : this.comparison.restore()));
   }
 
   measure() {
@@ -157,16 +188,44 @@ class Compare {
   }
 
   onReading() {
-    this.map.forget();
+    this.forget();
     this.drawView();
+  }
+
+  /** What was measured holds no more. */
+  forget() {
+    this.place = null;
+    this.map.forget();
+    this.comparison.leave();
+    this.alignment.forget();
+  }
+
+  /** Moves A; null: to where it lies. @param {Transform | null} transform */
+  move(transform) {
+    this.forget();
+    this.measurement.clear();
+    setPose(transform);
+    setParameters({ ...NOTHING_MEASURED, job: null });
+    this.drawView();
+    this.draw();
+  }
+
+  /** Shows A or B alone, a place of which is to be clicked; null: both. @param {Role | null} turn */
+  showTurn(turn) {
+    this.shown = { a: turn !== "b", b: turn !== "a" };
+    this.drawView();
+    if (turn) currentStage()?.fit();
   }
 
   onChoice() {
     const pair = `${state.a} ${state.b}`;
     if (pair !== this.pair) {
-      if (this.pair !== "") setParameters({ a: state.a, b: state.b, heat: null, eye: null, pins: null });
+      if (this.pair !== "") {
+        setParameters({ a: state.a, b: state.b, ...NOTHING_MEASURED });
+        setPose(null);
+      }
       this.pair = pair;
-      this.map.forget();
+      this.forget();
     }
     this.drawView();
     this.draw();
@@ -179,8 +238,12 @@ class Compare {
     this.measurement.open(id).then((opened) => {
       if (!opened || opened.type !== "hausdorff") return;
       this.form.fill(opened.request);
-      [state.a, state.b] = [opened.request.a, opened.request.b];
+      const { a, b } = opened.request;
+      [state.a, state.b] = [a.mesh ?? a, b];
       this.onChoice();
+      if (isMoved(a)) return;
+      setPose(a.transform ?? null);
+      this.onReading();
     });
   }
 
@@ -188,7 +251,8 @@ class Compare {
     this.off.forEach((off) => off());
     this.sizes.disconnect();
     this.measurement.leave();
-    this.map.forget();
+    this.forget();
+    this.section.leave();
     setLook({ through: false });
     currentStage()?.setPair(null);
   }

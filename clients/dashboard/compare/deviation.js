@@ -1,16 +1,17 @@
 // The deviation of A from B over the whole surface, and of B from A: figures, percentiles, histogram.
 
+import { prepare } from "../core/canvas.js";
 import { client } from "../core/connection.js";
 import { colour, h } from "../core/dom.js";
 import { count, intervals, length } from "../core/format.js";
 import { colourOf } from "../view/scale.js";
-import { prepare } from "./canvas.js";
+import { makeTable, writeRows } from "./table.js";
 
 /** @import { Search } from "../core/search.js" */
-/** @import { DeviationResult } from "../../js/types.js" */
+/** @import { DeviationRequest, DeviationResult, Interval, SignedDeviation } from "../../js/types.js" */
 /** @import { Scale } from "../view/scale.js" */
 /** @typedef {{ id: string, result: DeviationResult, distances: Float64Array, isStopped: boolean }} Deviation */
-/** @typedef {{ a: string, b: string, quads: any, accuracy?: number, pieces?: number }} Question */
+/** @typedef {Omit<DeviationRequest, "type">} Question */
 
 export const FIRST_ACCURACY = 0.02;
 const FIRST_PIECES = 262144;
@@ -36,19 +37,22 @@ export async function measureDeviation(search, question) {
 export function drawDeviation(there, back, names) {
   const columns = back ? [there.result, back.result] : [there.result];
   const over = { area: "area", vertices: "vertices", points: "points" }[there.result.over];
-  const heads = ["", "A from B", ...(back ? ["B from A"] : [])];
-  const rows = [["Mean", columns.map(({ mean }) => mean)], ["RMS", columns.map(({ rms }) => rms)], ["Maximum", columns.map(({ max }) => max)],
-    ...there.result.percentiles.map(({ percent }, place) => [`${percent} % lie within`, columns.map(({ percentiles }) => percentiles[place])])];
-  const written = intervals(rows.flatMap(([, cells]) => /** @type {{ lower: number, upper: number }[]} */ (cells)));
-  const table = h("table", {},
-    h("caption", { className: "unseen" }, "Figures of the distance"),
-    h("thead", {}, h("tr", {}, ...heads.map((head, place) => (place === 0 ? h("td", {}) : h("th", { scope: "col", className: "number" }, head))))),
-    h("tbody", {}, ...rows.map(([name], row) => h("tr", {}, h("th", { scope: "row" }, /** @type {string} */ (name)),
-      ...columns.map((_, column) => h("td", { className: "number" }, written[row * columns.length + column]))))));
+  const rows = writeRows([["Mean", columns.map(({ mean }) => mean)], ["RMS", columns.map(({ rms }) => rms)], ["Maximum", columns.map(({ max }) => max)],
+    ...there.result.percentiles.map(({ percent }, place) => /** @type {[string, Interval[]]} */ ([`${percent} % lie within`, columns.map(({ percentiles }) => percentiles[place])]))]);
+  const table = makeTable("Figures of the distance", ["A from B", ...(back ? ["B from A"] : [])], rows);
   const stopped = [there, back].some((one) => one?.isStopped) ? " It was stopped before its end; what is written holds." : "";
   return h("div", { className: "section", id: "deviation" },
-    h("p", { className: "muted small" }, `Of ${names.a} from ${names.b}, over its ${over}, without a sign, in ${count(there.result.pieces)} pieces; each figure is proven.${stopped}`),
-    h("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "Figures of the distance" }, table));
+    h("p", { className: "muted small" }, `Of ${names.a} from ${names.b}, over its ${over}${there.result.signed ? "" : ", without a sign"}, in ${count(there.result.pieces)} pieces; each figure is proven.${stopped}`),
+    h("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "Figures of the distance" }, table), there.result.signed && drawSigned(there.result.signed, there.result.over));
+}
+
+/** The figures of each side. @param {SignedDeviation} signed @param {DeviationResult["over"]} over */
+function drawSigned({ proven, mean, outside, inside }, over) {
+  const [farthest, sizes] = [writeRows([["Farthest", [outside.max, inside.max]]]), writeRows([[over === "area" ? "Area" : "Count", [outside.size, inside.size]]])];
+  return h("div", { className: "section", id: "signed" },
+    makeTable("Figures of both sides", ["Outside B", "Inside B"], [...farthest, ...sizes]),
+    h("p", { className: "muted small" }, `Mean with the sign, positive outside: ${intervals([mean])[0]}. ${proven ? "The sides are proven."
+      : "The sides are those of the normals of B's nearest faces: not proven."}`));
 }
 
 /** @returns {HTMLCanvasElement} */

@@ -6,6 +6,7 @@ import { address } from "../core/route.js";
 import { currentStage } from "../view/view.js";
 import { drawLegend } from "./legend.js";
 
+/** @import { Labels } from "../view/labels.js" */
 /** @import { Heat } from "./heat.js" */
 /** @import { DeviationMap } from "./map.js" */
 /** @import { Measurement } from "./measurement.js" */
@@ -24,8 +25,8 @@ export function saveDistances({ deviation, sides }) {
   download(new Blob([`${lines.join("\n")}\n`], { type: "text/csv" }), "distances.csv");
 }
 
-/** The view, with labels and legend when there is a heat map. @param {DeviationMap} map */
-export async function savePicture(map) {
+/** The view, with labels, and with a legend when there is a heat map. @param {DeviationMap} map @param {Labels | null} places */
+export async function savePicture(map, places) {
   const stage = currentStage();
   if (!stage) {
     say("There is no 3D view to take a picture of.", { isFault: true });
@@ -36,7 +37,9 @@ export async function savePicture(map) {
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
   context.drawImage(view, 0, 0);
   const { scale } = map.heat;
-  if (map.probe) (await import("./probe.js")).drawPins(context, map.probe);
+  for (const labels of [map.probe?.labels, places]) {
+    if (labels) (await import("../view/labels.js")).drawLabels(context, labels);
+  }
   if (scale) drawLegend(context, scale, map.heat.wordsOf(map.names));
   canvas.toBlob((blob) => { if (blob) download(blob, "view.png"); }, "image/png");
 }

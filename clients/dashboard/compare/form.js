@@ -1,32 +1,33 @@
-// What to compare and how: the two meshes, direction, reading of quads, tolerance, threshold.
+// What to compare and how: the two meshes, direction, reading of quads, gap, limit.
 
 import { choiceKey, meshChoice } from "../core/choice.js";
 import { h, select } from "../core/dom.js";
 import { state } from "../core/state.js";
+import { moved } from "./pose.js";
 
 /** @import { HausdorffRequest } from "../../js/types.js" */
-/** @typedef {{ direction: string, quads: string, tolerance: string, threshold: string }} Settings */
+/** @typedef {{ direction: string, quads: string, gap: string, limit: string }} Settings */
 
 /** @type {Settings} as they were left */
-export const settings = { direction: "two_sided", quads: "triangles", tolerance: "1e-6", threshold: "" };
+export const settings = { direction: "two_sided", quads: "triangles", gap: "1e-6", limit: "" };
 
 /** @param {{ onMeasure: () => void, onStop: () => void, onReading: () => void, onSwap: () => void }} options */
 export function makeForm({ onMeasure, onStop, onReading, onSwap }) {
   const sides = h("div", { className: "form whole" });
   const direction = select("direction", [["two_sided", "both ways"], ["a_to_b", "from A to B"], ["b_to_a", "from B to A"]], settings.direction);
   const quads = select("quads", [["triangles", "two triangles"], ["bilinear", "a bilinear patch"]], settings.quads);
-  const tolerance = h("input", { name: "tolerance", inputMode: "decimal", value: settings.tolerance, required: true, pattern: NUMBER, title: "a number above 0" });
-  const threshold = h("input", { name: "threshold", inputMode: "decimal", value: settings.threshold, placeholder: "none", pattern: NUMBER, title: "a number" });
+  const gap = h("input", { name: "gap", inputMode: "decimal", value: settings.gap, required: true, pattern: NUMBER, title: "a number above 0" });
+  const limit = h("input", { name: "limit", inputMode: "decimal", value: settings.limit, placeholder: "none", pattern: NUMBER, title: "a number" });
   const measure = h("button", { type: "submit", className: "primary" }, "Measure");
   const stop = h("button", { type: "button", disabled: true, onclick: onStop }, "Stop");
   const swap = h("button", { type: "button", onclick: onSwap }, "Swap A and B");
   const form = h("form", { className: "form", "aria-label": "Comparison" }, sides,
     h("label", {}, "Direction", direction), h("label", {}, "A quad is", quads),
-    h("label", {}, "Tolerance, of A's diagonal", tolerance), h("label", {}, "Threshold, in the meshes' unit", threshold),
+    h("label", {}, "Gap, of A's diagonal", gap), h("label", {}, "Limit, in the meshes' unit", limit),
     h("div", { className: "row whole" }, measure, stop, swap));
   form.addEventListener("input", () => {
     const before = settings.quads;
-    Object.assign(settings, { direction: direction.value, quads: quads.value, tolerance: tolerance.value, threshold: threshold.value });
+    Object.assign(settings, { direction: direction.value, quads: quads.value, gap: gap.value, limit: limit.value });
     if (settings.quads !== before) onReading();
   });
   form.addEventListener("submit", (event) => {
@@ -44,12 +45,12 @@ export function makeForm({ onMeasure, onStop, onReading, onSwap }) {
     swap.disabled = state.a === null && state.b === null;
   }
 
-  /** Shows the settings of a request. @param {Record<string, any>} request */
+  /** Shows the settings of a request, which comes back with the former names of gap and limit. @param {Record<string, any>} request */
   function fill(request) {
     direction.value = request.direction;
     quads.value = request.quads;
-    tolerance.value = String(request.tolerance_unit === "absolute" ? settings.tolerance : request.tolerance);
-    threshold.value = request.threshold === null || request.threshold === undefined ? "" : String(request.threshold);
+    gap.value = String(request.tolerance_unit === "absolute" ? settings.gap : request.tolerance);
+    limit.value = String(request.threshold ?? "");
     form.dispatchEvent(new Event("input"));
   }
   return { form, draw, fill };
@@ -57,11 +58,14 @@ export function makeForm({ onMeasure, onStop, onReading, onSwap }) {
 
 const NUMBER = "\\s*[0-9]*\\.?[0-9]+([eE][\\-+]?[0-9]+)?\\s*";
 
+/** The permitted distance; null for none. @param {Settings} settings */
+export const limitOf = ({ limit }) => (limit.trim() === "" ? null : Number(limit));
+
 /** @returns {HausdorffRequest} of the form's settings */
 export function readRequest() {
   return {
-    type: "hausdorff", a: /** @type {string} */ (state.a), b: /** @type {string} */ (state.b),
+    type: "hausdorff", a: moved(), b: /** @type {string} */ (state.b),
     direction: /** @type {any} */ (settings.direction), quads: /** @type {any} */ (settings.quads),
-    tolerance: Number(settings.tolerance), ...(settings.threshold.trim() === "" ? {} : { threshold: Number(settings.threshold) }),
+    gap: Number(settings.gap), limit: limitOf(settings),
   };
 }

@@ -1,10 +1,11 @@
-// The colours of A: the distance of each of its places from B, also with the side of B on which it lies, and how far they may be off.
+// The colours of A: the distance of each of its places from B, with the side of B on which it lies where that was asked for, and how far they may be off.
 
 import { byId } from "../core/dom.js";
 import { heat } from "../view/loader.js";
 import { currentStage, setLook } from "../view/view.js";
 import { makeLegend } from "./legend.js";
 
+/** @import { Turn } from "../view/against.js" */
 /** @import { Model } from "../view/model.js" */
 /** @import { Scale } from "../view/scale.js" */
 /** @import { Deviation } from "./deviation.js" */
@@ -21,7 +22,6 @@ export class Heat {
     this.deviation = null;
     /** 1 outside B, -1 inside, a vertex each. @type {Int8Array | null} */
     this.sides = null;
-    this.isSigned = false;
     /** How far the colours may be off between A's vertices. */
     this.error = 0;
     /** What A's colours are of. @type {{ model: Model, other: Model, key: string } | null} */
@@ -31,7 +31,7 @@ export class Heat {
   /** What the colours stand for; null without a map. @returns {Scale | null} */
   get scale() {
     if (!this.deviation) return null;
-    const isSigned = this.isSigned && this.sides !== null;
+    const isSigned = this.turn !== 0 && this.sides !== null;
     const most = this.deviation.result.max.upper || 1;
     const { range, limits } = this.wanted;
     const [low, high] = range ?? [0, most];
@@ -48,6 +48,18 @@ export class Heat {
   get hasSides() {
     const b = currentStage()?.models.get("b");
     return this.deviation !== null && b !== undefined && b.mesh.kind !== "points";
+  }
+
+  /**
+   * What sign the side has that B's normals point to, as the deviation has it. Where the daemon proves the sides, a B that is inside
+   * out has the same inside: the volume that its faces go round is below 0 then.
+   * @returns {Turn}
+   */
+  get turn() {
+    const signed = this.deviation?.result.signed;
+    if (!signed || !this.hasSides) return 0;
+    const volume = currentStage()?.models.get("b")?.mesh.volume;
+    return signed.proven && (volume?.upper ?? 0) < 0 ? -1 : 1;
   }
 
   /** Takes up what was measured. @param {Deviation} deviation */
@@ -67,10 +79,10 @@ export class Heat {
     const { deviation } = this;
     const [a, b] = [currentStage()?.models.get("a"), currentStage()?.models.get("b")];
     if (!deviation || !a?.isWhole || !b?.isWhole) return;
-    const isSigned = this.isSigned && this.hasSides;
-    const key = `${deviation.id} ${isSigned} ${this.target}`;
+    const { turn } = this;
+    const key = `${deviation.id} ${this.target}`;
     if (this.painted?.model !== a || this.painted.other !== b || this.painted.key !== key) {
-      const { error, sides } = await heat(a, b, { quads: deviation.result.quads, isSigned, target: this.target });
+      const { error, sides } = await heat(a, b, { quads: deviation.result.quads, turn, target: this.target });
       if (deviation !== this.deviation || currentStage()?.models.get("a") !== a) return;
       Object.assign(this, { error, sides: sides ?? this.sides, painted: { model: a, other: b, key } });
     }
@@ -88,7 +100,9 @@ export class Heat {
   /** What the legend says, a line each. @param {{ a: string, b: string }} names */
   wordsOf({ a, b }) {
     const error = this.error === 0 ? "" : `off by ${roundedUp(this.error)} at most between the vertices`;
-    return { title: `Distance of ${a} from ${b}`, error, isClamped: this.isClamped };
+    const signed = this.deviation?.result.signed;
+    const sides = !signed ? "" : signed.proven ? ", sides proven" : ", sides by the normals, not proven";
+    return { title: `Distance of ${a} from ${b}${sides}`, error, isClamped: this.isClamped };
   }
 
   forget() {

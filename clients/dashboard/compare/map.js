@@ -1,16 +1,20 @@
 // The section of the deviation: asks for it, shows figures and histogram, colours A, answers what is pointed at.
 
+import { ProblemError } from "../js/index.js";
 import { h } from "../core/dom.js";
 import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { Search } from "../core/search.js";
-import { nameOf, state } from "../core/state.js";
-import { toggle } from "../view/tools.js";
+import { meshOf, nameOf, state } from "../core/state.js";
 import { currentStage } from "../view/view.js";
 import { FIRST_ACCURACY, drawDeviation, drawHistogram, makeHistogram, measureDeviation } from "./deviation.js";
 import { Heat } from "./heat.js";
+import { moved } from "./pose.js";
 import { makeRange, wanted } from "./range.js";
+import { Regions } from "./regions.js";
+import { SignChoice } from "./sign.js";
 
+/** @import { MeshName, QuadReading } from "../../js/types.js" */
 /** @import { Deviation } from "./deviation.js" */
 /** @import { Probe } from "./probe.js" */
 
@@ -22,34 +26,37 @@ const MORE_PIECES = 4194304;
 export class DeviationMap {
   /**
    * @param {object} options
-   * @param {() => string} options.quads the reading of quads
-   * @param {() => number | null} options.firstLimit of bands that were never set
+   * @param {() => QuadReading} options.quads the reading of quads
+   * @param {() => number | null} options.limit the permitted distance, null for none
    * @param {() => void} options.onChange
    * @param {() => void} options.onMeasured before A is coloured
    */
-  constructor({ quads, firstLimit, onChange, onMeasured }) {
+  constructor({ quads, limit, onChange, onMeasured }) {
     this.quads = quads;
+    this.limit = limit;
     this.onChange = onChange;
     this.onMeasured = onMeasured;
     this.heat = new Heat(wanted);
-    this.heat.isSigned = parameter("signed") === "1";
+    this.sign = new SignChoice(() => run(() => this.setSign()));
+    this.regions = new Regions();
     this.search = new Search(({ lower, upper }) => `maximum ${lower.toPrecision(3)} to ${upper === null ? "∞" : upper.toPrecision(3)}`);
     /** The other way round. @type {Deviation | null} */
     this.back = null;
     /** @type {Probe | null} */
     this.probe = null;
+    /** Of what the parts beyond the limit are listed. @type {Deviation | null} */
+    this.listed = null;
     this.accuracy = FIRST_ACCURACY;
     this.button = h("button", { type: "button", onclick: () => run(() => this.measure()) }, "Map the distances");
-    this.sign = toggle("Signed", "Tell what lies outside B from what lies inside", this.heat.isSigned, (isOn) => run(() => this.setSigned(isOn)));
     this.more = h("button", { type: "button", title: "Search for tighter figures", onclick: () => run(() => this.measure(this.accuracy / FINER)) }, "More exactly");
     this.other = h("button", { type: "button", title: "Measure how far B lies from A, too", onclick: () => run(() => this.measureBack()) }, "B from A, too");
     this.pin = h("button", { type: "button", title: "Pin the distance of what is in the middle of the view", onclick: () => run(() => this.pinMiddle()) }, "Value in the middle");
-    this.range = makeRange({ onChange: () => this.rescale(), firstLimit });
+    this.range = makeRange({ onChange: () => this.rescale(), firstLimit: limit });
     this.histogram = makeHistogram();
     this.figures = h("div");
     this.words = h("p", { className: "muted" });
-    this.found = h("div", { className: "section", hidden: true }, h("div", { className: "row" }, this.sign, this.other, this.more, this.pin),
-      this.range.element, this.histogram, this.figures);
+    this.found = h("div", { className: "section", hidden: true }, h("div", { className: "row" }, this.sign.button, this.sign.normals, this.other, this.more, this.pin),
+      this.sign.reason, this.range.element, this.regions.element, this.histogram, this.figures);
     this.element = h("section", { className: "section", "aria-labelledby": "deviation-title" },
       h("header", {}, h("h2", { id: "deviation-title" }, "Deviation of A from B"), this.button), this.words, this.search.element, this.found);
     this.forget();
@@ -63,18 +70,24 @@ export class DeviationMap {
     return { a: nameOf(state.a), b: nameOf(state.b) };
   }
 
-  /** @param {string} a @param {string} b */
+  /** @param {MeshName} a @param {MeshName} b */
   question(a, b) {
     return { a, b, quads: this.quads(), ...(this.accuracy < FIRST_ACCURACY ? { accuracy: this.accuracy, pieces: MORE_PIECES } : {}) };
   }
 
+  /** What is asked of A from B alone: its sides, and its parts beyond the limit. */
+  extras() {
+    const limit = this.limit();
+    const { sign } = this.sign;
+    return { ...(sign === "none" ? {} : { sign }), ...(limit === null ? {} : { limit, regions: meshOf(state.a)?.kind !== "points" }) };
+  }
+
   async measure(accuracy = FIRST_ACCURACY) {
-    const { a, b } = state;
-    if (a === null || b === null) return;
+    if (state.a === null || state.b === null) return;
     this.accuracy = accuracy;
     this.words.textContent = "";
     try {
-      const deviation = await measureDeviation(this.search, this.question(a, b));
+      const deviation = await this.ask(moved(), state.b);
       this.heat.take(deviation);
       this.draw();
       setParameters({ heat: 1 });
@@ -88,10 +101,21 @@ export class DeviationMap {
     }
   }
 
+  /** Without the sign where the daemon does not prove it. @param {MeshName} a @param {MeshName} b */
+  async ask(a, b) {
+    try {
+      return await measureDeviation(this.search, { ...this.question(a, b), ...this.extras() });
+    } catch (error) {
+      if (!(error instanceof ProblemError) || error.code !== "not_closed") throw error;
+      this.sign.refuse(error.detail);
+      return measureDeviation(this.search, { ...this.question(a, b), ...this.extras() });
+    }
+  }
+
   /** B from A, beside A from B. */
   async measureBack() {
     const { deviation } = this;
-    const back = await measureDeviation(this.search, this.question(/** @type {string} */ (state.b), /** @type {string} */ (state.a)));
+    const back = await measureDeviation(this.search, this.question(/** @type {string} */ (state.b), moved()));
     if (deviation !== this.deviation) return;
     this.back = back;
     this.draw();
@@ -105,7 +129,7 @@ export class DeviationMap {
     await this.heat.paint(this.names).finally(() => this.explain());
     if (deviation !== this.deviation || !this.heat.painted) return;
     this.draw();
-    await this.takeProbe();
+    await Promise.all([this.takeProbe(), this.regions.paint()]);
     this.onChange();
   }
 
@@ -116,7 +140,7 @@ export class DeviationMap {
     if (!this.heat.painted) return;
     this.probe?.dispose();
     this.probe = new Probe(stage, {
-      quads: /** @type {any} */ (this.deviation?.result.quads), isSigned: () => this.heat.isSigned, onPins: () => setParameters({ pins: this.probe?.toText() || null }) });
+      quads: /** @type {any} */ (this.deviation?.result.quads), turn: () => this.heat.turn, onPins: () => setParameters({ pins: this.probe?.toText() || null }) });
     this.probed = this.heat.painted?.model;
     await this.probe.restore(parameter("pins"));
   }
@@ -129,14 +153,10 @@ export class DeviationMap {
     if (this.probe.pins.length === before) throw new Error("There is no surface in the middle of the view.");
   }
 
-  /** @param {boolean} isOn */
-  async setSigned(isOn) {
-    this.heat.isSigned = isOn;
-    setParameters({ signed: isOn ? 1 : null });
-    await this.heat.paint(this.names);
-    this.draw();
+  /** Another sign is wanted. */
+  async setSign() {
+    await this.measure(this.accuracy);
     await this.probe?.again();
-    this.onChange();
   }
 
   /** The range is another one: at once, and finer if it wants that. */
@@ -149,13 +169,16 @@ export class DeviationMap {
   draw() {
     const { deviation, scale } = this.heat;
     this.found.hidden = !deviation;
-    this.sign.disabled = !this.heat.hasSides;
+    this.sign.draw(this.heat.hasSides);
     if (!deviation || !scale) return;
     this.figures.replaceChildren(drawDeviation(deviation, this.back, this.names));
     this.more.disabled = deviation.result.accuracy <= FINEST;
     this.other.disabled = this.back !== null;
     this.range.draw(scale, deviation);
     drawHistogram(this.histogram, deviation.result, scale);
+    if (this.listed === deviation) return;
+    this.listed = deviation; // who looks at one of the places goes on doing so
+    this.regions.draw(deviation.result, this.limit());
   }
 
   explain() {
@@ -166,6 +189,8 @@ export class DeviationMap {
   forget() {
     this.search.leave();
     this.heat.forget();
+    this.sign.forget();
+    this.regions.forget();
     this.probe?.dispose();
     this.back = this.probe = null;
     this.explain();

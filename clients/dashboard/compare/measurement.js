@@ -49,9 +49,16 @@ export class Measurement {
   }
 
   start() {
-    this.leave();
+    this.clear();
     this.reader = new AbortController();
-    Object.assign(this, { job: null, samples: [], result: null, stage: "running", words: "Asking" });
+    Object.assign(this, { stage: "running", words: "Asking" });
+    this.onChange();
+  }
+
+  /** What was measured holds no more. */
+  clear() {
+    this.leave();
+    Object.assign(this, { job: null, samples: [], result: null, stage: "idle", words: "" });
     this.onChange();
   }
 
@@ -110,8 +117,8 @@ export class Measurement {
 
 /** @param {HausdorffResult} result */
 function ending({ stopped_by, converged }) {
-  if (stopped_by === "threshold") return "Stopped: the side of the threshold is certain";
-  if (converged) return "Done: the gap is within the tolerance";
+  if (stopped_by === "threshold") return "Stopped: the side of the limit is certain";
+  if (converged) return "Done: the gap is as small as asked for";
   const reasons = /** @type {Record<string, string>} */ ({
     canceled: "Stopped; the bounds hold", deadline: "Stopped at the deadline; the bounds hold",
     precision: "Stopped: double precision proves no more; the bounds hold",

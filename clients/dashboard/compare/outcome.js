@@ -28,8 +28,8 @@ export function makeOutcome() {
       row("iterations", "Iterations", parts.iterations), row("pieces", "Pieces", parts.queue),
       row("projections", "Projections", parts.projections), row("rate", "Per second", parts.rate)));
 
-  /** @param {Measurement} measurement @param {number | null} threshold */
-  function draw(measurement, threshold) {
+  /** @param {Measurement} measurement @param {number | null} limit */
+  function draw(measurement, limit) {
     const last = measurement.samples.at(-1);
     const { result } = measurement;
     parts.lower.textContent = length(last?.lower);
@@ -47,8 +47,8 @@ export function makeOutcome() {
     words.classList.toggle("fault", measurement.stage === "failed" || measurement.stage === "lost");
     verdict.hidden = !result?.verdict;
     verdict.className = `verdict ${result?.verdict ?? ""}`;
-    verdict.textContent = result?.verdict ? `The distance is ${result.verdict} the threshold ${threshold ?? ""}.` : "";
-    drawChart(chart, measurement.samples, threshold);
+    verdict.textContent = result?.verdict ? `The distance is ${result.verdict} the limit ${limit ?? ""}.` : "";
+    drawChart(chart, measurement.samples, limit);
     chart.setAttribute("aria-label", last ? `Both bounds over time; now ${length(last.lower)} and ${length(last.upper)}` : "Both bounds over time");
   }
   return { element, draw };

@@ -3,44 +3,41 @@
 import { h } from "../core/dom.js";
 import { length } from "../core/format.js";
 import { run } from "../core/messages.js";
+import { listenToClicks } from "../view/clicks.js";
+import { Labels } from "../view/labels.js";
 import { probe } from "../view/loader.js";
 import { pick, prepare } from "../view/pick.js";
-import { isSeen } from "../view/sight.js";
 
+/** @import { Turn } from "../view/against.js" */
 /** @import { Stage } from "../view/stage.js" */
 /** @typedef {{ point: number[], distance: number, side: number, label: HTMLElement }} Pin side: 1 outside B, -1 inside, 0 not asked for */
 
-const CLICK_LENGTH = 4;
 /** Of a place that was picked with the numbers of the graphics card more digits are not known. */
 const DIGITS = 4;
 
 export class Probe {
   /**
    * @param {Stage} stage
-   * @param {{ quads: "triangles" | "bilinear", isSigned: () => boolean, onPins: () => void }} options
+   * @param {{ quads: "triangles" | "bilinear", turn: () => Turn, onPins: () => void }} options
    */
-  constructor(stage, { quads, isSigned, onPins }) {
+  constructor(stage, { quads, turn, onPins }) {
     this.stage = stage;
     this.quads = quads;
-    this.isSigned = isSigned;
+    this.turn = turn;
     this.onPins = onPins;
     /** @type {Pin[]} */
     this.pins = [];
     this.tip = h("output", { className: "tip", hidden: true });
-    this.place = h("div", { className: "pins" }, this.tip);
-    stage.place.append(this.place);
+    this.labels = new Labels(stage);
+    this.labels.place.append(this.tip);
     /** Where the pointer is, while that was not asked about. @type {[number, number] | null} */
     this.wanted = null;
     this.isAsking = false;
-    /** @type {[number, number] | null} */
-    this.pressed = null;
+    this.stopClicks = listenToClicks(stage.canvas, (x, y) => run(() => this.pinAt(x, y)));
     const { canvas, eye } = stage;
-    this.listeners = /** @type {[EventTarget, string, any][]} */ ([[canvas, "pointermove", this.move], [canvas, "pointerleave", this.leave],
-      [canvas, "pointerdown", this.press], [canvas, "pointerup", this.release]]);
+    this.listeners = /** @type {[EventTarget, string, any][]} */ ([[canvas, "pointermove", this.move], [canvas, "pointerleave", this.leave]]);
     for (const [target, name, listener] of this.listeners) target.addEventListener(name, listener);
-    eye.controls.addEventListener("change", this.draw);
-    this.sizes = new ResizeObserver(this.draw);
-    this.sizes.observe(stage.place);
+    eye.controls.addEventListener("change", this.hideTip);
     const a = this.model;
     this.ready = a && a.mesh.kind !== "points" ? prepare(a) : Promise.reject(new Error("Points have their own colours alone."));
     this.ready.catch(() => {});
@@ -65,18 +62,10 @@ export class Probe {
 
   leave = () => {
     this.wanted = null;
-    this.tip.hidden = true;
+    this.hideTip();
   };
 
-  /** @param {PointerEvent} event */
-  press = (event) => { this.pressed = event.button === 0 ? this.at(event) : null; };
-
-  /** @param {PointerEvent} event */
-  release = (event) => {
-    const [x, y] = this.at(event);
-    if (this.pressed && Math.hypot(x - this.pressed[0], y - this.pressed[1]) < CLICK_LENGTH) run(() => this.pinAt(x, y));
-    this.pressed = null;
-  };
+  hideTip = () => { this.tip.hidden = true; };
 
   /** Asks for the place of the pointer, one at a time. */
   async look() {
@@ -111,7 +100,7 @@ export class Probe {
   async measure(point) {
     const b = this.stage.models.get("b");
     if (!b) return null;
-    const { distance, side } = await probe(b, point, this.quads, this.isSigned());
+    const { distance, side } = await probe(b, point, this.quads, this.turn());
     return { point, distance, side };
   }
 
@@ -132,16 +121,15 @@ export class Probe {
 
   /** @param {{ point: number[], distance: number, side: number }} found */
   add(found) {
-    const label = h("button", { type: "button", className: "pin", title: "Take this label away" }, this.wordsOf(found));
+    const label = h("button", { type: "button", title: "Take this label away" }, this.wordsOf(found));
     const pin = { ...found, label };
     label.addEventListener("click", () => {
       this.pins = this.pins.filter((other) => other !== pin);
-      label.remove();
+      this.labels.remove(label);
       this.onPins();
     });
-    this.place.append(label);
+    this.labels.add(found.point, label);
     this.pins.push(pin);
-    this.draw();
     this.onPins();
   }
 
@@ -168,52 +156,10 @@ export class Probe {
     }
   }
 
-  /** Where a pin is in the window, and whether it is seen. @param {Pin} pin */
-  placeOf({ point }) {
-    const { canvas, eye } = this.stage;
-    const place = this.stage.toScene(point);
-    const seen = isSeen(this.stage.opaqueModels(), eye.camera.position, place);
-    const on = place.project(eye.camera);
-    return { x: ((on.x + 1) / 2) * canvas.clientWidth, y: ((1 - on.y) / 2) * canvas.clientHeight, isSeen: seen, isThere: Math.abs(on.z) <= 1 };
-  }
-
-  draw = () => {
-    this.tip.hidden = true;
-    for (const pin of this.pins) {
-      const { x, y, isSeen: seen, isThere } = this.placeOf(pin);
-      pin.label.hidden = !isThere;
-      pin.label.classList.toggle("is-hidden", !seen);
-      [pin.label.style.left, pin.label.style.top] = [`${x}px`, `${y}px`];
-    }
-  };
-
   dispose() {
     for (const [target, name, listener] of this.listeners) target.removeEventListener(name, listener);
-    this.stage.eye.controls.removeEventListener("change", this.draw);
-    this.sizes.disconnect();
-    this.place.remove();
-  }
-}
-
-/** The pins of a picture. @param {CanvasRenderingContext2D} context @param {Probe} pinned */
-export function drawPins(context, pinned) {
-  const { stage, pins } = pinned;
-  const ratio = context.canvas.width / stage.canvas.clientWidth;
-  context.font = `${12 * ratio}px system-ui, sans-serif`;
-  context.textBaseline = "middle";
-  context.textAlign = "left";
-  const style = getComputedStyle(document.body);
-  for (const pin of pins) {
-    const { x, y, isThere } = pinned.placeOf(pin);
-    if (!isThere) continue;
-    const words = pin.label.textContent ?? "";
-    const [left, top] = [x * ratio, y * ratio];
-    context.fillStyle = style.backgroundColor;
-    context.fillRect(left + 8 * ratio, top - 10 * ratio, context.measureText(words).width + 12 * ratio, 20 * ratio);
-    context.fillStyle = style.color;
-    context.beginPath();
-    context.arc(left, top, 4 * ratio, 0, 2 * Math.PI);
-    context.fill();
-    context.fillText(words, left + 14 * ratio, top);
+    this.stage.eye.controls.removeEventListener("change", this.hideTip);
+    this.stopClicks();
+    this.labels.dispose();
   }
 }

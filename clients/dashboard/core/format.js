@@ -22,21 +22,24 @@ export function length(value, digits = 9) {
  * Intervals as "middle ± half", with no digits beyond what is uncertain, all of them fixed or all with the same power of ten. What
  * is written holds the interval: halves are rounded up.
  * @param {{ lower: number, upper: number }[]} intervals
+ * @param {number} [finest] share of the middle below which no digits are wanted
  */
-export function intervals(intervals) {
-  const most = Math.max(...intervals.map(({ upper }) => Math.abs(upper)));
+export function intervals(intervals, finest = 0) {
+  const most = Math.max(...intervals.map(({ lower, upper }) => Math.max(Math.abs(lower), Math.abs(upper))));
   const power = most > 0 && (most < 1e-3 || most >= 1e7) ? Math.floor(Math.log10(most)) : 0;
-  return intervals.map((interval) => (power === 0 ? spread(interval) : `${spread({
-    lower: interval.lower / 10 ** power, upper: interval.upper / 10 ** power })} e${power}`));
+  return intervals.map((interval) => (power === 0 ? spread(interval, finest) : `${spread({
+    lower: interval.lower / 10 ** power, upper: interval.upper / 10 ** power }, finest)} e${power}`));
 }
 
+/** Where there is room for few digits. */
+export const ENOUGH = 0.01;
 const MOST_DIGITS = 12;
 
-/** @param {{ lower: number, upper: number }} interval of numbers of a handy size */
-function spread({ lower, upper }) {
+/** @param {{ lower: number, upper: number }} interval of numbers of a handy size @param {number} finest */
+function spread({ lower, upper }, finest) {
   if (lower === upper) return String(Number(lower.toPrecision(9)));
   const [middle, half] = [lower / 2 + upper / 2, upper / 2 - lower / 2];
-  const digits = Math.max(0, Math.min(MOST_DIGITS, 1 - Math.floor(Math.log10(half))));
+  const digits = Math.max(0, Math.min(MOST_DIGITS, 1 - Math.floor(Math.log10(Math.max(half, finest * Math.abs(middle))))));
   const shown = Number(middle.toFixed(digits));
   // Rounded up, but for what the sums above may be off by.
   const reach = Math.ceil(Math.max(upper - shown, shown - lower) * 10 ** digits * (1 - 1e-12)) / 10 ** digits;

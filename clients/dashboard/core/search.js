@@ -1,5 +1,6 @@
 // A job that is asked for and followed to its end, with what is known of it meanwhile, and a button that stops it.
 
+import { ProblemError } from "../js/index.js";
 import { client, noteLoss } from "./connection.js";
 import { h } from "./dom.js";
 import { duration, length } from "./format.js";
@@ -36,7 +37,17 @@ export class Search {
    * @param {JobRequest} request
    * @returns {Promise<Found>} rejects with AbortError when something newer was asked for, or the view was left
    */
-  async run(request) {
+  run(request) {
+    return this.track((signal) => client.jobs.create(request, { signal }));
+  }
+
+  /** Follows a job that was asked for before. @param {string} id @returns {Promise<Found>} */
+  open(id) {
+    return this.track((signal) => client.jobs.get(id, { signal }));
+  }
+
+  /** @param {(signal: AbortSignal) => Promise<Job>} start @returns {Promise<Found>} */
+  async track(start) {
     this.leave();
     const { signal } = this.reader = new AbortController();
     Object.assign(this, { job: null, bounds: null, start: performance.now() });
@@ -45,7 +56,7 @@ export class Search {
     this.element.hidden = false;
     this.draw();
     try {
-      const job = this.job = await client.jobs.create(request, { signal });
+      const job = this.job = await start(signal);
       return await this.follow(job.id, signal);
     } finally {
       clearInterval(timer);
@@ -57,7 +68,7 @@ export class Search {
   async follow(id, signal) {
     for await (const event of client.jobs.events(id, { signal, onBreak: noteLoss })) {
       if (event.event === "bounds") this.bounds = event;
-      if (event.event === "error") throw new Error(event.problem.detail);
+      if (event.event === "error") throw new ProblemError(event.problem);
       if (event.event === "result") return { id, result: event.result, isStopped: event.state === "canceled" };
     }
     throw new Error("the job ended without a result");

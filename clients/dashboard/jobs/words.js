@@ -1,5 +1,6 @@
 // Jobs in words: what was asked, of what, and the answer.
 
+import { textOfPose } from "../compare/pose.js";
 import { count, length } from "../core/format.js";
 import { nameOf } from "../core/state.js";
 
@@ -9,6 +10,9 @@ export const KINDS = /** @type {Record<string, string>} */ ({
   hausdorff: "Hausdorff distance", deviation: "Deviation", comparison: "Comparison", heatmap: "Heat map", project: "Nearest points", collision: "Collisions",
   self_collision: "Self-collisions", distance: "Least distance", alignment: "Alignment", reconstruction_step: "Remeshing",
   matrix: "All pairs" });
+
+/** What is shown by Compare. */
+const COMPARES = ["hausdorff", "deviation", "comparison", "heatmap"];
 
 /** A mesh as a request names it. @param {import("../../js/types.js").MeshName} mesh */
 const wordOf = (mesh) => (typeof mesh === "string" ? nameOf(mesh) : `${nameOf(mesh.mesh)}, moved`);
@@ -53,16 +57,20 @@ export function answerOf(job) {
     return `${length(lower, 7)} to ${length(upper ?? Infinity, 7)} is left`;
   }
   const bounds = job.result ?? job.progress;
-  return bounds && "lower" in bounds ? `${length(bounds.lower, 7)} to ${length(bounds.upper, 7)}` : "";
+  if (!bounds || !("lower" in bounds)) return "";
+  const verdict = "verdict" in bounds && bounds.verdict ? `, ${bounds.verdict} the limit ${job.request.threshold ?? job.request.limit}` : "";
+  return `${length(bounds.lower, 7)} to ${length(bounds.upper, 7)}${verdict}`;
 }
 
-/** Where the page shows the result; null where it does not, as of meshes that were moved for a job. @param {Job} job */
+/** Where the page shows the result; null where it does not, as of meshes that were moved for a job, but for A of a comparison. @param {Job} job */
 export function viewOf({ id, type, request }) {
-  const { a, b, mesh, quads, reconstruction } = request;
-  if ([a, b, mesh].some((name) => typeof name === "object")) return null;
+  const { b, mesh, quads, reconstruction } = request;
+  const isMoved = typeof request.a === "object";
+  if ([b, mesh].some((name) => typeof name === "object") || (isMoved && !COMPARES.includes(type))) return null;
+  const a = isMoved ? `${request.a.mesh}&pose=${textOfPose(request.a.transform)}` : request.a;
   const address = /** @type {Record<string, string>} */ ({
     hausdorff: `#compare?a=${a}&b=${b}&job=${id}`, deviation: `#compare?a=${a}&b=${b}&quads=${quads}&heat=1`,
-    comparison: `#compare?a=${a}&b=${b}&quads=${quads}`, heatmap: `#compare?a=${a}&b=${b}&quads=${quads}`, collision: `#collide?a=${a}&b=${b}&quads=${quads}`, distance: `#collide?a=${a}&b=${b}&quads=${quads}`,
+    comparison: `#compare?a=${a}&b=${b}&quads=${quads}&comparison=${id}`, heatmap: `#compare?a=${a}&b=${b}&quads=${quads}`, collision: `#collide?a=${a}&b=${b}&quads=${quads}`, distance: `#collide?a=${a}&b=${b}&quads=${quads}`,
     self_collision: `#collide?a=${mesh}&b=${mesh}&quads=${quads}`, reconstruction_step: `#remesh?reconstruction=${reconstruction}` });
   return address[type] ?? null;
 }

@@ -4,18 +4,19 @@ import { client } from "../core/connection.js";
 import { refreshMeshes } from "../core/data.js";
 import { deleteLater } from "../core/deletion.js";
 import { download, figures, h, select } from "../core/dom.js";
-import { bytes, count, duration, faceCount, length, time } from "../core/format.js";
+import { ENOUGH, bytes, count, duration, faceCount, intervals, length, time } from "../core/format.js";
 import { run, say } from "../core/messages.js";
 import { state } from "../core/state.js";
+import { makeNotes } from "./notes.js";
 
-/** @import { Format, Mesh } from "../../js/types.js" */
+/** @import { Extent, Format, Mesh } from "../../js/types.js" */
 
 /** @type {string} what is drawn, so that an open choice is not shut by a redraw */
 let drawn = "";
 
 /** @param {HTMLElement} place @param {Mesh | undefined} mesh */
 export function drawFacts(place, mesh) {
-  const key = mesh ? `${mesh.id} ${mesh.revision} ${state.info !== null}` : "";
+  const key = mesh ? `${mesh.id} ${mesh.revision} ${mesh.unit} ${mesh.uncertainty} ${state.info !== null}` : "";
   if (key === drawn && place.childElementCount > 0) return;
   drawn = key;
   if (!mesh) {
@@ -25,7 +26,8 @@ export function drawFacts(place, mesh) {
   place.replaceChildren(
     h("header", {}, h("h2", { id: "facts-title" }, mesh.name || mesh.id), deletion(mesh)),
     mesh.warnings.length > 0 ? h("ul", { className: "warnings", "aria-label": "Remarks" }, ...mesh.warnings.map((words) => h("li", {}, words))) : "",
-    figures(rows(mesh)), figures([["Box", sizeOf(mesh)]], "figures single"), downloads(mesh));
+    figures(rows(mesh)), figures([["Box", sizeOf(mesh)], ...extents(mesh)], "figures single"), makeNotes(mesh),
+    mesh.kind === "points" ? "" : quality(mesh), downloads(mesh));
 }
 
 /** @param {Mesh} mesh @returns {[string, string][]} */
@@ -36,7 +38,7 @@ function rows(mesh) {
     ["Faces", count(faceCount(mesh.faces))],
     ["Triangles", count(mesh.faces.triangles)], ["Quads", count(mesh.faces.quads)],
     ["Polygons", count(mesh.faces.polygons)], ["Components", count(mesh.components)],
-    ["Boundary edges", count(mesh.boundary_edges)], ["Manifold", mesh.manifold ? "yes" : "no"],
+    ["Boundary edges", count(mesh.boundary_edges)], ["Manifold", mesh.manifold ? "yes" : "no"], ...topology(mesh),
   ];
   /** @type {[string, string][]} */
   const quads = mesh.patches === 0 ? [] : [
@@ -52,6 +54,27 @@ function rows(mesh) {
   ];
 }
 
+/** What a mesh that an earlier version stored has not. @param {Mesh} mesh @returns {[string, string][]} */
+function topology({ watertight, winding_consistent, genus, euler_number, degenerate_faces, duplicate_faces }) {
+  if (watertight === undefined) return [];
+  return [
+    ["Watertight", watertight ? "yes" : "no"], ["Winding agrees", winding_consistent ? "yes" : "no"], ["Genus", count(genus)],
+    ["Euler number", count(euler_number)], ["Degenerate faces", count(degenerate_faces)], ["Duplicate faces", count(duplicate_faces)],
+  ];
+}
+
+/** Area and volume, as intervals that hold the exact ones. @param {Mesh} mesh @returns {[string, string][]} */
+function extents({ area, volume, unit }) {
+  /** @type {[string, Extent | null | undefined, string][]} */
+  const all = [["Area", area, "²"], ["Volume", volume, "³"]];
+  return all.flatMap(([name, extent, power]) => {
+    if (!extent) return [];
+    const { lower, upper } = extent;
+    const words = lower === null || upper === null ? "too large for a number" : intervals([{ lower, upper }], ENOUGH)[0];
+    return [/** @type {[string, string]} */ ([name, `${words}${unit ? ` ${unit}${power}` : ""}`])];
+  });
+}
+
 /** @param {Mesh} mesh */
 function sizeOf({ bounding_box: { min, max } }) {
   return min.map((low, k) => Number((max[k] - low).toPrecision(5))).join(" × ");
@@ -65,6 +88,13 @@ export function downloads(mesh) {
   format.setAttribute("aria-label", "Format of the download");
   const button = h("button", { type: "button", onclick: () => run(() => fetchFile(mesh, /** @type {Format} */ (format.value))) }, "Download");
   return h("div", { className: "row" }, format, button);
+}
+
+/** The shape of the faces, once it is asked for. @param {Mesh} mesh */
+function quality(mesh) {
+  const found = h("div", { className: "section", id: "quality" });
+  const show = async () => (await import("./quality.js")).showQuality(found, mesh);
+  return h("div", { className: "section" }, h("div", { className: "row" }, h("button", { type: "button", onclick: () => run(show) }, "Shape of the faces")), found);
 }
 
 /** @param {Mesh} mesh @param {Format} format */

@@ -2,7 +2,7 @@
 
 import { colour, h } from "../core/dom.js";
 import { count, duration, length, percent, percentOfPower } from "../core/format.js";
-import { prepare } from "../compare/canvas.js";
+import { prepare } from "../core/canvas.js";
 
 /** @import { StepRecord } from "../../js/types.js" */
 

@@ -10,7 +10,8 @@ import { cornerNormals, faceNormals, facesOfVertices } from "./topology.js";
 /** @import { Meshes } from "../js/meshes.js" */
 /** @import { Refined } from "./refine.js" */
 /** @import { Kept } from "./worker.js" */
-/** @typedef {{ id: string, key: string, quads: "triangles" | "bilinear", isSigned: boolean, target: number, most: number }} Question
+/** Which sign the side has that the normals of the other surface point to; 0 where none is asked for. @typedef {-1 | 0 | 1} Turn */
+/** @typedef {{ id: string, key: string, quads: "triangles" | "bilinear", turn: Turn, target: number, most: number }} Question
  *   id, key: the other surface, as it is now; target: the error that is small enough; most: triangles */
 
 /** @type {WeakMap<Kept, Sides>} */
@@ -54,7 +55,7 @@ export class Against {
    * @param {Kept | undefined} other
    * @param {Question} question
    */
-  async paint(meshes, other, { id, key, quads, isSigned, target, most }) {
+  async paint(meshes, other, { id, key, quads, turn, target, most }) {
     const { shape, steps } = this.surface;
     if (this.key !== key || !this.refined) this.refined = drawnTriangles(shape, steps);
     this.key = key;
@@ -62,8 +63,8 @@ export class Against {
     // Where no more triangles are allowed, to know more of their error is not worth the time.
     const flat = other && other.shape.starts.length > 1 && refined.count < most ? new FlatFaces(other.shape) : null;
     await refined.refine((points) => findFeet(meshes, id, points, quads), { target, most, flat, isWanted: this.isWanted });
-    const about = isSigned && other ? sidesAbout(other) : null;
-    const sides = about && sidesOf(refined, about);
+    const about = turn !== 0 && other ? sidesAbout(other) : null;
+    const sides = about && sidesOf(refined, about, turn);
     this.send(refined, sides);
     return { error: worstError(refined, sides), triangles: refined.count, sides: sides?.slice(0, shape.points.length / 3) ?? null };
   }
@@ -104,19 +105,19 @@ async function findFeet(meshes, id, points, quads) {
   return feet;
 }
 
-/** On which side of another surface each point lies. @param {Refined} refined @param {Sides} sides */
-function sidesOf({ points, feet: { foot, face } }, sides) {
-  return Int8Array.from(face, (on, point) => sides.sideOf([...points.subarray(3 * point, 3 * point + 3)], foot.subarray(3 * point, 3 * point + 3), on));
+/** On which side of another surface each point lies. @param {Refined} refined @param {Sides} sides @param {Turn} turn */
+function sidesOf({ points, feet: { foot, face } }, sides, turn) {
+  return Int8Array.from(face, (on, point) => turn * sides.sideOf([...points.subarray(3 * point, 3 * point + 3)], foot.subarray(3 * point, 3 * point + 3), on));
 }
 
 /**
  * How far a point lies from a surface, and on which side: 1 outside, -1 inside, 0 not asked for.
  * @param {Meshes} meshes
  * @param {Kept} surface
- * @param {{ id: string, point: number[], quads: "triangles" | "bilinear", isSigned: boolean }} question
+ * @param {{ id: string, point: number[], quads: "triangles" | "bilinear", turn: Turn }} question
  */
-export async function probe(meshes, surface, { id, point, quads, isSigned }) {
+export async function probe(meshes, surface, { id, point, quads, turn }) {
   const { distance: [distance], foot, face: [face] } = await findFeet(meshes, id, Float64Array.from(point), quads);
-  const sides = isSigned ? sidesAbout(surface) : null;
-  return { distance, side: sides ? sides.sideOf(point, foot, face) : 0 };
+  const sides = turn !== 0 ? sidesAbout(surface) : null;
+  return { distance, side: sides ? turn * sides.sideOf(point, foot, face) : 0 };
 }

@@ -3,6 +3,7 @@
 import { client } from "../core/connection.js";
 
 /** @import { Model } from "./model.js" */
+/** @import { Turn } from "./against.js" */
 /** @import { Plan } from "./regions.js" */
 /** @typedef {{ model: Model, onPiece: () => void, resolve: () => void, reject: (error: Error) => void }} Task */
 
@@ -61,9 +62,9 @@ function receive(data) {
 export function load(model, onPiece) {
   const task = nextTask++;
   taskOf.set(model, task);
-  const { mesh, frame, isBilinear } = model;
+  const { mesh, frame, isBilinear, transform } = model;
   (worker ?? start()).postMessage({
-    kind: "load", task, id: mesh.id, token: client.transport.token, frame, isBilinear, wantsPatches: mesh.patches > 0,
+    kind: "load", task, id: mesh.id, token: client.transport.token, frame, isBilinear, transform, wantsPatches: mesh.patches > 0,
   });
   return new Promise((resolve, reject) => { tasks.set(task, { model, onPiece, resolve, reject }); });
 }
@@ -97,14 +98,14 @@ const MOST_TRIANGLES = 250000;
  * Colours a whole model by its distance from another whole one.
  * @param {Model} model
  * @param {Model} other
- * @param {{ quads: "triangles" | "bilinear", isSigned: boolean, target: number }} options target: the error that is small enough
+ * @param {{ quads: "triangles" | "bilinear", turn: Turn, target: number }} options target: the error that is small enough
  * @returns {Promise<{ error: number, triangles: number, sides: Int8Array | null }>} error: how far the colours may be off between
  *   vertices; sides of the file's vertices: 1 outside, -1 inside
  */
-export async function heat(model, other, { quads, isSigned, target }) {
+export async function heat(model, other, { quads, turn, target }) {
   const { id, revision } = other.mesh;
   const { error, triangles, sides, words } = await ask(model, {
-    kind: "heat", other: taskOf.get(other), id, key: `${id} ${revision} ${quads}`, quads, token: client.transport.token, isSigned, target, most: MOST_TRIANGLES });
+    kind: "heat", other: taskOf.get(other), id, key: `${id} ${revision} ${quads}`, quads, token: client.transport.token, turn, target, most: MOST_TRIANGLES });
   if (words) throw new Error(words);
   return { error, triangles, sides };
 }
@@ -114,11 +115,11 @@ export async function heat(model, other, { quads, isSigned, target }) {
  * @param {Model} other
  * @param {number[]} point
  * @param {"triangles" | "bilinear"} quads
- * @param {boolean} isSigned
+ * @param {Turn} turn
  * @returns {Promise<{ distance: number, side: number }>} side: 1 outside, -1 inside, 0 not asked for
  */
-export async function probe(other, point, quads, isSigned) {
-  const { distance, side, words } = await ask(other, { kind: "probe", id: other.mesh.id, point, quads, isSigned, token: client.transport.token });
+export async function probe(other, point, quads, turn) {
+  const { distance, side, words } = await ask(other, { kind: "probe", id: other.mesh.id, point, quads, turn, token: client.transport.token });
   if (words) throw new Error(words);
   return { distance, side };
 }

@@ -1,6 +1,6 @@
 // How surfaces and points are shaded. Colours are those of the screen from the start, not linear ones.
 
-import { Data3DTexture, DataTexture, DoubleSide, GLSL3, LinearFilter, RGBAFormat, ShaderMaterial, Vector2, Vector3 } from "three";
+import { Data3DTexture, DataTexture, DoubleSide, GLSL3, LinearFilter, RGBAFormat, ShaderMaterial, Vector2, Vector3, Vector4 } from "three";
 
 import { scaleTables } from "./colours.js";
 import { BANDS } from "./scale.js";
@@ -37,8 +37,10 @@ const SURFACE_VERTEX = /* glsl */ `
   out vec3 vTint;
   out vec2 vValue;
   out vec3 vPlace;
+  out vec3 vScene;
   void main() {
     vPlace = position;
+    vScene = (modelMatrix * vec4(position, 1.0)).xyz;
     vNormal = normalMatrix * normal;
     vEdge = edge.xyz;
     vTint = tint.rgb;
@@ -72,6 +74,13 @@ const HEAT = /* glsl */ `
   }
 `;
 
+// What a section takes away.
+const CUT = /* glsl */ `
+  uniform vec4 cut;
+  in vec3 vScene;
+  bool isCut() { return dot(vScene, cut.xyz) > cut.w; }
+`;
+
 const SURFACE_FRAGMENT = /* glsl */ `
   precision highp float;
   uniform vec3 base;
@@ -88,7 +97,9 @@ const SURFACE_FRAGMENT = /* glsl */ `
   ${LIGHT}
   ${REGION}
   ${HEAT}
+  ${CUT}
   void main() {
+    if (isCut()) discard;
     vec3 n = normalize(vNormal);
     if (!gl_FrontFacing) n = -n;
     vec3 flat_colour = inRegion(mix(base, vTint, tinted), vPlace);
@@ -113,8 +124,10 @@ const DISC_VERTEX = /* glsl */ `
   out vec3 vNormal;
   out vec2 vValue;
   out vec3 vPlace;
+  out vec3 vScene;
   void main() {
     vPlace = position;
+    vScene = (modelMatrix * vec4(position, 1.0)).xyz;
     vNormal = normalMatrix * facing.xyz;
     vValue = value;
     vec4 place = modelViewMatrix * vec4(position, 1.0);
@@ -136,7 +149,9 @@ const DISC_FRAGMENT = /* glsl */ `
   ${LIGHT}
   ${REGION}
   ${HEAT}
+  ${CUT}
   void main() {
+    if (isCut()) discard;
     vec2 place = vec2(2.0, -2.0) * gl_PointCoord + vec2(-1.0, 1.0);
     vec3 n = dot(vNormal, vNormal) > 0.01 ? normalize(vNormal) : vec3(0.0, 0.0, 1.0);
     if (n.z < 0.0) n = -n;
@@ -154,9 +169,10 @@ const MARK_FRAGMENT = /* glsl */ `
   in vec3 vNormal;
   in vec2 vValue;
   out vec4 colour;
+  ${CUT}
   void main() {
     float r = length(2.0 * gl_PointCoord - 1.0);
-    if (r > 1.0) discard;
+    if (r > 1.0 || isCut()) discard;
     colour = vec4(r > 0.72 ? ring : (vValue.x < 4.0 ? low : high), 1.0);
   }
 `;
@@ -185,6 +201,8 @@ export function makeRegions(colours, [width, height, depth]) {
   return texture;
 }
 
+const cutUniforms = () => ({ cut: { value: new Vector4(0, 0, 0, 1) } });
+
 /** @type {Data3DTexture | undefined} */
 let noRegions;
 function regionUniforms() {
@@ -197,7 +215,7 @@ export function makeSurface() {
     glslVersion: GLSL3, vertexShader: SURFACE_VERTEX, fragmentShader: SURFACE_FRAGMENT, side: DoubleSide,
     uniforms: {
       base: { value: new Vector3() }, line: { value: new Vector3() }, opacity: { value: 1 }, wire: { value: 0 },
-      tinted: { value: 0 }, ...heatUniforms(), ...regionUniforms(),
+      tinted: { value: 0 }, ...cutUniforms(), ...heatUniforms(), ...regionUniforms(),
     },
   });
 }
@@ -206,7 +224,7 @@ export function makeDiscs() {
   return new ShaderMaterial({
     glslVersion: GLSL3, vertexShader: DISC_VERTEX, fragmentShader: DISC_FRAGMENT,
     uniforms: { base: { value: new Vector3() }, radius: { value: 0 }, height: { value: 1 }, least: { value: 1.5 },
-      lift: { value: 0 }, ...heatUniforms(), ...regionUniforms() },
+      lift: { value: 0 }, ...cutUniforms(), ...heatUniforms(), ...regionUniforms() },
   });
 }
 
@@ -215,7 +233,7 @@ export function makeMarks() {
   return new ShaderMaterial({
     glslVersion: GLSL3, vertexShader: DISC_VERTEX, fragmentShader: MARK_FRAGMENT, depthTest: true,
     uniforms: {
-      radius: { value: 0 }, height: { value: 1 }, least: { value: 9 },
+      radius: { value: 0 }, height: { value: 1 }, least: { value: 9 }, ...cutUniforms(),
       lift: { value: 0.004 }, low: { value: new Vector3(0.15, 0.45, 0.95) },
       high: { value: new Vector3(0.9, 0.2, 0.2) }, ring: { value: new Vector3(1, 1, 1) },
     },

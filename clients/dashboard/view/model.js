@@ -5,9 +5,11 @@ import {
 } from "three";
 
 import { makeDiscs, makeMarks, makeRegions, makeSurface } from "./materials.js";
+import { moveBox } from "./transform.js";
 
 /** @import { Data3DTexture, ShaderMaterial } from "three" */
-/** @import { Mesh } from "../../js/types.js" */
+/** @import { Mesh, Transform } from "../../js/types.js" */
+/** @import { Plane } from "./plane.js" */
 
 // Positions lie within half a unit of the centre: no piece needs a look to know its bounds.
 const BOUNDS = new Sphere(new Vector3(), 1);
@@ -16,11 +18,16 @@ export class Model {
   /**
    * @param {Mesh} mesh
    * @param {boolean} isBilinear
+   * @param {Transform | null} [transform] that moves the mesh
    */
-  constructor(mesh, isBilinear) {
+  constructor(mesh, isBilinear, transform = null) {
     this.mesh = mesh;
     this.isBilinear = isBilinear;
-    const { min, max, diagonal } = mesh.bounding_box;
+    this.transform = transform;
+    /** What cuts it in the view. @type {Plane | null} */
+    this.plane = null;
+    this.box = moveBox(mesh.bounding_box, transform);
+    const { min, max, diagonal } = this.box;
     this.frame = { centre: min.map((low, k) => low / 2 + max[k] / 2), scale: diagonal > 0 ? 1 / diagonal : 1 };
     this.group = new Group();
     /** The mesh itself, and in its place the parts that it is cut into to show distances. */

@@ -8,6 +8,7 @@ import {
 /** @typedef {{ points: Vector3[], colour: Vector3, width: number }} Ribbon width in pixels */
 /** @typedef {{ point: Vector3, colour: Vector3, size: number, isMark?: boolean }} Dot size in pixels; isMark: drawn hollow where it is hidden */
 /** @typedef {{ triangles: Float32Array, colour: Vector3, opacity: number }} Fill nine numbers a triangle */
+/** @typedef {{ ribbons?: Ribbon[], dots?: Dot[], fills?: Fill[], isOverCloud?: boolean }} Drawing */
 
 // Somewhat nearer to the viewer than the surface that it lies on, or than the discs round its points: shares of the distance.
 const LIFT = 0.003;
@@ -92,8 +93,7 @@ export class Overlay {
   }
 
   /**
-   * @param {{ ribbons?: Ribbon[], dots?: Dot[], fills?: Fill[], isOverCloud?: boolean }} [drawing] what is left out is not there
-   *   any more
+   * @param {Drawing} [drawing] what is left out is not there any more
    */
   set({ ribbons = [], dots = [], fills = [], isOverCloud = false } = {}) {
     this.lift.value = isOverCloud ? CLOUD_LIFT : LIFT;

@@ -3,6 +3,8 @@
 import { Raycaster, Vector2, Vector3 } from "three";
 import { MeshBVH } from "three-mesh-bvh";
 
+import { keptPart } from "./plane.js";
+
 /** @import { BufferGeometry, Ray } from "three" */
 /** @import { Model } from "./model.js" */
 /** @import { Stage } from "./stage.js" */
@@ -56,11 +58,12 @@ export async function prepare(model) {
 function firstHit(model, ray) {
   model.group.updateMatrixWorld();
   const own = ray.clone().applyMatrix4(model.group.matrixWorld.clone().invert());
+  const [near, far] = keptPart(model.plane, ray).map((distance) => distance / model.group.scale.x);
   let nearest = Infinity;
   /** @type {{ point: Vector3, normal: Vector3 } | null} */
   let found = null;
   for (const piece of model.pieces) {
-    const hit = treeOf(piece.geometry).raycastFirst(own, 2);
+    const hit = treeOf(piece.geometry).raycastFirst(own, 2, near, far);
     if (!hit || hit.distance >= nearest) continue;
     nearest = hit.distance;
     found = { point: hit.point, normal: hit.face?.normal.clone() ?? new Vector3(0, 0, 1) };

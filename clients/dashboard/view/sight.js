@@ -29,7 +29,9 @@ export async function lookAt(stage, points, distance) {
   const opaque = stage.opaqueModels();
   await Promise.all(opaque.map(prepare));
   const target = points.reduce((sum, point) => sum.add(point), new Vector3()).divideScalar(points.length);
-  const found = findPlace(opaque, points, target, distance, sidesFirst(stage, opaque, points[0], target));
+  const { outer, inner, normal } = sidesFirst(stage, opaque, points[0], target);
+  const found = findPlace(opaque, points, target, distance, { directions: outer, normal })
+    ?? findPlace(opaque, points, target, distance, { directions: inner, normal });
   const sight = found === null ? "hidden" : found.seen === points.length ? "seen" : "partly";
   stage.setThrough(sight === "hidden");
   const eye = found?.eye ?? target.clone().addScaledVector(stage.eye.camera.position.clone().sub(target).normalize(), distance);
@@ -46,7 +48,8 @@ export function wordsOf(sight, what) {
 
 /**
  * Directions from a place to the eye, the best first: along the surface's normal, whence one looks now, away from the middle, then
- * all round, those near these before the others.
+ * all round, those near these before the others. Of a place on a closed surface those that lead inside are for want of others: from
+ * there it is seen, too, but not as one knows it.
  * @param {Stage} stage
  * @param {Model[]} models
  * @param {Vector3} point
@@ -54,14 +57,16 @@ export function wordsOf(sight, what) {
  */
 function sidesFirst(stage, models, point, target) {
   const now = stage.eye.camera.position.clone().sub(target).normalize();
-  const normal = normalAt(models, point);
+  const { normal, isOutward } = normalAt(models, point);
   const outward = target.lengthSq() > 1e-6 ? target.clone().normalize() : now;
-  const first = normal ? [normal.dot(now) < 0 ? normal.clone().negate() : normal.clone()] : [];
+  const first = normal ? [normal.dot(now) < 0 && !isOutward ? normal.clone().negate() : normal.clone()] : [];
   if (normal) first.push(first[0].clone().negate());
   const best = first[0] ?? now;
   const all = Array.from({ length: DIRECTIONS }, (_, n) => onSphere(n, DIRECTIONS))
     .sort((one, other) => other.dot(best) - one.dot(best));
-  return { directions: [...first, now, outward, ...all], normal };
+  const directions = [...first, now, outward, ...all];
+  const leadsOut = (/** @type {Vector3} */ direction) => !isOutward || !normal || normal.dot(direction) > 0;
+  return { outer: directions.filter(leadsOut), inner: directions.filter((direction) => !leadsOut(direction)), normal };
 }
 
 /** Directions that are spread evenly over the sphere (Fibonacci's lattice). @param {number} n @param {number} count */
@@ -72,18 +77,21 @@ function onSphere(n, count) {
   return new Vector3(radius * Math.cos(turn), radius * Math.sin(turn), z);
 }
 
-/** The normal of the face that a point lies on. @param {Model[]} models @param {Vector3} point */
+/** The normal of the face that a point lies on; outward where the surface is closed. @param {Model[]} models @param {Vector3} point */
 function normalAt(models, point) {
   let least = Infinity;
   /** @type {Vector3 | null} */
   let normal = null;
+  let isOutward = false;
   for (const model of models) {
     const found = nearestOn(model, point);
     if (!found || found.distance >= least) continue;
+    const { watertight, volume } = model.mesh;
     least = found.distance;
-    normal = found.normal;
+    isOutward = watertight === true && Boolean(volume);
+    normal = isOutward && (volume?.upper ?? 0) < 0 ? found.normal.negate() : found.normal;
   }
-  return normal;
+  return { normal, isOutward };
 }
 
 /**

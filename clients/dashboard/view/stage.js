@@ -8,13 +8,19 @@ import { forget, load } from "./loader.js";
 import { Model, makeSample } from "./model.js";
 import { Overlay } from "./overlay.js";
 import { Pair } from "./pair.js";
+import { toUniform } from "./plane.js";
+import { moveBox } from "./transform.js";
 
-/** @import { Mesh } from "../../js/types.js" */
+/** @import { Mesh, Transform } from "../../js/types.js" */
+/** @import { Drawing } from "./overlay.js" */
+/** @import { Plane } from "./plane.js" */
 /** @import { Scale } from "./scale.js" */
 /** @typedef {"a" | "b"} Role b is the one to compare with */
 /** @typedef {{ mesh: Mesh, role: Role, isBilinear: boolean, isHidden?: boolean, isGhost?: boolean,
- *   isGradual?: boolean }} Wish isGradual: what was there before stays until endChange, and nothing of the new one is drawn yet */
-/** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, through: boolean, scale: Scale }} Look */
+ *   isGradual?: boolean, transform?: Transform | null }} Wish transform: moves the mesh; isGradual: what was there before stays until endChange, and nothing of the new one is drawn yet */
+/** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, through: boolean, scale: Scale,
+ *   cut: Cut | null }} Look */
+/** @typedef {{ axis: number, share: number, isOther: boolean }} Cut a section; share: of the way through all that is there */
 
 const PIECES_A_FRAME = 2;
 
@@ -42,6 +48,8 @@ export class Stage {
     this.eye = new Eye(this.canvas, () => this.draw(), () => this.fit());
     this.pair = new Pair(this.scene);
     this.overlay = new Overlay(this.scene);
+    /** What lies over the meshes, by who drew it. @type {Map<string, Drawing>} */
+    this.layers = new Map();
     /** @type {Map<Role, Model>} */
     this.models = new Map();
     /** Those that others take the place of by and by. @type {Map<Role, Model>} */
@@ -50,7 +58,7 @@ export class Stage {
     this.wishes = [];
     this.frame = { centre: [0, 0, 0], scale: 1 };
     /** @type {Look} */
-    this.look = { wire: false, patches: false, irregular: false, heat: false, structure: true, disc: 1, through: false, scale: { low: 0, high: 1, isSigned: false, limits: null } };
+    this.look = { wire: false, patches: false, irregular: false, heat: false, structure: true, disc: 1, through: false, cut: null, scale: { low: 0, high: 1, isSigned: false, limits: null } };
     this.isWaiting = false;
     /** Are the programs of the graphics card there? */
     this.isReady = false;
@@ -106,8 +114,8 @@ export class Stage {
     for (const wish of wishes) if (!this.models.has(wish.role)) this.add(wish);
     if (first) {
       this.frame = /** @type {Model} */ (this.models.get(first.role)).frame;
-      this.frameId = first.mesh.id;
-      this.eye.setSize(Math.max(1, ...wishes.flatMap(({ mesh: { bounding_box: { min, max } } }) => [min, max].map((corner) => this.toScene(corner).length()))));
+      this.frameId = `${first.mesh.id} ${first.transform}`;
+      this.eye.setSize(Math.max(1, ...wishes.map(boxOf).flatMap(({ min, max }) => [min, max].map((corner) => this.toScene(corner).length()))));
       if (this.frameId !== before) this.fit(START);
     }
     this.placeAll();
@@ -117,8 +125,8 @@ export class Stage {
   }
 
   /** @param {Wish} wish */
-  add({ mesh, role, isBilinear }) {
-    const model = new Model(mesh, isBilinear);
+  add({ mesh, role, isBilinear, transform }) {
+    const model = new Model(mesh, isBilinear, transform);
     if (this.leaving.has(role)) model.setRange(0, 0);
     this.models.set(role, model);
     this.scene.add(model.group);
@@ -162,8 +170,9 @@ export class Stage {
   /** Sees all that is not hidden. @param {Vector3} [side] whence, if not from where one is */
   fit(side = this.eye.side) {
     const all = new Box3();
-    for (const { mesh: { bounding_box: box }, isHidden } of this.wishes) {
-      if (!isHidden) for (const corner of [box.min, box.max]) all.expandByPoint(this.toScene(corner));
+    for (const wish of this.wishes) {
+      const box = boxOf(wish);
+      if (!wish.isHidden) for (const corner of [box.min, box.max]) all.expandByPoint(this.toScene(corner));
     }
     if (!all.isEmpty()) this.eye.fit(all.getCenter(new Vector3()), Math.max(all.min.distanceTo(all.max) / 2, 1e-6), side);
   }
@@ -189,6 +198,8 @@ export class Stage {
     const base = toVector(colour(role === "a" ? "--mesh-a" : "--mesh-b"));
     const { surface, discs } = model;
     const isHeated = this.look.heat && role === "a";
+    model.plane = this.plane;
+    for (const { uniforms } of model.materials()) uniforms.cut.value.fromArray(toUniform(model.plane));
     surface.uniforms.base.value = base;
     surface.uniforms.line.value = toVector(colour("--ink"));
     surface.uniforms.wire.value = this.look.wire ? 1 : 0;
@@ -245,10 +256,23 @@ export class Stage {
     this.onThrough(isOn);
   }
 
-  /** @param {Parameters<Overlay["set"]>[0]} [drawing] */
-  setOverlay(drawing) {
-    this.overlay.set(drawing);
+  /** Draws over the meshes, in the place of what the same layer had. @param {Drawing} [drawing] @param {string} [layer] */
+  setOverlay(drawing = {}, layer = "marks") {
+    this.layers.set(layer, drawing);
+    const all = [...this.layers.values()];
+    this.overlay.set({
+      ribbons: all.flatMap(({ ribbons = [] }) => ribbons), dots: all.flatMap(({ dots = [] }) => dots), fills: all.flatMap(({ fills = [] }) => fills),
+      isOverCloud: all.some(({ isOverCloud }) => isOverCloud) });
     this.draw();
+  }
+
+  /** Where the look cuts; null where it does not. @returns {Plane | null} */
+  get plane() {
+    const { cut } = this.look;
+    if (!cut || this.wishes.length === 0) return null;
+    const ends = this.wishes.map(boxOf).flatMap(({ min, max }) => [min, max].map((corner) => this.toScene(corner).getComponent(cut.axis)));
+    const [low, high] = [Math.min(...ends), Math.max(...ends)];
+    return { axis: cut.axis, at: low + cut.share * (high - low), side: cut.isOther ? -1 : 1 };
   }
 
   draw() {
@@ -343,9 +367,12 @@ export class Stage {
   }
 }
 
+/** @param {Wish} wish */
+const boxOf = ({ mesh, transform = null }) => moveBox(mesh.bounding_box, transform);
+
 /** @param {Model} model @param {Wish} wish */
-function isSame({ mesh, isBilinear }, wish) {
-  return mesh.id === wish.mesh.id && mesh.revision === wish.mesh.revision && isBilinear === wish.isBilinear;
+function isSame({ mesh, isBilinear, transform }, wish) {
+  return mesh.id === wish.mesh.id && String(transform) === String(wish.transform ?? null) && mesh.revision === wish.mesh.revision && isBilinear === wish.isBilinear;
 }
 
 /** A colour "rgb(1, 2, 3)" or "color(srgb 0.1 0.2 0.3)" as numbers from 0 to 1. @param {string} text */

@@ -5,11 +5,13 @@ import { say, sayFault } from "../core/messages.js";
 import { changed, on } from "../core/state.js";
 
 /** @import { Scale } from "./scale.js" */
-/** @import { Stage, Wish } from "./stage.js" */
+/** @import { Cut, Stage, Wish } from "./stage.js" */
 
 /** What the tools of the view are set to. */
 export const look = {
   wire: false, patches: true, irregular: true, heat: false, disc: 1, bilinear: false, structure: true, through: false,
+  /** @type {Cut | null} */
+  cut: null,
   /** @type {Scale} */
   scale: { low: 0, high: 1, isSigned: false, limits: null },
 };

@@ -2,18 +2,19 @@
 
 import { Meshes } from "../js/meshes.js";
 import { Transport } from "../js/transport.js";
-import { CLOUD_PIECE, cloudNormals } from "./cloud.js";
 import { patchTint } from "./colours.js";
 import { moveVertices } from "./handle.js";
 import { readPly } from "./ply.js";
 import { buildPiece, gridSteps, pieces } from "./soup.js";
 import { cornerNormals, faceNormals, facesOfVertices, irregularVertices } from "./topology.js";
+import { movePoints } from "./transform.js";
 
+/** @import { Transform } from "../js/types.js" */
 /** @import { Against } from "./against.js" */
 /** @import { Shape } from "./ply.js" */
 /** @import { Cells, Plan } from "./regions.js" */
 /** @import { Frame } from "./soup.js" */
-/** @typedef {{ task: number, id: string, token: string | null, frame: Frame, isBilinear: boolean,
+/** @typedef {{ task: number, id: string, token: string | null, frame: Frame, isBilinear: boolean, transform: Transform | null,
  *   wantsPatches: boolean }} LoadRequest */
 
 /** @typedef {{ shape: Shape, steps: number, frame: Frame, tints: Uint8Array | null, before?: Float64Array,
@@ -26,11 +27,12 @@ const post = (/** @type {any} */ message, /** @type {Transferable[]} */ transfer
   /** @type {any} */ (self).postMessage(message, transfer);
 
 /** @param {LoadRequest} request */
-async function load({ task, id, token, frame, isBilinear, wantsPatches }) {
+async function load({ task, id, token, frame, isBilinear, transform, wantsPatches }) {
   const meshes = new Meshes(new Transport({ token }));
   const [{ bytes }, patches] = await Promise.all([
     meshes.content(id, { format: "ply" }), wantsPatches ? meshes.patches(id) : null]);
   const shape = readPly(bytes);
+  if (transform) movePoints(transform, shape.points);
   const faceCount = shape.starts.length - 1;
   if (faceCount === 0) {
     kept.set(task, { shape, steps: 1, frame, tints: null });
@@ -70,8 +72,9 @@ function sendIrregular(task, { points }, { vertices, valences }, { centre, scale
   post({ task, kind: "irregular", position, valence: Float32Array.from(valences) });
 }
 
-/** Points at once, then their normals. @param {number} task @param {Shape} shape @param {Frame} frame */
-function sendCloud(task, { points }, { centre, scale }) {
+/** Points at once, then their normals, by a module that is fetched for them. @param {number} task @param {Shape} shape @param {Frame} frame */
+async function sendCloud(task, { points }, { centre, scale }) {
+  const { CLOUD_PIECE, cloudNormals } = await import("./cloud.js");
   const position = new Float32Array(points.length);
   for (let i = 0; i < points.length; i++) position[i] = (points[i] - centre[i % 3]) * scale;
   for (let from = 0; from < position.length; from += 3 * CLOUD_PIECE) {

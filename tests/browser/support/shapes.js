@@ -175,7 +175,7 @@ export function heaps() {
   const { vertices, faces } = cut(whole, 3);
   return [cut(whole, 2), { vertices: vertices.map(([x, y, z]) => [x, y, z + HEAP_DISTANCE]), faces }];
 }
-export const SLOW = { quads: "bilinear", tolerance: 1e-12 };
+export const SLOW = { quads: "bilinear", gap: 1e-12 };
 
 /** A wavy sheet of 2 * columns * rows triangles. */
 export function sheet(columns, rows) {

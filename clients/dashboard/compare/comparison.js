@@ -1,0 +1,187 @@
+// The section of the comparison: the figures of both directions and of both together, the worst places, and a report to hand on.
+
+import { client } from "../core/connection.js";
+import { colour, download, h } from "../core/dom.js";
+import { ENOUGH, intervals, percent } from "../core/format.js";
+import { run, sayFault } from "../core/messages.js";
+import { parameter, setParameters } from "../core/route.js";
+import { Search } from "../core/search.js";
+import { meshOf, state } from "../core/state.js";
+import { makePlaces } from "../view/places.js";
+import { currentStage, lookAt } from "../view/view.js";
+import { moved } from "./pose.js";
+import { makeTable, writeRows } from "./table.js";
+import { aFirst } from "./witness.js";
+
+/** @import { ComparisonResult, Interval, LengthInterval, QuadReading, Witness } from "../../js/types.js" */
+/** @import { Labels } from "../view/labels.js" */
+/** @typedef {LengthInterval & Witness & { side: "A" | "B" }} WorstPlace */
+
+const WORST_COUNT = 5;
+/** Of the diagonal. */
+const RADIUS_SHARE = 0.05;
+
+export class ComparisonSection {
+  /**
+   * @param {object} options
+   * @param {() => QuadReading} options.quads
+   * @param {() => number | null} options.limit the permitted distance
+   * @param {(points: { from: number[], to: number[] }) => void} options.onChosen a place is looked at
+   */
+  constructor({ quads, limit, onChosen }) {
+    this.quads = quads;
+    this.limit = limit;
+    this.onChosen = onChosen;
+    this.search = new Search(() => "");
+    /** @type {{ id: string, result: ComparisonResult, places: WorstPlace[] } | null} */
+    this.found = null;
+    /** @type {Labels | null} */
+    this.labels = null;
+    this.button = h("button", { type: "button", onclick: () => run(() => this.measure()) }, "Compare both ways");
+    this.report = h("button", { type: "button", onclick: () => run(() => this.saveReport()) }, "Report, HTML");
+    this.words = h("p", { className: "muted" });
+    this.figures = h("div", { className: "section" });
+    this.element = h("section", { className: "section", "aria-labelledby": "comparison-title" },
+      h("header", {}, h("h2", { id: "comparison-title" }, "Both ways, and the worst places"), this.button), this.words, this.search.element, this.figures);
+    this.forget();
+  }
+
+  /** How far apart the worst places are at least. */
+  get radius() {
+    return RADIUS_SHARE * (meshOf(state.a)?.bounding_box.diagonal ?? 0);
+  }
+
+  /** @param {string} b */
+  question(b) {
+    const limit = this.limit();
+    return { type: /** @type {const} */ ("comparison"), a: moved(), b, quads: this.quads(), worst: { count: WORST_COUNT, radius: this.radius }, limits: limit === null ? [] : [limit] };
+  }
+
+  async measure() {
+    if (state.a !== null && state.b !== null) await this.take(this.search.run(this.question(state.b)));
+  }
+
+  /** The comparison of a link. */
+  async restore() {
+    const id = parameter("comparison");
+    if (id && !this.found && !this.search.isRunning) await this.take(this.search.open(id));
+  }
+
+  /** @param {Promise<import("../core/search.js").Found>} asked */
+  async take(asked) {
+    this.forget();
+    this.words.textContent = "";
+    try {
+      const { id, result: answer } = await asked;
+      const result = /** @type {ComparisonResult} */ (answer);
+      this.found = { id, result, places: worstOf(result, this.radius) };
+      setParameters({ comparison: id });
+      this.draw();
+      await this.pin();
+    } catch (error) {
+      this.explain();
+      sayFault(error);
+    }
+  }
+
+  draw() {
+    if (!this.found) return;
+    const { result, places } = this.found;
+    const written = intervals(places, ENOUGH);
+    this.figures.replaceChildren(drawFigures(result), makePlaces("Worst places", places.map(({ side, from, to }, place) => ({
+      words: `${place + 1}: ${written[place]}, on ${side}`,
+      points: aFirst({ from, to }), what: `place ${place + 1}` })), (place) => this.choose(place)), h("div", { className: "row" }, this.report));
+  }
+
+  /** Numbers at the worst places. */
+  async pin() {
+    const { found } = this;
+    const stage = currentStage();
+    this.labels?.dispose();
+    this.labels = null;
+    if (!found || !stage) return;
+    const { Labels } = await import("../view/labels.js");
+    if (found !== this.found) return;
+    const labels = this.labels = new Labels(stage);
+    found.places.forEach(({ side, from }, place) => {
+      const pin = h("button", { type: "button", title: `The worst place ${place + 1}, on ${side}`, onclick: () => this.flyTo(place) }, String(place + 1));
+      pin.style.borderColor = colour(side === "A" ? "--mesh-a" : "--mesh-b");
+      labels.add(from.point, pin);
+    });
+  }
+
+  /** @param {number} place */
+  flyTo(place) {
+    this.choose(place);
+    const { from, to } = /** @type {NonNullable<typeof this.found>} */ (this.found).places[place];
+    run(() => lookAt(aFirst({ from, to }), `place ${place + 1}`));
+  }
+
+  /** @param {number} place */
+  choose(place) {
+    const chosen = this.found?.places[place];
+    if (chosen) this.onChosen({ from: chosen.from.point, to: chosen.to.point });
+  }
+
+  /** The comparison as a page to hand on. */
+  async saveReport() {
+    if (!this.found) return;
+    const html = await client.jobs.report(this.found.id, { limit: this.limit() ?? undefined });
+    download(new Blob([html], { type: "text/html" }), "report.html");
+  }
+
+  explain() {
+    this.words.textContent = "Figures of A from B, of B from A, and of both together; where they are farthest apart; a report to hand on.";
+  }
+
+  /** The meshes are others now. */
+  forget() {
+    this.labels?.dispose();
+    this.labels = this.found = null;
+    this.figures.replaceChildren();
+    this.explain();
+  }
+
+  leave() {
+    this.search.leave();
+    this.forget();
+  }
+}
+
+/**
+ * Of both directions, the farthest first. The two are often farthest apart at places that lie side by side: the lesser of them is left out.
+ * @param {ComparisonResult} result
+ * @param {number} radius about which places count as one
+ * @returns {WorstPlace[]}
+ */
+function worstOf({ a_to_b: there, b_to_a: back }, radius) {
+  /** @type {WorstPlace[]} */
+  const all = [...(there.worst ?? []).map((place) => ({ ...place, side: /** @type {const} */ ("A") })),
+    ...(back.worst ?? []).map((place) => ({ ...place, side: /** @type {const} */ ("B") }))].sort((one, other) => other.lower - one.lower);
+  return all.filter((place, at) => !all.slice(0, at).some((before) => isBeside(before, place, radius)));
+}
+
+/** Are two places of the two meshes one, as both are ends of nearly the same way? @param {WorstPlace} one @param {WorstPlace} other @param {number} radius */
+function isBeside(one, other, radius) {
+  const isNear = (/** @type {number[]} */ p, /** @type {number[]} */ q) => Math.hypot(...p.map((x, k) => x - q[k])) < radius;
+  return one.side !== other.side && (isNear(one.from.point, other.from.point) || isNear(one.from.point, other.to.point) || isNear(one.to.point, other.from.point));
+}
+
+/** @param {ComparisonResult} result */
+function drawFigures({ a_to_b: there, b_to_a: back, symmetric: both, accurate }) {
+  const of95 = (/** @type {typeof there} */ { percentiles }) => percentiles.find((one) => one.percent === 95) ?? null;
+  const rows = writeRows([
+    ["Maximum", [both.hausdorff, there.hausdorff, back.hausdorff]], ["95 % lie within", [both.hd95, of95(there), of95(back)]],
+    ["Mean", [both.mean, there.mean, back.mean]], ["RMS", [both.rms, there.rms, back.rms]],
+    ["Standard dev.", [null, there.std, back.std]], ["Chamfer, sum", [both.chamfer.l1, null, null]]], ENOUGH);
+  const shares = there.shares.map(({ limit, ...share }, place) => /** @type {[string, string[]]} */ ([`Share within ${limit}`,
+    ["", writeShare(share), writeShare(back.shares[place])]]));
+  const scores = both.f_score.map(({ limit, f }) => /** @type {[string, string[]]} */ ([`F-score at ${limit}`, [writeShare(f), "", ""]]));
+  return h("div", { className: "section", id: "comparison" },
+    h("div", { className: "scroll", tabIndex: 0, role: "group", "aria-label": "Figures of both directions" },
+      makeTable("Figures of both directions", ["Both", "A from B", "B from A"], [...rows, ...shares, ...scores])),
+    h("p", { className: "muted small" }, `Each figure is proven, with ± what is not known of it.${accurate ? "" : " It ended before they were as narrow as wanted."}`));
+}
+
+/** @param {Interval} share */
+const writeShare = ({ lower, upper }) => (lower === upper ? percent(lower) : `${percent(lower)} to ${percent(upper)}`);
