@@ -187,6 +187,8 @@ void qm_averages_add_measure(qm_text *out, const qm_deviation *deviation);
 
 /* Of kinds with a sign, bands and regions (kind_sides.c). */
 bool qm_sides_read_bands(const struct cJSON *value, qm_job_request *out, struct qm_json_location *at);
+/** Reports members that do not go together. */
+void qm_sides_check(const qm_job_request *request, qm_problem *problem);
 void qm_sides_add_request(qm_text *out, const qm_job_request *request);
 /** Sets *out to what is known of a mesh as a solid, kept in *solid, when the sign has to be proven; else to NULL, also when the call
  * is canceled: it has intervals all the same. */

@@ -101,6 +101,7 @@ static const qm_job_field fields[] = {
 const qm_job_hooks qm_job_kind_deviation = {
     .type = {.name = "deviation", .mesh_field = {"a", "b"}, .is_pure = true, .is_anytime = true},
     .fields = fields,
+    .check = qm_sides_check,
     .run = run,
     .write_request = write_request,
     .write_result = write_result,

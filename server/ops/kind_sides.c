@@ -38,6 +38,14 @@ bool qm_sides_read_bands(const cJSON *value, qm_job_request *out, qm_json_locati
 }
 _Static_assert(QM_JOB_MAX_BANDS == 64, "the text of bands names the limit");
 
+void qm_sides_check(const qm_job_request *request, qm_problem *problem)
+{
+    if (request->band_count > 0 && request->sign == QM_SIGN_NONE)
+        qm_json_report(problem, "bands", "are of signed distances: sign is needed");
+    if (request->regions && isnan(request->threshold))
+        qm_json_report(problem, "regions", "are those beyond a limit: limit is needed");
+}
+
 /** Adds an end of a band; one that is not finite becomes null. */
 static void add_ends(qm_text *out, qm_interval band)
 {

@@ -236,7 +236,12 @@ def test_a_sign_needs_a_solid(client, pair):
     points = client.upload(b"0 0 1\n0 1 2\n", format="xyz")["id"]
     for sign in ("outside", "normal"):
         assert ask(client, small, points, sign=sign)["problem"]["code"] == "not_closed"
-    assert ask(client, *pair, bands=[[0, 1]])["problem"]["code"] == "invalid_field"
+    for kind in ("deviation", "comparison"):
+        body = {"type": kind, "a": pair[0], "b": pair[1]}
+        problem = check_problem(client.post("/v1/jobs", json={**body, "bands": [[0, 1]]}), 400, "invalid_field")
+        assert problem["errors"][0]["pointer"] == "/bands"
+        problem = check_problem(client.post("/v1/jobs", json={**body, "regions": True}), 400, "invalid_field")
+        assert problem["errors"][0]["pointer"] == "/regions"
 
 
 def test_a_solid_is_forgotten_when_it_moves(client):
@@ -279,6 +284,5 @@ def test_regions_beyond_a_limit(client):
     assert result["verdict"] == "below" and result["regions"] == [] and result["region_count"] == 0
     result = ask(client, a, floor, limit=0.5)["result"]
     assert result["verdict"] == "below" and "regions" not in result
-    assert ask(client, a, floor, regions=True)["problem"]["code"] == "invalid_field"
     points = client.upload(b"0 0 1\n0 1 2\n", format="xyz")["id"]
     assert ask(client, points, floor, limit=0.5, regions=True)["problem"]["code"] == "unsupported_feature"
