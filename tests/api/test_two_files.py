@@ -56,7 +56,7 @@ def test_the_distance_of_two_files(make_daemon, pair):
     ({"type": "hausdorff", "limit": 3}, lambda r: r["verdict"] == "below"),
     (" {\n} ", lambda r: r["gap"] == pytest.approx(1e-6 * math.sqrt(3))),
     ({"gap": 0.01, "gap_unit": "absolute", "limits": [0.5]}, lambda r: r["gap"] == 0.01 and len(r["symmetric"]["f_score"]) == 1),
-], ids=str)
+], ids=["deviation", "distance", "collision", "hausdorff", "blanks", "limits"])
 def test_kinds_and_options(client, pair, options, check):
     reply = compare(client, *pair, options=options)
     assert reply.status_code == 200, reply.text
