@@ -7,7 +7,7 @@ import time
 import pytest
 
 import shapes
-from conftest import SLOW, WAIT, check_problem, ndjson
+from conftest import MET_CODES, SLOW, WAIT, check_problem, ndjson
 
 FLOOR = ([(-5, -5, 0), (6, -5, 0), (6, 6, 0), (-5, 6, 0)], [(0, 1, 2, 3)])
 RAMP = ([(0, 0, 1), (1, 0, 2), (1, 1, 2), (0, 1, 1)], [(0, 1, 2, 3)])
@@ -233,6 +233,7 @@ def test_a_sign_needs_a_solid(client, pair):
             job = ask(client, small, target, sign="outside")
             assert job["state"] == "failed" and job["problem"]["code"] == "not_closed" and job["problem"]["status"] == 422
             assert words in job["problem"]["detail"] and "mesh B" in job["problem"]["detail"]
+            MET_CODES.add(job["problem"]["code"])
     points = client.upload(b"0 0 1\n0 1 2\n", format="xyz")["id"]
     for sign in ("outside", "normal"):
         assert ask(client, small, points, sign=sign)["problem"]["code"] == "not_closed"
