@@ -461,7 +461,7 @@ const cli_command cmd_matrix = {
     .summary = "the Hausdorff distances of all pairs",
     .takes = "two to 1000 files",
     .path_count = 2,
-    .most_paths = (int)QM_JOB_MAX_MESHES,
+    .most_paths = QM_JOB_MAX_MESHES,
     .description =
         "The Hausdorff distances of all pairs of files, as proven intervals. Pairs are searched only as far\n"
         "as bounds by boxes and by other pairs leave open what is asked.\n\n",

@@ -35,9 +35,9 @@
 #define QM_JOB_MAX_LANDMARKS 32
 #define QM_JOB_MAX_PIECES 1e7
 #define QM_JOB_MAX_BINS 1e4
-#define QM_JOB_MAX_LISTED 1e5    /* pairs */
-#define QM_JOB_MAX_MESHES 1000.0 /* of a matrix */
-#define QM_JOB_MAX_NEAREST 100.0
+#define QM_JOB_MAX_LISTED 1e5  /* pairs */
+#define QM_JOB_MAX_MESHES 1000 /* of a matrix */
+#define QM_JOB_MAX_NEAREST 100
 #define QM_JOB_MIN_MEMORY 65536.0
 #define QM_JOB_MAX_MEMORY 1099511627776.0
 
