@@ -440,7 +440,7 @@ static bool check_meshes(qm_jobs *jobs, const qm_job_request *request, char revi
 /** Puts the id of a mesh in the place of a hash: of those with this content as it was uploaded, the newest one. */
 static bool resolve_mesh(qm_jobs *jobs, const char *field, char name[QM_JOB_MESH_SIZE], qm_problem *problem)
 {
-    const qm_store_mesh_filter filter = {.hash = qm_job_hash_of_name(name)};
+    const qm_store_mesh_filter filter = {.hash = qm_json_hash_of_name(name)};
     if (!filter.hash) return true;
     qm_store_page page = {.limit = 1, .newest_first = true};
     qm_store_mesh row;
@@ -464,9 +464,9 @@ static bool resolve_mesh(qm_jobs *jobs, const char *field, char name[QM_JOB_MESH
 
 bool qm_job_names_hash(const qm_job_request *request)
 {
-    bool has_hash = qm_job_hash_of_name(request->a) || qm_job_hash_of_name(request->b);
+    bool has_hash = qm_json_hash_of_name(request->a) || qm_json_hash_of_name(request->b);
     for (size_t i = 0; i < request->mesh_count; i++)
-        has_hash |= qm_job_hash_of_name(request->meshes[i].name) != NULL;
+        has_hash |= qm_json_hash_of_name(request->meshes[i].name) != NULL;
     return has_hash;
 }
 

@@ -9,7 +9,7 @@
 #include "job_kinds_internal.h"
 #include "json_request.h"
 
-const char *qm_job_hash_of_name(const char *name)
+const char *qm_json_hash_of_name(const char *name)
 {
     size_t prefix = strlen(QM_JOB_HASH_PREFIX);
     return strncmp(name, QM_JOB_HASH_PREFIX, prefix) == 0 ? name + prefix : NULL;
@@ -17,7 +17,7 @@ const char *qm_job_hash_of_name(const char *name)
 
 static bool is_hash_name(const char *text)
 {
-    const char *hash = qm_job_hash_of_name(text);
+    const char *hash = qm_json_hash_of_name(text);
     return hash && strlen(hash) == QM_HASH_SIZE - 1 && strspn(hash, "0123456789abcdef") == QM_HASH_SIZE - 1;
 }
 
