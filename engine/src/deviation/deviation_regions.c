@@ -272,17 +272,20 @@ typedef struct region_sums {
     qm_vec low, high;
 } region_sums;
 
-/** The area of a piece beyond the limit: at least, and at most. */
+/** The area of a piece beyond the limit: at least, and at most. The share of a piece on both sides of it is off by roundings that are
+ * small beside the piece, not beside what is beyond. */
 static qm_status find_beyond(const region_work *work, size_t i, long double beyond[2])
 {
+    const qm_deviation_bounds *bounds = &work->pieces->bounds[i];
+    double error = bounds->least > work->limit ? 0.0 : qm_deviation_share_error(1) * bounds->area_high;
     long double rows[2 * QM_SHARE_ROWS];
     qm_deviation_areas areas;
-    const qm_deviation_piece_list one = {&work->pieces->bounds[i], 1, 0.0, work->pieces->farthest};
+    const qm_deviation_piece_list one = {bounds, 1, 0.0, work->pieces->farthest};
     qm_status status =
         qm_deviation_find_areas(work->pieces->ctx, one, NULL, 0, &work->limit, 1, rows, &areas);
     if (status == QM_OK) {
-        beyond[0] = fmaxl(0, areas.least_beyond);
-        beyond[1] = fminl((long double)work->pieces->bounds[i].area_high, areas.most_beyond);
+        beyond[0] = fmaxl(0, areas.least_beyond - (long double)error);
+        beyond[1] = fminl((long double)bounds->area_high, areas.most_beyond + (long double)error);
     }
     return status;
 }

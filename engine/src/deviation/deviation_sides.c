@@ -207,7 +207,8 @@ static double mean_below(const qm_refinement *pieces, const side_sums *front, co
     double down =
         (double)(behind->mean[1] + open->mean[1]) * (1.0 + error) + 2.0 * pieces->leak * pieces->farthest;
     double sum = up - down;
-    sum -= 4.0 * QM_UNIT_ROUNDING * (up + down);
+    /* Either of them has four roundings at most, their difference one, this one, and the quotient. */
+    sum -= 8.0 * QM_UNIT_ROUNDING * (up + down);
     return divide(sum, pieces->survey.area, true);
 }
 
