@@ -13,10 +13,8 @@
 #include "core/rounding.h"
 #include "deviation_sum.h"
 
-#define MAX_ROUNDS 40
-#define SETTLE_ROUNDS 8   /* in which pieces of regions of which nothing is sure are cut */
-#define OPEN_SHARE 0.5    /* of the accuracy: of the area may be left in pieces on both sides of the limit */
-#define JOINT_CRACKS 16.0 /* pieces that are nearer than that touch */
+#define SETTLE_ROUNDS 8        /* in which pieces of regions of which nothing is sure are cut */
+#define JOINT_CRACKS 16.0      /* pieces that are nearer than that touch */
 #define JOINT_PARAMETERS 1e-11 /* of the parameters of a face: a crack is 1.2e-12 */
 #define NEAR_ROUNDINGS 16.0    /* etas: pieces whose distances differ by less are not cut */
 #define CANCEL_STRIDE 0x400
@@ -38,7 +36,7 @@ typedef struct region_work {
     const qm_deviation_options *options;
     qm_deviation *out;
     double limit, joint; /* local; joint is by the extent too */
-    double crack;
+    double crack, width; /* local; pieces whose distances differ by no more than the width are not cut */
     region_piece *piece; /* count of them, in the order of the tree */
     size_t count;
     qm_box_tree tree;
@@ -46,47 +44,14 @@ typedef struct region_work {
 
 /* ---- cuts ---- */
 
-/** Marks the pieces on both sides of the limit that leave more of the surface open than their share. Returns how many. */
-static size_t mark_open(const region_work *work, double width, uint8_t *marks)
+/** The area of a piece on both sides of the limit, as a share of all. */
+static double find_open(const void *user, size_t i)
 {
-    const qm_refinement *pieces = work->pieces;
-    size_t open = 0, marked = 0;
-    for (size_t i = 0; i < pieces->count; i++) {
-        const qm_deviation_bounds *bounds = &pieces->bounds[i];
-        marks[i] = bounds->least <= work->limit && bounds->most > work->limit &&
-                   bounds->most - bounds->least > width;
-        open += marks[i];
-    }
-    double least = OPEN_SHARE * fmin(pieces->accuracy, 1.0) / (double)(open > 0 ? open : 1);
-    for (size_t i = 0; i < pieces->count; i++) {
-        marks[i] = marks[i] && pieces->bounds[i].area_high > least * pieces->survey.area.upper;
-        marked += marks[i];
-    }
-    return marked;
-}
-
-/** Pieces whose distances differ by less are not cut. */
-static double least_width(const region_work *work)
-{
-    const qm_deviation_setup *setup = &work->pieces->setup;
-    return qm_max(NEAR_ROUNDINGS * setup->eta, work->options->tolerance * setup->target->frame.scale);
-}
-
-static qm_status cut_open(const region_work *work)
-{
-    qm_refinement *pieces = work->pieces;
-    double width = least_width(work);
-    qm_status status = QM_OK;
-    for (int round = 0; status == QM_OK && round < MAX_ROUNDS; round++) {
-        size_t count = pieces->count, cut = 0;
-        uint8_t *marks = qm_context_alloc(pieces->ctx, count, 1);
-        if (!marks) return qm_context_fail(pieces->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
-        size_t marked = mark_open(work, width, marks);
-        if (marked > 0) status = qm_refinement_cut(pieces, marks, &cut);
-        qm_context_free(pieces->ctx, marks, count, 1);
-        if (cut < marked || marked == 0 || pieces->count == count) break;
-    }
-    return status;
+    const region_work *work = user;
+    const qm_deviation_bounds *piece = &work->pieces->bounds[i];
+    bool is_open =
+        piece->least <= work->limit && piece->most > work->limit && piece->most - piece->least > work->width;
+    return is_open ? piece->area_high / work->pieces->survey.area.upper : QM_NOT_OPEN;
 }
 
 /* ---- pieces and their tree ---- */
@@ -502,7 +467,6 @@ static void forget_pieces(region_work *work)
 /** Marks the pieces of regions of which no piece is surely beyond. Returns how many. */
 static size_t mark_unsure(const region_work *work, uint8_t *marks, uint8_t *is_sure)
 {
-    double width = least_width(work);
     size_t marked = 0;
     memset(marks, 0, work->pieces->count);
     memset(is_sure, 0, work->count);
@@ -510,7 +474,7 @@ static size_t mark_unsure(const region_work *work, uint8_t *marks, uint8_t *is_s
         if (work->piece[i].is_sure) is_sure[find_first(work, i)] = 1;
     for (uint32_t i = 0; i < work->count; i++) {
         const qm_deviation_bounds *bounds = &work->pieces->bounds[work->piece[i].index];
-        if (is_sure[find_first(work, i)] || !(bounds->most - bounds->least > width)) continue;
+        if (is_sure[find_first(work, i)] || !(bounds->most - bounds->least > work->width)) continue;
         marks[work->piece[i].index] = 1;
         marked++;
     }
@@ -558,8 +522,10 @@ qm_status qm_deviation_regions_find(qm_refinement *pieces, const qm_deviation_op
                         .out = out,
                         .limit = options->region_limit * pieces->setup.target->frame.scale,
                         .joint = JOINT_CRACKS * crack / qm_max(pieces->setup.extent, 1.0),
-                        .crack = crack};
-    qm_status status = cut_open(&work);
+                        .crack = crack,
+                        .width = qm_max(NEAR_ROUNDINGS * pieces->setup.eta,
+                                        options->tolerance * pieces->setup.target->frame.scale)};
+    qm_status status = qm_refinement_cut_open(pieces, find_open, NULL, &work);
     if (status == QM_OK) status = find_components(&work);
     if (status == QM_OK) status = qm_refinement_survey(pieces);
     if (status == QM_OK && work.count > 0) status = tell_regions(&work);

@@ -13,8 +13,6 @@
 #include "core/heap.h"
 #include "core/rounding.h"
 
-#define MAX_ROUNDS 40
-#define OPEN_SHARE 0.5      /* of the accuracy: may be left in open pieces */
 #define NEAR_ROUNDINGS 16.0 /* etas: open pieces no farther than that are not cut */
 #define CHUNK 256           /* pieces that a worker takes at a time */
 #define CANCEL_STRIDE 0x400
@@ -116,46 +114,39 @@ static double open_share(const qm_deviation_bounds *piece, const qm_deviation_su
     return mean > 0.0 ? share + 2.0 * piece->mean_high / (mean * survey->area.upper) : share;
 }
 
-/** Marks the open pieces that leave more open than their share of what may be left. Returns how many. */
-static size_t mark_open(const qm_deviation_sides *sides, double nearest, uint8_t *marks)
+/** Open pieces that are no farther from the target than nearest are not cut. */
+typedef struct open_work {
+    qm_deviation_sides *sides;
+    double nearest;
+} open_work;
+
+static double find_open(const void *user, size_t i)
 {
-    const qm_refinement *pieces = sides->pieces;
-    size_t open = 0, marked = 0;
-    for (size_t i = 0; i < pieces->count; i++) {
-        bool counts = sides->side[i] == QM_PIECE_OPEN && pieces->bounds[i].most > nearest;
-        marks[i] = counts;
-        open += counts;
-    }
-    double least = OPEN_SHARE * fmin(pieces->accuracy, 1.0) / (double)(open > 0 ? open : 1);
-    for (size_t i = 0; i < pieces->count; i++) {
-        marks[i] = marks[i] && open_share(&pieces->bounds[i], &pieces->survey) > least;
-        marked += marks[i];
-    }
-    return marked;
+    const open_work *work = user;
+    const qm_refinement *pieces = work->sides->pieces;
+    const qm_deviation_bounds *piece = &pieces->bounds[i];
+    bool is_open = work->sides->side[i] == QM_PIECE_OPEN && piece->most > work->nearest;
+    return is_open ? open_share(piece, &pieces->survey) : QM_NOT_OPEN;
 }
 
-/** Cuts open pieces until little is left in them, or there is no room. The parts of a piece have no side yet. */
+/** The parts of a piece have no side yet. */
+static qm_status find_sides_again(const void *user, const uint8_t *marks, size_t count)
+{
+    qm_deviation_sides *sides = ((const open_work *)user)->sides;
+    for (size_t i = 0; i < count; i++)
+        if (marks[i]) sides->side[i] = QM_PIECE_UNKNOWN;
+    return find_sides(sides);
+}
+
+/** Cuts open pieces until little is left in them, or there is no room. */
 static qm_status cut_open(qm_deviation_sides *sides)
 {
     qm_refinement *pieces = sides->pieces;
     double unit = pieces->setup.target->frame.scale, accuracy = fmin(pieces->accuracy, 1.0);
-    double nearest =
-        qm_max(NEAR_ROUNDINGS * pieces->setup.eta,
-               qm_max(sides->options->tolerance * unit, OPEN_SHARE * accuracy * pieces->survey.mean.lower));
-    qm_status status = QM_OK;
-    for (int round = 0; status == QM_OK && round < MAX_ROUNDS; round++) {
-        size_t count = pieces->count, cut = 0;
-        uint8_t *marks = qm_context_alloc(pieces->ctx, count, 1);
-        if (!marks) return qm_context_fail(pieces->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
-        size_t marked = mark_open(sides, nearest, marks);
-        if (marked > 0) status = qm_refinement_cut(pieces, marks, &cut);
-        for (size_t i = 0; i < count; i++)
-            if (marks[i]) sides->side[i] = QM_PIECE_UNKNOWN;
-        qm_context_free(pieces->ctx, marks, count, 1);
-        qm_status found = find_sides(sides);
-        if (status == QM_OK) status = found;
-        if (cut < marked || marked == 0 || pieces->count == count) break;
-    }
+    const open_work work = {sides, qm_max(NEAR_ROUNDINGS * pieces->setup.eta,
+                                          qm_max(sides->options->tolerance * unit,
+                                                 QM_OPEN_SHARE * accuracy * pieces->survey.mean.lower))};
+    qm_status status = qm_refinement_cut_open(pieces, find_open, find_sides_again, &work);
     return status == QM_OK ? qm_refinement_survey(pieces) : status;
 }
 
