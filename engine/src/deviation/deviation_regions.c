@@ -8,8 +8,6 @@
 #include <string.h>
 
 #include "bvh/box_tree.h"
-#include "bvh/nearest.h"
-#include "bvh/surface.h"
 #include "core/rounding.h"
 #include "deviation_sum.h"
 
@@ -18,7 +16,6 @@
 #define JOINT_PARAMETERS 1e-11 /* of the parameters of a face: a crack is 1.2e-12 */
 #define NEAR_ROUNDINGS 16.0    /* etas: pieces whose distances differ by less are not cut */
 #define CANCEL_STRIDE 0x400
-#define FOOT_ERROR 1e-13
 
 /** A piece that may be beyond the limit. */
 typedef struct region_piece {
@@ -275,9 +272,7 @@ static qm_status add_piece(const region_work *work, const region_piece *piece, r
         sums->low = (qm_vec){fmin(sums->low.x, low.x), fmin(sums->low.y, low.y), fmin(sums->low.z, low.z)};
         sums->high =
             (qm_vec){fmax(sums->high.x, high.x), fmax(sums->high.y, high.y), fmax(sums->high.z, high.z)};
-        double here = bounds->invalid_low > 0.0 ? bounds->least
-                      : bounds->is_signed       ? qm_max(bounds->low[k], -bounds->high[k])
-                                                : bounds->low[k];
+        double here = bounds->invalid_low > 0.0 ? bounds->least : qm_deviation_bounds_corner_least(bounds, k);
         here -= face.slack + setup->eta;
         if (!(here > sums->max.lower)) continue;
         sums->max.lower = here;
@@ -295,15 +290,9 @@ static void set_witness(const region_work *work, const region_sums *sums, qm_dev
     const qm_deviation_piece *piece = &work->pieces->piece[sums->witness];
     out->has_witness = sums->max.lower > 0.0;
     if (!out->has_witness) return;
-    qm_deviation_face face = qm_deviation_face_load(setup, piece);
-    qm_vec p = qm_deviation_face_at(&face, piece->u[sums->corner], piece->v[sums->corner]);
-    out->from.face = piece->face;
-    qm_deviation_piece_parameters(setup, piece, piece->u[sums->corner], piece->v[sums->corner], out->from.uv);
-    qm_vec_store(out->from.position, qm_frame_world(&setup->target->frame, p));
-    uint32_t hint = 0;
-    const qm_locator locator = {.bvh = setup->target};
-    qm_tie tie = qm_nearest_face(setup->kernel, &locator, work->options->quads, p, &hint);
-    out->to = qm_surface_face_foot(setup->target, work->options->quads, tie.face, p, FOOT_ERROR);
+    qm_vec p =
+        qm_deviation_piece_point(setup, piece, piece->u[sums->corner], piece->v[sums->corner], &out->from);
+    out->to = qm_deviation_foot(setup, work->options->quads, p);
 }
 
 /** An area in square units of the meshes, rounded outward by far more than the sums are. */

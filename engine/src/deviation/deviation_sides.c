@@ -7,8 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bvh/nearest.h"
-#include "bvh/surface.h"
 #include "bvh/winding.h"
 #include "core/heap.h"
 #include "core/rounding.h"
@@ -20,7 +18,6 @@
 #define SEARCH_SHARE 0.02    /* and further ones for each piece */
 #define SEARCH_PARTS 16      /* of one of them */
 #define SAFE (1.0 - 0x1p-20) /* of a distance: covers the roundings of its comparison with another */
-#define FOOT_ERROR 1e-13     /* local: of a witness's foot */
 
 /* ---- one piece ---- */
 
@@ -417,7 +414,7 @@ static qm_status start_search(side_search *search)
         if (sides->has_points || bounds->invalid_low > 0.0) continue;
         double slack = qm_deviation_face_load(&pieces->setup, &pieces->piece[i]).slack;
         for (int k = 0; k < 3; k++) {
-            double least = bounds->is_signed ? qm_max(bounds->low[k], -bounds->high[k]) : bounds->low[k];
+            double least = qm_deviation_bounds_corner_least(bounds, k);
             offer_point(search, &pieces->piece[i], corners[k], least - slack);
         }
     }
@@ -454,24 +451,19 @@ static void set_witness(const side_search *search, qm_deviation_side *out)
     const qm_deviation_setup *setup = &sides->pieces->setup;
     qm_vec p;
     out->has_witness = true;
-    out->from = (qm_surface_point){.face = search->at.face};
     if (sides->has_points) {
-        out->from = vertex_point(&setup->source->mesh, sides->point[search->point]);
         p = middle_of(sides, search->point);
+        out->from = vertex_point(&setup->source->mesh, sides->point[search->point]);
+        qm_vec_store(out->from.position, qm_frame_world(&setup->target->frame, p));
     } else {
-        p = piece_point(setup, &search->at, search->weight);
         double u = 0.0, v = 0.0;
         for (int i = 0; i < 3; i++) {
             u += search->weight[i] * search->at.u[i];
             v += search->weight[i] * search->at.v[i];
         }
-        qm_deviation_piece_parameters(setup, &search->at, u, v, out->from.uv);
+        p = qm_deviation_piece_point(setup, &search->at, u, v, &out->from);
     }
-    qm_vec_store(out->from.position, qm_frame_world(&setup->target->frame, p));
-    uint32_t hint = 0;
-    const qm_locator locator = {.bvh = setup->target};
-    qm_tie tie = qm_nearest_face(setup->kernel, &locator, sides->options->quads, p, &hint);
-    out->to = qm_surface_face_foot(setup->target, sides->options->quads, tie.face, p, FOOT_ERROR);
+    out->to = qm_deviation_foot(setup, sides->options->quads, p);
 }
 
 /**
