@@ -19,7 +19,6 @@ typedef struct report_options {
     double limit, range; /* NAN: not given */
     const char *output;
     const char *command; /* the command line */
-    bool has_regions;
 } report_options;
 
 /* ---- the command line as text ---- */
@@ -85,52 +84,22 @@ const char *cli_hash_file(const char *path, char out[QM_HASH_SIZE])
     return out;
 }
 
-/** Finds the parts of one mesh beyond the limit; NULL after a report of what is wrong. The result is for free(). */
-static char *find_regions(qm_context *ctx, const report_options *options, const cli_job *job,
-                          const cli_job_output *output, int side)
-{
-    qm_job_request request = job->request;
-    request.kind = QM_JOB_DEVIATION;
-    request.threshold = options->limit;
-    request.regions = true;
-    request.bins = 0;
-    qm_job_result result;
-    qm_status status =
-        qm_job_execute(ctx, &request, output->mesh[side], output->mesh[1 - side], NULL, NULL, &result);
-    if (status != QM_OK) {
-        cli_report_status(job->path[side], status, ctx, job->as_json);
-        return NULL;
-    }
-    qm_text text = {0};
-    qm_json_write_result(&text, &request, &result);
-    qm_job_result_reset(ctx, &result);
-    return qm_text_take(&text);
-}
-
 /** Writes the report of a comparison that ran in this process; false after a report of what is wrong. */
 static bool make_here(const report_options *options, const cli_job *job, const cli_job_output *output,
                       qm_text *out)
 {
     qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
-    char hash[2][QM_HASH_SIZE], now[QM_TIME_SIZE], *regions[2] = {NULL, NULL};
-    for (int side = 0; options->has_regions && side < 2; side++) {
-        /* What has no area has no parts. */
-        if (output->result->comparison.side[side].measure != QM_OVER_AREA) continue;
-        regions[side] = find_regions(&ctx, options, job, output, side);
-        if (regions[side]) continue;
-        free(regions[0]);
-        return false;
-    }
+    char hash[2][QM_HASH_SIZE], now[QM_TIME_SIZE];
     qm_text request = {0};
     qm_json_write_request_briefly(&request, &job->request);
     qm_clock_format(now);
     qm_report report = {.result = output->json,
-                        .regions = {regions[0], regions[1]},
                         .request = request.data ? request.data : "",
                         .command = options->command,
                         .made = now,
                         .limit = options->limit,
+                        .region_limit = job->request.threshold,
                         .range = options->range,
                         .thread_count = job->request.threads};
     const qm_job_pose *pose = job->request.pose;
@@ -145,8 +114,6 @@ static bool make_here(const report_options *options, const cli_job *job, const c
     if (request.failed) problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the report");
     if (!is_made) cli_report(options->output, &problem, job->as_json);
     qm_text_reset(&request);
-    free(regions[0]);
-    free(regions[1]);
     return is_made;
 }
 
@@ -239,8 +206,8 @@ static int run(int argc, char **argv)
          .help = "the end of the colour scale (default: twice the limit, or the greatest distance)"},
         {.name = "regions",
          .type = CLI_FLAG,
-         .target = &o.has_regions,
-         .help = "the connected parts beyond the limit as well, with pictures; not with --server"},
+         .target = &request->regions,
+         .help = "the connected parts beyond the limit as well, with pictures"},
         {.name = "worst",
          .value = "K",
          .type = CLI_SIZE,
@@ -270,12 +237,13 @@ static int run(int argc, char **argv)
     int status;
     if (cli_read_options(&cmd_report, options, sizeof options / sizeof *options, argc, argv, job.path,
                          &status)) {
-        if (o.has_regions && (isnan(o.limit) || job.server)) {
-            fputs("quadmesh: --regions needs a --limit, and is not found by a --server\n", stderr);
+        if (request->regions && isnan(o.limit)) {
+            fputs("quadmesh: --regions takes --limit\n", stderr);
             free(command);
             return EXIT_USAGE;
         }
         if (!job.server) request->threads = cli_count_threads(request->threads);
+        if (request->regions) request->threshold = o.limit;
         request->limit_count = (size_t)qm_report_limits(o.limit, o.range, request->limits);
         status = cli_check_writable(o.output, job.as_json) ? cli_run_job(&job, finish, &o) : EXIT_BAD_INPUT;
     }

@@ -117,6 +117,7 @@ static bool take_meshes(report_task *task, qm_problem *problem)
         *problem = qm_problem_make(QM_PROBLEM_CONFLICT, "only comparisons have reports");
     else
         are_taken = take_mesh(task, 0, document, problem) && take_mesh(task, 1, document, problem);
+    task->report.region_limit = qm_json_get_number(document, "request.limit");
     qm_json_free(document);
     if (!are_taken) return false;
     const qm_report_mesh *mesh = task->report.mesh;

@@ -437,25 +437,19 @@ static bool check_meshes(qm_jobs *jobs, const qm_job_request *request, char revi
     return false;
 }
 
-static bool is_hash_name(const char *name)
-{
-    return strncmp(name, QM_JOB_HASH_PREFIX, strlen(QM_JOB_HASH_PREFIX)) == 0;
-}
-
 /** Puts the id of a mesh in the place of a hash: of those with this content as it was uploaded, the newest one. */
 static bool resolve_mesh(qm_jobs *jobs, const char *field, char name[QM_JOB_MESH_SIZE], qm_problem *problem)
 {
-    if (!is_hash_name(name)) return true;
-    const qm_store_mesh_filter filter = {.hash = name + strlen(QM_JOB_HASH_PREFIX)};
+    const qm_store_mesh_filter filter = {.hash = qm_json_hash_of_name(name)};
+    if (!filter.hash) return true;
     qm_store_page page = {.limit = 1, .newest_first = true};
     qm_store_mesh row;
-    size_t count = 1;
-    qm_stored stored = QM_STORED;
-    for (bool is_found = false; !is_found && count > 0;) {
-        stored = qm_store_list_meshes(jobs->store, &page, &filter, &row, &count);
-        if (stored != QM_STORED || count == 0) break;
+    size_t count;
+    qm_stored stored;
+    while ((stored = qm_store_list_meshes(jobs->store, &page, &filter, &row, &count)) == QM_STORED &&
+           count > 0) {
+        bool is_found = row.revision == 0;
         page.after = row.sequence;
-        is_found = row.revision == 0;
         if (is_found) snprintf(name, QM_JOB_MESH_SIZE, "%s", row.id);
         qm_store_mesh_reset(&row);
         if (is_found) return true;
@@ -470,9 +464,9 @@ static bool resolve_mesh(qm_jobs *jobs, const char *field, char name[QM_JOB_MESH
 
 bool qm_job_names_hash(const qm_job_request *request)
 {
-    bool has_hash = is_hash_name(request->a) || is_hash_name(request->b);
+    bool has_hash = qm_json_hash_of_name(request->a) || qm_json_hash_of_name(request->b);
     for (size_t i = 0; i < request->mesh_count; i++)
-        has_hash |= is_hash_name(request->meshes[i].name);
+        has_hash |= qm_json_hash_of_name(request->meshes[i].name) != NULL;
     return has_hash;
 }
 

@@ -394,14 +394,16 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
     if (!qm_job_resolve(jobs, submission->request, problem)) return NULL;
     *problem = (qm_problem){.code = QM_PROBLEM_COUNT};
     char *key = qm_job_make_key(submission->request);
-    if (!key) {
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
-        return NULL;
-    }
     /* Whoever runs the job later reads the meshes that were meant now. */
     qm_job_submission resolved = *submission;
     char *body = has_hash ? write_body(submission->request) : NULL;
     if (body) resolved.body = body;
+    if (!key || (has_hash && !body)) {
+        free(key);
+        free(body);
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
+        return NULL;
+    }
     qm_job *job = NULL;
     bool is_new = false, is_shared = qm_store_is_shared(jobs->store), is_unwanted;
     char revisions[QM_REVISIONS_SIZE];

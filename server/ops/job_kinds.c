@@ -162,6 +162,15 @@ bool qm_job_check_units(const qm_notes notes[2], qm_problem *problem)
     return false;
 }
 
+/** A request that was not read from JSON is checked here. */
+static qm_status check_request(qm_context *ctx, const qm_job_request *request)
+{
+    const qm_job_hooks *hooks = qm_job_hooks_of(request->kind);
+    qm_problem problem = {.code = QM_PROBLEM_COUNT};
+    if (hooks->check) hooks->check(request, &problem);
+    return problem.error_count == 0 ? QM_OK : qm_context_fail(ctx, QM_E_ARGUMENT, "%s", problem.detail);
+}
+
 qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
                          const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress, void *progress_user,
                          qm_job_result *out)
@@ -178,7 +187,8 @@ qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const q
     const qm_job_call call = {
         ctx, request, a, b, progress, progress_user, request->threads > 0 ? request->threads : 1};
     double start_ms = qm_clock_now_ms();
-    qm_status status = qm_job_hooks_of(request->kind)->run(&call, out);
+    qm_status status = check_request(ctx, request);
+    if (status == QM_OK) status = qm_job_hooks_of(request->kind)->run(&call, out);
     out->elapsed_ms = qm_clock_now_ms() - start_ms;
     if (status != QM_OK) qm_job_result_reset(ctx, out);
     return status;

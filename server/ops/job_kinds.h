@@ -132,6 +132,9 @@ bool qm_job_equal_poses(const qm_job_pose *a, const qm_job_pose *b);
 #define QM_JOB_HASH_PREFIX "sha256:"
 #define QM_JOB_MESH_SIZE (sizeof QM_JOB_HASH_PREFIX - 1 + QM_HASH_SIZE)
 
+/** The hash in the name of a mesh; NULL when the name is an id. */
+const char *qm_json_hash_of_name(const char *name);
+
 /** A mesh of a set. */
 typedef struct qm_job_member {
     char name[QM_JOB_MESH_SIZE];

@@ -194,7 +194,7 @@ void qm_sides_add_request(qm_text *out, const qm_job_request *request);
  * is canceled: it has intervals all the same. */
 qm_status qm_sides_find_solid(const qm_job_call *call, const qm_loaded_mesh *mesh, qm_solid *solid,
                               const qm_solid **out);
-/** Sets the options of A's deviation from B; *solid keeps what is known of B. */
+/** Sets the options of A's deviation from B that a deviation and a comparison share; *solid keeps what is known of B. */
 qm_status qm_sides_set_options(const qm_job_call *call, qm_deviation_options *options, qm_solid *solid);
 /** Faces of the input in place of those of the meshes as stored. */
 void qm_sides_name_faces(qm_deviation *deviation, const qm_loaded_mesh *source, const qm_loaded_mesh *target);

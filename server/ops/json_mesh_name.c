@@ -9,12 +9,16 @@
 #include "job_kinds_internal.h"
 #include "json_request.h"
 
-/** True for a mesh that is named by the hash of its file. */
-static bool is_hash_name(const char *text)
+const char *qm_json_hash_of_name(const char *name)
 {
     size_t prefix = strlen(QM_JOB_HASH_PREFIX);
-    return strlen(text) == QM_JOB_MESH_SIZE - 1 && strncmp(text, QM_JOB_HASH_PREFIX, prefix) == 0 &&
-           strspn(text + prefix, "0123456789abcdef") == QM_HASH_SIZE - 1;
+    return strncmp(name, QM_JOB_HASH_PREFIX, prefix) == 0 ? name + prefix : NULL;
+}
+
+static bool is_hash_name(const char *text)
+{
+    const char *hash = qm_json_hash_of_name(text);
+    return hash && strlen(hash) == QM_HASH_SIZE - 1 && strspn(hash, "0123456789abcdef") == QM_HASH_SIZE - 1;
 }
 
 bool qm_json_read_mesh_name(const char *text, char out[QM_JOB_MESH_SIZE])

@@ -53,11 +53,7 @@ static void add_extent(qm_text *out, const char *name, const qm_interval by_read
 {
     qm_json_open(out, name, "{");
     add_bounds_of(out, by_reading[QM_QUADS_TRIANGLES]);
-    if (has_quads) {
-        qm_json_open(out, "bilinear", "{");
-        add_bounds_of(out, by_reading[QM_QUADS_BILINEAR]);
-        qm_text_add_string(out, "}");
-    }
+    if (has_quads) qm_json_add_range(out, "bilinear", by_reading[QM_QUADS_BILINEAR]);
     qm_text_add_string(out, "}");
 }
 
@@ -236,6 +232,13 @@ void qm_json_add_interval(qm_text *out, const char *name, qm_interval interval, 
 {
     qm_json_open(out, name, "{");
     qm_json_add_lower_upper(out, interval.lower, interval.upper, diagonal);
+    qm_text_add_string(out, "}");
+}
+
+void qm_json_add_range(qm_text *out, const char *name, qm_interval range)
+{
+    qm_json_open(out, name, "{");
+    add_bounds_of(out, range);
     qm_text_add_string(out, "}");
 }
 

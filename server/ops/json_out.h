@@ -43,6 +43,9 @@ void qm_json_add_lower_upper(qm_text *out, double lower, double upper, double di
 /** An interval as an object of those members. */
 void qm_json_add_interval(qm_text *out, const char *name, qm_interval interval, double diagonal);
 
+/** Adds an interval of what is no length, or has a sign: without relative bounds. */
+void qm_json_add_range(qm_text *out, const char *name, qm_interval range);
+
 /** A point of a surface: mesh is its name in the request, id that of the resource or "". */
 void qm_json_add_surface_point(qm_text *out, const char *name, const char *mesh, const char *id,
                                uint32_t face, const qm_surface_point *point);

@@ -61,8 +61,5 @@ void qm_averages_add_measure(qm_text *out, const qm_deviation *deviation)
 {
     static const char *const measures[] = {"area", "vertices", "points"};
     qm_json_add_string(out, "over", measures[deviation->measure]);
-    qm_json_open(out, "size", "{");
-    qm_json_add_number(out, "lower", deviation->size.lower);
-    qm_json_add_number(out, "upper", deviation->size.upper);
-    qm_text_add_string(out, "}");
+    qm_json_add_range(out, "size", deviation->size);
 }

@@ -11,45 +11,27 @@
 
 #define WORST_RADIUS 0.05 /* of the diagonal of A's box, unless it is given */
 
-/** Faces of the input in place of those of the mesh as stored. */
-static void number_faces(qm_deviation *deviation, const qm_loaded_mesh *source, const qm_loaded_mesh *target)
-{
-    for (size_t i = 0; i < deviation->worst_count; i++) {
-        qm_deviation_place *place = &deviation->worst[i];
-        place->from.face = qm_mesh_input_face(&source->mesh, place->from.face);
-        place->to.face = qm_mesh_input_face(&target->mesh, place->to.face);
-    }
-    qm_sides_name_faces(deviation, source, target);
-}
-
 static qm_status run(const qm_job_call *call, qm_job_result *out)
 {
     const qm_job_request *request = call->request;
     qm_comparison_options options = qm_deviation_options_default();
-    options.quads = request->quads;
-    options.accuracy = request->accuracy;
-    options.tolerance = qm_job_tolerance(call);
-    options.piece_limit = request->pieces;
-    options.percentile = request->percentiles;
-    options.percentile_count = request->percentile_count;
     options.limit = request->limits;
     options.limit_count = request->limit_count;
     /* The first place is the witness of the maximum. */
     options.worst_count = request->worst_count > 0 ? request->worst_count : 1;
     options.worst_radius =
         isnan(request->worst_radius) ? WORST_RADIUS * call->a->diagonal : request->worst_radius;
-    options.thread_count = call->threads;
-    out->tolerance = options.tolerance;
     qm_comparison *comparison = &out->comparison;
     qm_solid of_a, of_b;
     const qm_solid *solid_a = NULL;
     qm_status status = qm_sides_set_options(call, &options, &of_b);
+    out->tolerance = options.tolerance;
     if (status == QM_OK) status = qm_sides_find_solid(call, call->a, &of_a, &solid_a);
     if (status == QM_OK)
         status = qm_comparison_measure(call->ctx, call->a->bvh, call->b->bvh, &options, solid_a, comparison);
     if (status != QM_OK) return status;
-    number_faces(&comparison->side[0], call->a, call->b);
-    number_faces(&comparison->side[1], call->b, call->a);
+    qm_sides_name_faces(&comparison->side[0], call->a, call->b);
+    qm_sides_name_faces(&comparison->side[1], call->b, call->a);
     out->is_canceled = comparison->is_canceled;
     return QM_OK;
 }
@@ -109,15 +91,6 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
 }
 
 /* ---- the result ---- */
-
-/** Of a number without a unit, or in square units. */
-static void add_plain(qm_text *out, const char *name, qm_interval interval)
-{
-    qm_json_open(out, name, "{");
-    qm_json_add_number(out, "lower", interval.lower);
-    qm_json_add_number(out, "upper", interval.upper);
-    qm_text_add_string(out, "}");
-}
 
 static void add_shares(qm_text *out, const qm_job_request *request, const qm_deviation *deviation)
 {
@@ -193,7 +166,7 @@ static void add_half(qm_text *out, const char *name, qm_interval whole)
     qm_interval half = {0.5 * whole.lower, 0.5 * whole.upper};
     if (2.0 * half.lower > whole.lower) half.lower = nextafter(half.lower, 0.0);
     if (2.0 * half.upper < whole.upper) half.upper = nextafter(half.upper, INFINITY);
-    add_plain(out, name, half);
+    qm_json_add_range(out, name, half);
 }
 
 /** Averages over both surfaces are of the true ones only when both meshes are exact, and then they are the same (see
@@ -209,9 +182,9 @@ static void add_symmetric(qm_text *out, const qm_job_result *result)
     qm_json_add_interval(out, "mean", comparison->mean, diagonal);
     qm_json_add_interval(out, "rms", comparison->rms, diagonal);
     qm_json_open(out, "chamfer", "{");
-    add_plain(out, "l1", comparison->chamfer_l1);
+    qm_json_add_range(out, "l1", comparison->chamfer_l1);
     add_half(out, "l1_half", comparison->chamfer_l1);
-    add_plain(out, "l2", comparison->chamfer_l2);
+    qm_json_add_range(out, "l2", comparison->chamfer_l2);
     add_half(out, "l2_half", comparison->chamfer_l2);
     qm_text_add_string(out, "}");
     qm_json_open(out, "f_score", "[");
@@ -220,9 +193,9 @@ static void add_symmetric(qm_text *out, const qm_job_result *result)
         qm_json_add_comma(out);
         qm_text_add_string(out, "{");
         qm_json_add_number(out, "limit", score->limit);
-        add_plain(out, "precision", score->precision);
-        add_plain(out, "recall", score->recall);
-        add_plain(out, "f", score->f);
+        qm_json_add_range(out, "precision", score->precision);
+        qm_json_add_range(out, "recall", score->recall);
+        qm_json_add_range(out, "f", score->f);
         qm_text_add_string(out, "}");
     }
     qm_text_add_string(out, "]}");

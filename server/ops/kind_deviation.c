@@ -9,22 +9,15 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
 {
     const qm_job_request *request = call->request;
     qm_deviation_options options = qm_deviation_options_default();
-    options.quads = request->quads;
-    options.accuracy = request->accuracy;
-    options.tolerance = qm_job_tolerance(call);
-    options.piece_limit = request->pieces;
-    options.percentile = request->percentiles;
-    options.percentile_count = request->percentile_count;
     options.bin_count = request->bins;
     /* So that a greatest distance of exactly the limit is told from one above it. */
     options.limit = &request->threshold;
     options.limit_count = isnan(request->threshold) ? 0u : 1u;
-    options.thread_count = call->threads;
     options.progress = call->progress;
     options.progress_user = call->progress_user;
-    out->tolerance = options.tolerance;
     qm_solid solid;
     qm_status status = qm_sides_set_options(call, &options, &solid);
+    out->tolerance = options.tolerance;
     if (status == QM_OK)
         status = qm_deviation_measure(call->ctx, call->a->bvh, call->b->bvh, &options, &out->deviation);
     if (status == QM_OK) qm_sides_name_faces(&out->deviation, call->a, call->b);

@@ -82,8 +82,13 @@ qm_status qm_sides_find_solid(const qm_job_call *call, const qm_loaded_mesh *mes
 qm_status qm_sides_set_options(const qm_job_call *call, qm_deviation_options *options, qm_solid *solid)
 {
     const qm_job_request *request = call->request;
-    if (request->regions && isnan(request->threshold))
-        return qm_context_fail(call->ctx, QM_E_ARGUMENT, "regions are those beyond a limit: limit is needed");
+    options->quads = request->quads;
+    options->accuracy = request->accuracy;
+    options->tolerance = qm_job_tolerance(call);
+    options->piece_limit = request->pieces;
+    options->percentile = request->percentiles;
+    options->percentile_count = request->percentile_count;
+    options->thread_count = call->threads;
     options->sign = request->sign;
     options->band = request->bands;
     options->band_count = request->band_count;
@@ -104,20 +109,13 @@ void qm_sides_name_faces(qm_deviation *deviation, const qm_loaded_mesh *source, 
     qm_deviation_side *const part[2] = {&deviation->sides.front, &deviation->sides.behind};
     for (int i = 0; i < 2; i++)
         if (part[i]->has_witness) name_faces(&part[i]->from, &part[i]->to, source, target);
+    for (size_t i = 0; i < deviation->worst_count; i++)
+        name_faces(&deviation->worst[i].from, &deviation->worst[i].to, source, target);
     for (size_t i = 0; i < deviation->region_count; i++)
         name_faces(&deviation->region[i].from, &deviation->region[i].to, source, target);
 }
 
 /* ---- the result ---- */
-
-/** An interval without relative figures. */
-static void add_range(qm_text *out, const char *name, qm_interval range)
-{
-    qm_json_open(out, name, "{");
-    qm_json_add_number(out, "lower", range.lower);
-    qm_json_add_number(out, "upper", range.upper);
-    qm_text_add_string(out, "}");
-}
 
 void qm_sides_add_points(qm_text *out, const qm_job_request *request, int side, const qm_surface_point *from,
                          const qm_surface_point *to)
@@ -140,7 +138,7 @@ static void add_part(qm_text *out, const char *name, const qm_job_request *reque
 {
     qm_json_open(out, name, "{");
     qm_json_add_interval(out, "max", part->max, result->diagonal);
-    add_range(out, "size", part->size);
+    qm_json_add_range(out, "size", part->size);
     if (part->has_witness) add_witness(out, request, side, &part->from, &part->to);
     qm_text_add_string(out, "}");
 }
@@ -152,7 +150,7 @@ void qm_sides_add_signed(qm_text *out, const qm_job_request *request, const qm_j
     qm_json_open(out, "signed", "{");
     qm_json_add_string(out, "sign", qm_sign_names[request->sign]);
     qm_json_add_bool(out, "proven", sides->is_proven);
-    add_range(out, "mean", sides->mean);
+    qm_json_add_range(out, "mean", sides->mean);
     add_part(out, "outside", request, result, &sides->front, side);
     add_part(out, "inside", request, result, &sides->behind, side);
     qm_json_add_number(out, "open_size", sides->open_size);
@@ -176,7 +174,7 @@ static void add_region(qm_text *out, const qm_job_request *request, const qm_job
     qm_text_add_string(out, "{");
     qm_json_add_bool(out, "surely", region->parts > 0 || region->max.lower > request->threshold);
     qm_json_add_count(out, "parts", region->parts);
-    add_range(out, "area", region->area);
+    qm_json_add_range(out, "area", region->area);
     qm_json_add_interval(out, "max", region->max, result->diagonal);
     if (region->has_witness) add_witness(out, request, side, &region->from, &region->to);
     qm_json_add_numbers(out, "centroid", region->centroid, 3);

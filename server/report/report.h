@@ -24,13 +24,12 @@ typedef struct qm_report_mesh {
 
 typedef struct qm_report {
     qm_report_mesh mesh[2];
-    const char *result; /* the result object of a comparison */
-    /* results of deviations of A from B and of B from A with regions beyond the limit; NULL: none */
-    const char *regions[2];
+    const char *result;  /* the result object of a comparison; with the regions that it may have */
     const char *request; /* the request object that was asked */
     const char *command; /* the command line; NULL: none */
     const char *made;    /* when, RFC 3339 */
     double limit;        /* the permitted distance, 0 or more; NAN: none, and then no verdict */
+    double region_limit; /* what the regions of the result are beyond, if it has any */
     double range;        /* the end of the colour scale, above 0; NAN: chosen (scale.h) */
     int thread_count;
 } qm_report;

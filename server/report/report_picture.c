@@ -265,18 +265,19 @@ bool qm_report_add_places(qm_report_writer *w, int side)
 
 #define LISTED_REGIONS 50
 
-static void add_region_row(qm_report_writer *w, int i)
+static void add_region_row(qm_report_writer *w, int side, int i)
 {
+    const char *name = qm_report_side_names[side];
     double middle[3];
     for (int k = 0; k < 3; k++)
-        middle[k] = qm_report_number(w, "regions.%d.centroid.%d", i, k);
+        middle[k] = qm_report_number(w, "%s.regions.%d.centroid.%d", name, i, k);
     char path[PLACE_SIZE];
-    snprintf(path, sizeof path, "regions.%d.surely", i);
+    snprintf(path, sizeof path, "%s.regions.%d.surely", name, i);
     qm_text_printf(w->out, "<tr><th scope=\"row\">%d</th><td>%s</td>", i + 1,
                    qm_json_is_true(w->result, path) ? "yes" : "maybe");
-    qm_report_add_cell(w, qm_report_find(w, "regions.%d.max", i), false);
-    qm_report_add_cell(w, qm_report_find(w, "regions.%d.area", i), false);
-    qm_text_printf(w->out, "<td>%.0f</td><td>", qm_report_number(w, "regions.%d.face_count", i));
+    qm_report_add_cell(w, qm_report_find(w, "%s.regions.%d.max", name, i), false);
+    qm_report_add_cell(w, qm_report_find(w, "%s.regions.%d.area", name, i), false);
+    qm_text_printf(w->out, "<td>%.0f</td><td>", qm_report_number(w, "%s.regions.%d.face_count", name, i));
     for (int k = 0; k < 3; k++) {
         qm_text_add_string(w->out, k > 0 ? ", " : "(");
         qm_report_add_coordinate(w->out, middle[k], w->report->mesh[0].loaded->diagonal);
@@ -287,59 +288,46 @@ static void add_region_row(qm_report_writer *w, int i)
 /** How wide the picture of a region is, of the mesh's diagonal: its box, with a margin. */
 static double find_width(const qm_report_writer *w, int side, int i)
 {
+    const char *name = qm_report_side_names[side];
     double size[3];
     for (int k = 0; k < 3; k++)
-        size[k] = qm_report_number(w, "regions.%d.box.max.%d", i, k) -
-                  qm_report_number(w, "regions.%d.box.min.%d", i, k);
+        size[k] = qm_report_number(w, "%s.regions.%d.box.max.%d", name, i, k) -
+                  qm_report_number(w, "%s.regions.%d.box.min.%d", name, i, k);
     double diagonal = w->report->mesh[side].loaded->diagonal;
     double share = diagonal > 0.0 ? 2.0 * length_of(size) / diagonal : 0.0;
     return share > NEAR_SHARE ? fmin(share, 1.5) : NEAR_SHARE;
 }
 
-static bool write_regions(qm_report_writer *w, int side)
+bool qm_report_add_regions(qm_report_writer *w, int side)
 {
-    const char *name = qm_report_mesh_names[side];
-    double count = qm_report_number(w, "region_count");
+    const char *name = qm_report_mesh_names[side], *direction = qm_report_side_names[side];
+    if (!qm_report_has(w, "%s.region_count", direction)) return true;
+    double count = qm_report_number(w, "%s.region_count", direction), limit = w->report->region_limit;
+    char number[QM_NUMBER_SIZE];
+    const char *beyond = limit == w->report->limit ? "the limit" : qm_text_number(limit, number);
+    qm_text_printf(w->out, "<h3>Parts of %s beyond %s</h3>\n", name, beyond);
     if (!(count > 0.0)) {
-        qm_text_printf(w->out, "<p>No part of %s is, or may be, beyond the limit.</p>\n", name);
+        qm_text_printf(w->out, "<p>No part of %s is, or may be, beyond %s.</p>\n", name, beyond);
         return true;
     }
     qm_text_printf(
         w->out,
-        "<table><caption>%.0f connected parts of %s that are, or may be, beyond the limit, the farthest "
+        "<table><caption>%.0f connected parts of %s that are, or may be, beyond %s, the farthest "
         "first%s.</caption><thead><tr><th scope=\"col\">Part</th><th scope=\"col\">Surely beyond</th>"
         "<th scope=\"col\">Greatest distance</th><th scope=\"col\">Area beyond</th>"
         "<th scope=\"col\">Faces</th><th scope=\"col\">Middle</th></tr></thead><tbody>\n",
-        count, name, count > LISTED_REGIONS ? "; the first 50 of them" : "");
+        count, name, beyond, count > LISTED_REGIONS ? "; the first 50 of them" : "");
     int listed = 0;
-    for (; listed < LISTED_REGIONS && qm_report_has(w, "regions.%d", listed); listed++)
-        add_region_row(w, listed);
+    for (; listed < LISTED_REGIONS && qm_report_has(w, "%s.regions.%d", direction, listed); listed++)
+        add_region_row(w, side, listed);
     qm_text_add_string(w->out, "</tbody></table>\n<div class=\"near\">\n");
     bool good = true;
     for (int i = 0; good && i < listed && i < NEAR_PICTURES; i++) {
         char place[PLACE_SIZE];
-        snprintf(place, sizeof place, "regions.%d.witness", i);
+        snprintf(place, sizeof place, "%s.regions.%d.witness", direction, i);
         if (qm_report_has(w, "%s.from", place))
             good = add_near(w, side, i + 1, place, "part", find_width(w, side, i));
     }
     qm_text_add_string(w->out, "</div>\n");
-    return good;
-}
-
-bool qm_report_add_regions(qm_report_writer *w, int side)
-{
-    if (!w->report->regions[side]) return true;
-    /* The same writer of another result. */
-    qm_json *comparison = w->result;
-    w->result = qm_json_parse(w->report->regions[side]);
-    bool good = w->result != NULL;
-    if (good) {
-        qm_text_printf(w->out, "<h3>Parts of %s beyond the limit</h3>\n", qm_report_mesh_names[side]);
-        good = write_regions(w, side);
-    } else {
-        *w->problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the regions");
-    }
-    qm_json_free(w->result);
-    w->result = comparison;
     return good;
 }

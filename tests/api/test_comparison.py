@@ -250,7 +250,9 @@ def test_what_has_no_sign_is_told(client, pair):
     job = ask(client, outer, opened, sign="outside")
     assert job["state"] == "failed" and job["problem"]["code"] == "not_closed"
     assert ask(client, *pair, sign="normal")["result"]["b_to_a"]["signed"]["proven"] is False
-    assert "region_count" not in ask(client, outer, points, limit=0.1, regions=True)["result"]["b_to_a"]
+    for side, ids in (("b_to_a", (outer, points)), ("a_to_b", (points, outer))):
+        result = ask(client, *ids, limit=0.1, regions=True)["result"]
+        assert [name for name in ("a_to_b", "b_to_a") if "region_count" not in result[name]] == [side]
 
 
 @pytest.mark.parametrize("fields, pointer", [

@@ -99,6 +99,19 @@ def test_other_jobs_have_none(client, job):
     assert "only comparisons" in problem["detail"]
 
 
+def test_regions_say_what_they_are_beyond(client):
+    a, b = client.upload(RAMP, name="has parts")["id"], client.upload(FLOOR, name="below")["id"]
+    job = compare(client, a, b, limit=1.5, regions=True)
+    region = job["result"]["a_to_b"]["regions"][0]
+    page = read(client, job, limit=1.5).text
+    assert "Parts of A beyond the limit<" in page and "Parts of B beyond the limit<" in page
+    assert f'<td data-lower="{region["area"]["lower"]!r}" data-upper="{region["area"]["upper"]!r}">' in page
+    for query in ({"limit": 1.2}, {}):
+        page = read(client, job, **query).text
+        assert "Parts of A beyond 1.5<" in page and "beyond 1.5, the farthest first" in page and "Parts of A beyond the limit" not in page
+    assert "Parts of A" not in read(client, compare(client, a, b, limit=1.5), limit=1.5).text
+
+
 def test_moved_meshes(client):
     a, b = client.upload(RAMP, name="to move")["id"], client.upload(FLOOR, name="rests")["id"]
     before = compare(client, a, b)

@@ -124,3 +124,11 @@ def server(tmp_path_factory):
     finally:
         daemon.terminate()
         assert daemon.wait(20) == 0
+
+
+@pytest.fixture(params=["here", "there"])
+def where(request):
+    """The options that ask this process or a daemon."""
+    if request.param == "here":
+        return []
+    return ["--server", request.getfixturevalue("server")]

@@ -8,14 +8,6 @@ import pytest
 TURN = math.pi / 3
 
 
-@pytest.fixture(params=["here", "there"])
-def where(request):
-    """The options that ask this process or a daemon."""
-    if request.param == "here":
-        return []
-    return ["--server", request.getfixturevalue("server")]
-
-
 def place(x, y, z):
     c, s = math.cos(TURN), math.sin(TURN)
     return (c * x - s * y + 4, s * x + c * y - 2, z + 1)

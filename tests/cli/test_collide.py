@@ -7,14 +7,6 @@ import pytest
 from conftest import write_torus
 
 
-@pytest.fixture(params=["here", "there"])
-def where(request):
-    """The options that ask this process or a daemon."""
-    if request.param == "here":
-        return []
-    return ["--server", request.getfixturevalue("server")]
-
-
 @pytest.fixture
 def wall(tmp_path):
     """Through the middle of `square`."""

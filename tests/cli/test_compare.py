@@ -8,14 +8,6 @@ import pytest
 from conftest import write_box, write_torus
 
 
-@pytest.fixture(params=["here", "there"])
-def where(request):
-    """The options that ask this process or a daemon."""
-    if request.param == "here":
-        return []
-    return ["--server", request.getfixturevalue("server")]
-
-
 def test_a_table_of_both_directions(quadmesh, square, raised, where):
     done = quadmesh("compare", square, raised, "--limit", "0.5", "--limit", "2,3e-7", "--worst", "2", "--percentiles",
                     "50", *where)

@@ -11,14 +11,6 @@ import pytest
 from conftest import write_torus
 
 
-@pytest.fixture(params=["here", "there"])
-def where(request):
-    """The options that ask this process or a daemon."""
-    if request.param == "here":
-        return []
-    return ["--server", request.getfixturevalue("server")]
-
-
 @pytest.fixture
 def ramp(tmp_path):
     """A square over the middle of `floor` that rises from 1 to 2."""

@@ -6,14 +6,6 @@ import struct
 import pytest
 
 
-@pytest.fixture(params=["here", "there"])
-def where(request):
-    """The options that ask this process or a daemon."""
-    if request.param == "here":
-        return []
-    return ["--server", request.getfixturevalue("server")]
-
-
 @pytest.fixture
 def pair(tmp_path):
     """A coarse square over a tent, whose ridge is nearest between the square's corners."""

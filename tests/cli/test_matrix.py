@@ -11,14 +11,6 @@ import pytest
 PLACES = [(0, 0, 0), (1, 0, 0), (0, 2, 0), (16, 0, 0)]
 
 
-@pytest.fixture(params=["here", "there"])
-def where(request):
-    """The options that ask this process or a daemon."""
-    if request.param == "here":
-        return []
-    return ["--server", request.getfixturevalue("server")]
-
-
 def write_square(path, place):
     x, y, z = place
     corners = [(x, y, z), (x + 2, y, z), (x + 2, y + 2, z), (x, y + 2, z)]

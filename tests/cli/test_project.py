@@ -10,14 +10,6 @@ import pytest
 ROW = struct.Struct("<7d")
 
 
-@pytest.fixture(params=["here", "there"])
-def where(request):
-    """The options that ask this process or a daemon."""
-    if request.param == "here":
-        return []
-    return ["--server", request.getfixturevalue("server")]
-
-
 @pytest.fixture
 def points(tmp_path):
     """Two points over the square and one beside it."""

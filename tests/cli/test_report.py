@@ -218,6 +218,13 @@ def test_regions_are_listed_with_pictures(quadmesh, tmp_path):
     assert [title.text() for title in page.all("h3") if title.text().startswith("Parts")] == ["Parts of B beyond the limit"]
 
 
+def test_regions_of_a_daemon_are_the_same(quadmesh, server, tmp_path):
+    bump, flat = write_plane(tmp_path / "bump.obj", 0.0, 0.1), write_plane(tmp_path / "flat.obj", 0.0)
+    here, there = (make(quadmesh, tmp_path, bump, flat, "--limit", 0.04, "--regions", *where, status=1).section(A_SIDE).text()
+                   for where in ([], ["--server", server]))
+    assert here == there and "Parts of A beyond the limit" in here
+
+
 def test_one_scale_and_what_it_ends_with(quadmesh, square, raised, tmp_path):
     def ends(page):
         return [svg.all("text") for svg in page.all("svg") if svg.all("title")[0].text().startswith("Colours of")]

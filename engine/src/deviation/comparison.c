@@ -181,7 +181,18 @@ static qm_status find_sign(qm_context *ctx, const qm_bvh *a, const qm_comparison
     return status == QM_E_CANCELED ? QM_OK : status;
 }
 
-/** Measures B from A. Whether a surface with faces has an area is known only after its pieces are bounded. */
+/** Measures one side, without regions when it has no area; that of a surface with faces is known only after its pieces are bounded. */
+static qm_status measure_side(qm_context *ctx, const qm_bvh *from, const qm_bvh *to,
+                              qm_deviation_options options, qm_deviation *out)
+{
+    if (from->mesh.face_count == 0) options.region_limit = NAN;
+    qm_status status = qm_deviation_measure(ctx, from, to, &options, out);
+    if (status != QM_E_UNSUPPORTED || isnan(options.region_limit)) return status;
+    options.region_limit = NAN;
+    return qm_deviation_measure(ctx, from, to, &options, out);
+}
+
+/** Measures B from A. */
 static qm_status measure_back(qm_context *ctx, const qm_bvh *a, const qm_bvh *b, qm_deviation_options options,
                               qm_comparison *out)
 {
@@ -190,11 +201,7 @@ static qm_status measure_back(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
         options.sign = QM_SIGN_NONE;
         options.band_count = 0;
     }
-    if (b->mesh.face_count == 0) options.region_limit = NAN;
-    qm_status status = qm_deviation_measure(ctx, b, a, &options, &out->side[1]);
-    if (status != QM_E_UNSUPPORTED || isnan(options.region_limit)) return status;
-    options.region_limit = NAN;
-    return qm_deviation_measure(ctx, b, a, &options, &out->side[1]);
+    return measure_side(ctx, b, a, options, &out->side[1]);
 }
 
 qm_status qm_comparison_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
@@ -217,7 +224,7 @@ qm_status qm_comparison_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *
         qm_deviation_options each = *options;
         each.percentile = percent;
         each.percentile_count = count;
-        status = qm_deviation_measure(ctx, a, b, &each, &out->side[0]);
+        status = measure_side(ctx, a, b, each, &out->side[0]);
         if (status == QM_OK) status = find_sign(ctx, a, options, solid_a, out);
         if (status == QM_OK) status = measure_back(ctx, a, b, each, out);
     }
