@@ -97,11 +97,10 @@ export class ComparisonSection {
   async pin() {
     const { found } = this;
     const stage = currentStage();
-    this.labels?.dispose();
-    this.labels = null;
     if (!found || !stage) return;
     const { Labels } = await import("../view/labels.js");
     if (found !== this.found) return;
+    this.labels?.dispose(); // also those of a call that came first in the meantime
     const labels = this.labels = new Labels(stage);
     found.places.forEach(({ side, from }, place) => {
       const pin = h("button", { type: "button", title: `The worst place ${place + 1}, on ${side}`, onclick: () => this.flyTo(place) }, String(place + 1));
