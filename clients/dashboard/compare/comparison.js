@@ -7,10 +7,10 @@ import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { Search } from "../core/search.js";
 import { meshOf, state } from "../core/state.js";
+import { makeTable, writeRows } from "../core/table.js";
 import { makePlaces } from "../view/places.js";
 import { currentStage, lookAt } from "../view/view.js";
 import { moved } from "./pose.js";
-import { makeTable, writeRows } from "./table.js";
 import { aFirst } from "./witness.js";
 
 /** @import { ComparisonResult, Interval, LengthInterval, QuadReading, Witness } from "../../js/types.js" */
@@ -177,8 +177,7 @@ function drawFigures({ a_to_b: there, b_to_a: back, symmetric: both, accurate })
     ["", writeShare(share), writeShare(back.shares[place])]]));
   const scores = both.f_score.map(({ limit, f }) => /** @type {[string, string[]]} */ ([`F-score at ${limit}`, [writeShare(f), "", ""]]));
   return h("div", { className: "section", id: "comparison" },
-    h("div", { className: "scroll", tabIndex: 0, role: "group", "aria-label": "Figures of both directions" },
-      makeTable("Figures of both directions", ["Both", "A from B", "B from A"], [...rows, ...shares, ...scores])),
+    makeTable("Figures of both directions", ["Both", "A from B", "B from A"], [...rows, ...shares, ...scores]),
     h("p", { className: "muted small" }, `Each figure is proven, with ± what is not known of it.${accurate ? "" : " It ended before they were as narrow as wanted."}`));
 }
 
