@@ -155,6 +155,14 @@ qm_mesh qm_shape_box(double sx, double sy, double sz)
     return mesh;
 }
 
+qm_mesh qm_shape_cube(double half)
+{
+    qm_mesh cube = qm_shape_box(2 * half, 2 * half, 2 * half);
+    const double shift[3] = {-half, -half, -half};
+    qm_shape_move(&cube, 1.0, shift);
+    return cube;
+}
+
 qm_mesh qm_shape_face(int count, const double corners[][3])
 {
     qm_mesh mesh = qm_shape_make((size_t)count, 1);

@@ -44,6 +44,9 @@ qm_mesh qm_shape_waves(int n, double height, double turn);
 /** The six sides of [0, sx] x [0, sy] x [0, sz], eight shared corners; sz = 0 gives a flat box. */
 qm_mesh qm_shape_box(double sx, double sy, double sz);
 
+/** The cube from -half to half on each axis. */
+qm_mesh qm_shape_cube(double half);
+
 /** One face of its own corners: count is 3 or 4. */
 qm_mesh qm_shape_face(int count, const double corners[][3]);
 

@@ -11,7 +11,7 @@
 #include "check.h"
 #include "dense_cells.h"
 #include "failing_allocator.h"
-#include "qm/comparison.h"
+#include "measured.h"
 #include "shapes.h"
 #include "slow_twin.h"
 
@@ -28,33 +28,6 @@ static qm_comparison_options options_for(qm_quad_reading quads, const double *li
     options.limit = limit;
     options.limit_count = limit_count;
     return options;
-}
-
-static qm_status compare_in(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
-                            const qm_comparison_options *options, qm_comparison *out)
-{
-    qm_bvh *tree_a = NULL, *tree_b = NULL;
-    memset(out, 0, sizeof *out);
-    qm_status status = qm_bvh_build(ctx, a, QM_BVH_ALL, 1, &tree_a);
-    if (status == QM_OK) status = qm_bvh_build(ctx, b, QM_BVH_ALL, 1, &tree_b);
-    if (status == QM_OK) status = qm_comparison_measure(ctx, tree_a, tree_b, options, NULL, out);
-    qm_bvh_destroy(ctx, tree_a);
-    qm_bvh_destroy(ctx, tree_b);
-    return status;
-}
-
-static qm_comparison compare(const qm_mesh *a, const qm_mesh *b, const qm_comparison_options *options)
-{
-    qm_context ctx = qm_context_make();
-    qm_comparison out;
-    assert_int_equal(compare_in(&ctx, a, b, options, &out), QM_OK);
-    return out;
-}
-
-static void release(qm_comparison *comparison)
-{
-    qm_context ctx = qm_context_make();
-    qm_comparison_reset(&ctx, comparison);
 }
 
 static void check_is(qm_interval found, double value, const char *name)
@@ -78,7 +51,7 @@ static void check_same(const qm_mesh *a, const qm_mesh *b, qm_quad_reading readi
     qm_comparison_options options = options_for(reading, limits, 3);
     options.worst_count = 3;
     options.piece_limit = 5000;
-    qm_comparison found = compare(a, b, &options);
+    qm_comparison found = qm_measured_comparison(a, b, &options);
     const qm_interval zeros[] = {found.hausdorff,  found.hd95,       found.mean,      found.rms,
                                  found.chamfer_l1, found.chamfer_l2, found.spread[0], found.spread[1]};
     for (size_t i = 0; i < sizeof zeros / sizeof *zeros; i++)
@@ -90,7 +63,7 @@ static void check_same(const qm_mesh *a, const qm_mesh *b, qm_quad_reading readi
     }
     for (size_t i = 0; i <= PERCENTS; i++)
         check_is(found.side[0].percentile[i], 0.0, "percentile");
-    release(&found);
+    qm_measured_comparison_free(&found);
 }
 
 static void a_mesh_is_what_it_is(void **state)
@@ -126,7 +99,7 @@ static void limits_beside_the_distance_are_exact(void **state)
     for (int reading = 0; reading < 2; reading++) {
         qm_comparison_options options = options_for((qm_quad_reading)reading, limits, 6);
         options.tolerance = 1e-9;
-        qm_comparison found = compare(&a, &b, &options);
+        qm_comparison found = qm_measured_comparison(&a, &b, &options);
         static const double expected[] = {0, 0, 1, 1, 1, 0};
         for (size_t i = 0; i < 6; i++) {
             if (i == 2) { /* no double tells the distance from its computed bounds */
@@ -136,7 +109,7 @@ static void limits_beside_the_distance_are_exact(void **state)
             check_is(found.side[0].share[i], expected[i], "share");
             check_is(found.f_score[i].f, expected[i], "F-score");
         }
-        release(&found);
+        qm_measured_comparison_free(&found);
     }
     qm_shape_free(&a);
     qm_shape_free(&b);
@@ -167,7 +140,7 @@ static void check_wedge(qm_random *random, uint64_t stream)
     qm_comparison_options options = options_for((qm_quad_reading)(stream % 2), limits, MAX_LIMITS);
     options.tolerance = 1e-6 * size;
     options.accuracy = ldexp(1.0, -(int)qm_random_below(random, 12));
-    qm_comparison found = compare(&a, &b, &options);
+    qm_comparison found = qm_measured_comparison(&a, &b, &options);
     const qm_deviation *up = &found.side[0];
     check_holds(up->max, rise, rise, "maximum", stream);
     check_holds(up->mean, 0.5 * rise, 0.5 * rise, "mean", stream);
@@ -186,7 +159,7 @@ static void check_wedge(qm_random *random, uint64_t stream)
     /* Nothing is loose: the distance is linear. */
     QM_CHECK(up->share[0].upper < 1e-6 && found.spread[0].upper - found.spread[0].lower <= 0.2 * rise,
              "[%g, %g]", found.spread[0].lower, found.spread[0].upper);
-    release(&found);
+    qm_measured_comparison_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -214,7 +187,7 @@ static void points_are_counted(void **state)
     options.tolerance = 1e-9;
     options.worst_count = 3;
     options.worst_radius = 0.5;
-    qm_comparison found = compare(&a, &b, &options);
+    qm_comparison found = qm_measured_comparison(&a, &b, &options);
     /* Distances 0, sqrt 2, sqrt 5, 2 and 0, 2. */
     double mean_a = (sqrt(2) + sqrt(5) + 2) / 4, mean_b = 1.0, low = 1 - 1e-15, high = 1 + 1e-15;
     check_holds(found.side[0].mean, mean_a * low, mean_a * high, "mean", 0);
@@ -233,7 +206,7 @@ static void points_are_counted(void **state)
     for (int i = 0; i < 3; i++)
         assert_int_equal(found.side[0].worst[i].from.face, worst[i]);
     assert_int_equal(found.side[1].worst_count, 1); /* the other point coincides with one of A */
-    release(&found);
+    qm_measured_comparison_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -380,7 +353,7 @@ static void check_pair(const qm_mesh *a, const qm_mesh *b, qm_quad_reading readi
     options.piece_limit = 1000 * qm_random_below(random, 8);
     options.worst_count = 1 + qm_random_below(random, 6);
     options.worst_radius = radius;
-    qm_comparison found = compare(a, b, &options);
+    qm_comparison found = qm_measured_comparison(a, b, &options);
     if (found.side[0].measure == QM_OVER_AREA && found.side[1].measure == QM_OVER_AREA) {
         for (int i = 0; i < 2; i++) {
             check_side(&found, i, &list[i], &t[i], limits, slack, stream);
@@ -388,7 +361,7 @@ static void check_pair(const qm_mesh *a, const qm_mesh *b, qm_quad_reading readi
         }
         check_both(&found, list, t, limits, slack, stream);
     }
-    release(&found);
+    qm_measured_comparison_free(&found);
     qm_cells_free(&list[0]);
     qm_cells_free(&list[1]);
 }
@@ -441,7 +414,7 @@ static void threads_change_nothing(void **state)
         options.thread_count = 1 + 2 * i;
         options.worst_count = 4;
         options.worst_radius = 0.2;
-        assert_int_equal(compare_in(&ctx, &a, &b, &options, &found[i]), QM_OK);
+        assert_int_equal(qm_measured_comparison_in(&ctx, &a, &b, &options, &found[i]), QM_OK);
     }
     for (int side = 0; side < 2; side++) {
         const qm_deviation *one = &found[0].side[side], *more = &found[1].side[side];
@@ -519,11 +492,11 @@ static void a_canceled_call_tells_what_it_has(void **state)
         options.piece_limit = 3000;
         options.worst_count = 5;
         options.worst_radius = 0.1;
-        qm_comparison truth = compare(&a, &b, &options);
+        qm_comparison truth = qm_measured_comparison(&a, &b, &options);
         size_t n = 0;
         while (cancel_at(&a, &b, &options, n, &truth))
             n += 1 + n / 12;
-        release(&truth);
+        qm_measured_comparison_free(&truth);
     }
     qm_shape_free(&a);
     qm_shape_free(&b);
@@ -544,7 +517,7 @@ static void every_allocation_may_fail(void **state)
         qm_context ctx = qm_context_make();
         ctx.allocator = qm_failing_allocator_hook(&allocator);
         qm_comparison found;
-        status = compare_in(&ctx, &a, &b, &options, &found);
+        status = qm_measured_comparison_in(&ctx, &a, &b, &options, &found);
         assert_true(status == QM_OK || status == QM_E_NO_MEMORY);
         qm_comparison_reset(&ctx, &found);
         assert_int_equal(allocator.live_blocks, 0);
@@ -565,7 +538,7 @@ static void bad_options_are_refused(void **state)
         options.worst_count = 1;
         options.worst_radius = limits[i][1];
         qm_comparison found;
-        assert_int_equal(compare_in(&ctx, &a, &a, &options, &found), QM_E_ARGUMENT);
+        assert_int_equal(qm_measured_comparison_in(&ctx, &a, &a, &options, &found), QM_E_ARGUMENT);
         assert_true(found.f_score == NULL && found.limit_count == 0);
     }
     qm_shape_free(&a);

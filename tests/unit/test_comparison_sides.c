@@ -9,7 +9,7 @@
 #include "base/host.h"
 #include "check.h"
 #include "failing_allocator.h"
-#include "qm/comparison.h"
+#include "measured.h"
 #include "shapes.h"
 
 static qm_comparison_options options_for(double size, qm_sign sign, const qm_interval *band, size_t count)
@@ -24,33 +24,6 @@ static qm_comparison_options options_for(double size, qm_sign sign, const qm_int
     return options;
 }
 
-static qm_status compare_in(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
-                            const qm_comparison_options *options, qm_comparison *out)
-{
-    qm_bvh *tree_a = NULL, *tree_b = NULL;
-    memset(out, 0, sizeof *out);
-    qm_status status = qm_bvh_build(ctx, a, QM_BVH_ALL, 1, &tree_a);
-    if (status == QM_OK) status = qm_bvh_build(ctx, b, QM_BVH_ALL, 1, &tree_b);
-    if (status == QM_OK) status = qm_comparison_measure(ctx, tree_a, tree_b, options, NULL, out);
-    qm_bvh_destroy(ctx, tree_a);
-    qm_bvh_destroy(ctx, tree_b);
-    return status;
-}
-
-static qm_comparison compare(const qm_mesh *a, const qm_mesh *b, const qm_comparison_options *options)
-{
-    qm_context ctx = qm_context_make();
-    qm_comparison out;
-    assert_int_equal(compare_in(&ctx, a, b, options, &out), QM_OK);
-    return out;
-}
-
-static void release(qm_comparison *comparison)
-{
-    qm_context ctx = qm_context_make();
-    qm_comparison_reset(&ctx, comparison);
-}
-
 /** Values are as exact as the coordinates and the roundings of the test, which slack covers. */
 static void check_holds(qm_interval found, double value, double slack, double width, const char *name,
                         uint64_t stream)
@@ -62,18 +35,10 @@ static void check_holds(qm_interval found, double value, double slack, double wi
              "stream %llu: %s: [%.17g, %.17g]", (unsigned long long)stream, name, found.lower, found.upper);
 }
 
-static qm_mesh box_of(double half)
-{
-    qm_mesh box = qm_shape_box(2 * half, 2 * half, 2 * half);
-    const double shift[3] = {-half, -half, -half};
-    qm_shape_move(&box, 1.0, shift);
-    return box;
-}
-
 /** A box, as triangles that are cut a few times where the draw says so. */
 static qm_mesh draw_box(qm_random *random, double half)
 {
-    qm_mesh out = box_of(half);
+    qm_mesh out = qm_shape_cube(half);
     for (uint64_t cuts = qm_random_below(random, 3); cuts > 0; cuts--) {
         qm_mesh triangles = qm_shape_triangulated(&out), fine = qm_shape_refined(&triangles);
         qm_shape_free(&triangles);
@@ -115,7 +80,7 @@ static void check_nested(qm_random *random, uint64_t stream)
         options_for(size, is_outside ? QM_SIGN_OUTSIDE : QM_SIGN_INSIDE, bands, 3);
     options.quads = (qm_quad_reading)(stream % 2);
     options.region_limit = 0.5 * gap * size;
-    qm_comparison found = compare(&a, &b, &options);
+    qm_comparison found = qm_measured_comparison(&a, &b, &options);
     assert_true(found.is_signed[0] && found.is_signed[1] && found.knows_solid);
     const qm_signed_deviation *of_a = &found.side[0].sides, *of_b = &found.side[1].sides;
     check_holds(of_a->behind.max, gap * size, slack, 1e-6 * size, "A inside", stream);
@@ -134,7 +99,7 @@ static void check_nested(qm_random *random, uint64_t stream)
         assert_true(of->region[0].listed_faces == 4 && of->region[0].face_count >= 6);
         check_holds(of->region[0].max, side == 0 ? gap * size : far, 2 * slack, 0.1 * size, "region", stream);
     }
-    release(&found);
+    qm_measured_comparison_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -159,7 +124,7 @@ static void check_shifted(qm_random *random, uint64_t stream)
     options.quads = (qm_quad_reading)(stream % 2);
     options.accuracy = 0.03;
     options.region_limit = 0.9 * t * size;
-    qm_comparison found = compare(&a, &b, &options);
+    qm_comparison found = qm_measured_comparison(&a, &b, &options);
     double slack = 1e-13 * size,
            mean = (4 * t + 4 * t * t - 4.0 / 3.0 * (1 - (1 - t) * (1 - t) * (1 - t))) / 24;
     double front = (4.0 + 4 * t) / 24, behind = 4.0 * (1 - 0.5 * t) * (1 - 0.5 * t) / 24;
@@ -175,7 +140,7 @@ static void check_shifted(qm_random *random, uint64_t stream)
         assert_true(found.side[side].region_count == 2);
     }
     check_holds(found.hausdorff, t * size, slack, 1e-6 * size, "hausdorff", stream);
-    release(&found);
+    qm_measured_comparison_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -208,21 +173,21 @@ static void check_one_way(const qm_mesh *a, const qm_mesh *b, qm_sign sign, qm_s
 {
     const qm_interval band = {-0.1, 0.1};
     qm_comparison_options options = options_for(1.0, sign, &band, 1);
-    qm_comparison found = compare(a, b, &options);
+    qm_comparison found = qm_measured_comparison(a, b, &options);
     assert_true(found.is_signed[0] && !found.is_signed[1]);
     assert_int_equal(found.solid_a.fault, fault);
     assert_int_equal(found.side[0].sides.band_count, 1);
     assert_int_equal(found.side[1].sides.band_count, 0);
     assert_true(found.side[1].max.upper > 0.0);
-    release(&found);
+    qm_measured_comparison_free(&found);
 }
 
 static void what_cannot_be_signed_is_told(void **state)
 {
     (void)state;
     qm_random random = qm_random_make(qm_check_seed(), 3);
-    qm_mesh box = box_of(1.0), open = box_of(0.5), points = qm_shape_points(&random, 20),
-            turned = box_of(0.5);
+    qm_mesh box = qm_shape_cube(1.0), open = qm_shape_cube(0.5), points = qm_shape_points(&random, 20),
+            turned = qm_shape_cube(0.5);
     open.face_count--;
     uint32_t first = turned.faces[1];
     turned.faces[1] = turned.faces[3];
@@ -236,7 +201,7 @@ static void what_cannot_be_signed_is_told(void **state)
         qm_context ctx = qm_context_make();
         qm_comparison_options options = options_for(1.0, QM_SIGN_OUTSIDE, NULL, 0);
         qm_comparison found;
-        assert_int_equal(compare_in(&ctx, &box, bad[i], &options, &found), QM_E_NOT_CLOSED);
+        assert_int_equal(qm_measured_comparison_in(&ctx, &box, bad[i], &options, &found), QM_E_NOT_CLOSED);
         assert_false(found.is_signed[0]);
     }
     open.face_count++;
@@ -251,15 +216,15 @@ static void surfaces_without_area_have_no_regions(void **state)
     (void)state;
     qm_random random = qm_random_make(qm_check_seed(), 4);
     static const double needle[3][3] = {{0, 0, 3}, {1, 0, 3}, {2, 0, 3}};
-    qm_mesh box = box_of(1.0), flat[2] = {qm_shape_points(&random, 20), qm_shape_face(3, needle)};
+    qm_mesh box = qm_shape_cube(1.0), flat[2] = {qm_shape_points(&random, 20), qm_shape_face(3, needle)};
     for (int i = 0; i < 2; i++) {
         qm_comparison_options options = options_for(1.0, QM_SIGN_NONE, NULL, 0);
         options.region_limit = 0.5;
-        qm_comparison found = compare(&box, &flat[i], &options);
+        qm_comparison found = qm_measured_comparison(&box, &flat[i], &options);
         assert_true(found.side[0].has_regions && !found.side[1].has_regions);
-        release(&found);
+        qm_measured_comparison_free(&found);
         qm_context ctx = qm_context_make();
-        assert_int_equal(compare_in(&ctx, &flat[i], &box, &options, &found), QM_E_UNSUPPORTED);
+        assert_int_equal(qm_measured_comparison_in(&ctx, &flat[i], &box, &options, &found), QM_E_UNSUPPORTED);
         qm_shape_free(&flat[i]);
     }
     qm_shape_free(&box);
@@ -314,7 +279,7 @@ static void a_canceled_call_holds(void **state)
 {
     (void)state;
     const qm_interval band = {-0.1, 0.2};
-    qm_mesh mesh[2] = {box_of(0.7), box_of(1.0)};
+    qm_mesh mesh[2] = {qm_shape_cube(0.7), qm_shape_cube(1.0)};
     const double shift[3] = {0.5, 0.2, 0.1};
     qm_shape_move(&mesh[0], 1.0, shift);
     qm_context ctx = qm_context_make();
@@ -325,10 +290,10 @@ static void a_canceled_call_holds(void **state)
     options.accuracy = 0.1;
     options.piece_limit = 5000;
     options.region_limit = 0.2;
-    qm_comparison truth = compare(&mesh[0], &mesh[1], &options);
+    qm_comparison truth = qm_measured_comparison(&mesh[0], &mesh[1], &options);
     for (size_t n = 0; cancel_at(tree, &options, n, &truth);)
         n += 1 + n / 8;
-    release(&truth);
+    qm_measured_comparison_free(&truth);
     for (int i = 0; i < 2; i++) {
         qm_bvh_destroy(&ctx, tree[i]);
         qm_shape_free(&mesh[i]);
@@ -338,7 +303,7 @@ static void a_canceled_call_holds(void **state)
 static void every_allocation_may_fail(void **state)
 {
     (void)state;
-    qm_mesh a = box_of(0.9), b = box_of(1.0);
+    qm_mesh a = qm_shape_cube(0.9), b = qm_shape_cube(1.0);
     const qm_interval band = {-0.1, 0.1};
     qm_comparison_options options = options_for(1.0, QM_SIGN_OUTSIDE, &band, 1);
     options.accuracy = 0.3;
@@ -349,7 +314,7 @@ static void every_allocation_may_fail(void **state)
         qm_context ctx = qm_context_make();
         ctx.allocator = qm_failing_allocator_hook(&allocator);
         qm_comparison found;
-        status = compare_in(&ctx, &a, &b, &options, &found);
+        status = qm_measured_comparison_in(&ctx, &a, &b, &options, &found);
         assert_true(status == QM_OK || status == QM_E_NO_MEMORY);
         qm_comparison_reset(&ctx, &found);
         assert_int_equal(allocator.live_blocks, 0);

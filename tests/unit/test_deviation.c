@@ -10,7 +10,7 @@
 #include "check.h"
 #include "dense_cells.h"
 #include "failing_allocator.h"
-#include "qm/deviation.h"
+#include "measured.h"
 #include "regridded.h"
 #include "shapes.h"
 #include "slow_twin.h"
@@ -27,41 +27,6 @@ static qm_deviation_options options_for(qm_quad_reading quads, double tolerance)
     options.percentile_count = PERCENTS;
     options.bin_count = BINS;
     return options;
-}
-
-static qm_status measure_in(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
-                            const qm_deviation_options *options, qm_deviation *out)
-{
-    qm_bvh *tree_a = NULL, *tree_b = NULL;
-    memset(out, 0, sizeof *out);
-    qm_status status = qm_bvh_build(ctx, a, QM_BVH_ALL, 1, &tree_a);
-    if (status == QM_OK) status = qm_bvh_build(ctx, b, QM_BVH_ALL, 1, &tree_b);
-    if (status == QM_OK) status = qm_deviation_measure(ctx, tree_a, tree_b, options, out);
-    qm_bvh_destroy(ctx, tree_a);
-    qm_bvh_destroy(ctx, tree_b);
-    return status;
-}
-
-static qm_deviation measure(const qm_mesh *a, const qm_mesh *b, const qm_deviation_options *options)
-{
-    qm_context ctx = qm_context_make();
-    qm_deviation out;
-    assert_int_equal(measure_in(&ctx, a, b, options, &out), QM_OK);
-    return out;
-}
-
-static void release(qm_deviation *deviation)
-{
-    qm_context ctx = qm_context_make();
-    qm_deviation_reset(&ctx, deviation);
-}
-
-static void check_holds(qm_interval interval, double value, double width, const char *name)
-{
-    QM_CHECK(interval.lower <= value && value <= interval.upper, "%s: %.17g is not in [%.17g, %.17g]", name,
-             value, interval.lower, interval.upper);
-    QM_CHECK(interval.upper - interval.lower <= width, "%s: [%.17g, %.17g]", name, interval.lower,
-             interval.upper);
 }
 
 /* ---- known values ---- */
@@ -81,22 +46,22 @@ static void parallel_planes_are_as_far_as_they_are(void **state)
     qm_mesh a = qm_shape_plane(5, 0.25), b = make_plane(-3, 4, level);
     for (int reading = 0; reading < 2; reading++) {
         qm_deviation_options options = options_for((qm_quad_reading)reading, 1e-9);
-        qm_deviation found = measure(&a, &b, &options);
+        qm_deviation found = qm_measured_deviation(&a, &b, &options);
         assert_int_equal(found.measure, QM_OVER_AREA);
         assert_true(found.is_accurate);
-        check_holds(found.size, 1.0, 1e-9, "area");
-        check_holds(found.mean, 0.25, 1e-9, "mean");
-        check_holds(found.rms, 0.25, 1e-9, "rms");
-        check_holds(found.max, 0.25, 1e-9, "max");
+        qm_measured_holds(found.size, 1.0, 1e-9, "area");
+        qm_measured_holds(found.mean, 0.25, 1e-9, "mean");
+        qm_measured_holds(found.rms, 0.25, 1e-9, "rms");
+        qm_measured_holds(found.max, 0.25, 1e-9, "max");
         for (int i = 0; i < PERCENTS; i++)
-            check_holds(found.percentile[i], 0.25, 1e-8, "percentile");
+            qm_measured_holds(found.percentile[i], 0.25, 1e-8, "percentile");
         assert_int_equal(found.vertex_count, a.vertex_count);
         for (size_t i = 0; i < found.vertex_count; i++)
             assert_true(fabs(found.vertex_distance[i] - 0.25) < 1e-12);
         assert_int_equal(found.bin_count, BINS);
-        check_holds(found.bin[BINS - 1], 1.0, 1e-9, "last bin");
-        check_holds(found.bin[0], 0.0, 1e-9, "first bin");
-        release(&found);
+        qm_measured_holds(found.bin[BINS - 1], 1.0, 1e-9, "last bin");
+        qm_measured_holds(found.bin[0], 0.0, 1e-9, "first bin");
+        qm_measured_deviation_free(&found);
     }
     qm_shape_free(&a);
     qm_shape_free(&b);
@@ -108,18 +73,18 @@ static void a_tilted_plane_has_exact_moments(void **state)
     static const double tilted[4] = {1, 1.5, 1.5, 1};
     qm_mesh a = make_plane(0, 1, tilted), b = make_plane(-3, 4, level);
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
-    qm_deviation found = measure(&a, &b, &options);
-    check_holds(found.size, sqrt(1.25), 1e-9, "area");
-    check_holds(found.mean, 1.25, 1e-9, "mean");
-    check_holds(found.rms, sqrt(19.0 / 12.0), 1e-9, "rms");
+    qm_deviation found = qm_measured_deviation(&a, &b, &options);
+    qm_measured_holds(found.size, sqrt(1.25), 1e-9, "area");
+    qm_measured_holds(found.mean, 1.25, 1e-9, "mean");
+    qm_measured_holds(found.rms, sqrt(19.0 / 12.0), 1e-9, "rms");
     for (int i = 0; i < PERCENTS; i++)
-        check_holds(found.percentile[i], 1.0 + 0.005 * percents[i], 1e-8, "percentile");
+        qm_measured_holds(found.percentile[i], 1.0 + 0.005 * percents[i], 1e-8, "percentile");
     assert_true(found.bin_width == found.max.upper / BINS);
     for (int i = 0; i < BINS; i++) {
         double from = fmax(1.0, i * found.bin_width), to = fmin(1.5, (i + 1) * found.bin_width);
-        check_holds(found.bin[i], fmax(0.0, 2.0 * (to - from)), 1e-8, "bin");
+        qm_measured_holds(found.bin[i], fmax(0.0, 2.0 * (to - from)), 1e-8, "bin");
     }
-    release(&found);
+    qm_measured_deviation_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -130,12 +95,12 @@ static void a_plane_through_another_is_folded_up(void **state)
     static const double tilted[4] = {-0.5, 0.5, 0.5, -0.5};
     qm_mesh a = make_plane(0, 1, tilted), b = make_plane(-3, 4, level);
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
-    qm_deviation found = measure(&a, &b, &options);
+    qm_deviation found = qm_measured_deviation(&a, &b, &options);
     assert_true(found.is_accurate);
-    check_holds(found.mean, 0.25, 0.0026, "mean");
-    check_holds(found.rms, sqrt(1.0 / 12.0), 0.003, "rms");
-    check_holds(found.percentile[3], 0.25, 0.01, "median");
-    release(&found);
+    qm_measured_holds(found.mean, 0.25, 0.0026, "mean");
+    qm_measured_holds(found.rms, sqrt(1.0 / 12.0), 0.003, "rms");
+    qm_measured_holds(found.percentile[3], 0.25, 0.01, "median");
+    qm_measured_deviation_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -153,14 +118,14 @@ static void a_saddle_over_a_plane_is_balanced(void **state)
         qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-3);
         options.accuracy = 1e-4;
         options.piece_limit = limit;
-        qm_deviation found = measure(&a, &b, &options);
+        qm_deviation found = qm_measured_deviation(&a, &b, &options);
         double width = limit < 4000 ? 8.0 : 0.01;
-        check_holds(found.mean, 3.0, width, "mean");
-        check_holds(found.percentile[3], 3.0, width, "median");
-        check_holds(found.max, 4.0, 1e-3, "max");
+        qm_measured_holds(found.mean, 3.0, width, "mean");
+        qm_measured_holds(found.percentile[3], 3.0, width, "median");
+        qm_measured_holds(found.max, 4.0, 1e-3, "max");
         QM_CHECK(found.rms.lower < 3.02 && found.rms.upper > 3.0, "[%g, %g]", found.rms.lower,
                  found.rms.upper);
-        release(&found);
+        qm_measured_deviation_free(&found);
     }
     qm_shape_free(&a);
     qm_shape_free(&b);
@@ -174,13 +139,13 @@ static void far_spheres_are_their_radii_apart(void **state)
     static const double nowhere[3] = {0, 0, 0};
     qm_shape_move(&b, 10.0, nowhere);
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-3);
-    qm_deviation found = measure(&a, &b, &options);
+    qm_deviation found = qm_measured_deviation(&a, &b, &options);
     assert_true(found.is_accurate);
     QM_CHECK(found.mean.lower <= 9.02 && found.mean.upper >= 8.97, "[%g, %g]", found.mean.lower,
              found.mean.upper);
     QM_CHECK(found.rms.lower >= 0.98 * found.mean.lower && found.rms.upper <= 1.02 * found.mean.upper,
              "[%g, %g]", found.rms.lower, found.rms.upper);
-    release(&found);
+    qm_measured_deviation_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -192,12 +157,12 @@ static void a_mesh_lies_on_itself(void **state)
     for (int reading = 0; reading < 2; reading++) {
         qm_deviation_options options = options_for((qm_quad_reading)reading, 1e-3);
         options.piece_limit = 20000;
-        qm_deviation found = measure(&a, &a, &options);
+        qm_deviation found = qm_measured_deviation(&a, &a, &options);
         QM_CHECK(found.mean.lower == 0.0 && found.mean.upper < (reading ? 0.05 : 1e-9), "[%g, %g]",
                  found.mean.lower, found.mean.upper);
         for (size_t i = 0; i < found.vertex_count; i++)
             assert_true(found.vertex_distance[i] < 1e-12);
-        release(&found);
+        qm_measured_deviation_free(&found);
     }
     qm_shape_free(&a);
 }
@@ -209,15 +174,16 @@ static void points_are_counted(void **state)
     static const double positions[] = {0, 0, 1, 0, 1, 2, 1, 0, 3, 1, 1, 6};
     memcpy(a.positions, positions, sizeof positions);
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
-    qm_deviation found = measure(&a, &b, &options);
+    qm_deviation found = qm_measured_deviation(&a, &b, &options);
     assert_int_equal(found.measure, QM_OVER_POINTS);
     assert_true(found.size.lower == 4.0 && found.size.upper == 4.0);
-    check_holds(found.mean, 3.0, 1e-10, "mean");
-    check_holds(found.rms, sqrt(12.5), 1e-10, "rms");
+    qm_measured_holds(found.mean, 3.0, 1e-10, "mean");
+    qm_measured_holds(found.rms, sqrt(12.5), 1e-10, "rms");
     static const double expected[PERCENTS] = {1, 1, 1, 2, 3, 6, 6};
     for (int i = 0; i < PERCENTS; i++)
-        check_holds(found.percentile[i], expected[i], i == 2 || i == 3 || i == 4 ? 6.0 : 1e-8, "percentile");
-    release(&found);
+        qm_measured_holds(found.percentile[i], expected[i], i == 2 || i == 3 || i == 4 ? 6.0 : 1e-8,
+                          "percentile");
+    qm_measured_deviation_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -230,12 +196,12 @@ static void needles_count_by_their_vertices(void **state)
     static const double far[3] = {0, 0, 50};
     qm_mesh with_unused = qm_shape_with_unused(&a, 2, far);
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
-    qm_deviation found = measure(&with_unused, &b, &options);
+    qm_deviation found = qm_measured_deviation(&with_unused, &b, &options);
     assert_int_equal(found.measure, QM_OVER_VERTICES);
     assert_true(found.size.lower == 3.0);
-    check_holds(found.mean, 2.0, 1e-10, "mean");
-    check_holds(found.max, 3.0, 1e-9, "max");
-    release(&found);
+    qm_measured_holds(found.mean, 2.0, 1e-10, "mean");
+    qm_measured_holds(found.max, 3.0, 1e-9, "max");
+    qm_measured_deviation_free(&found);
     qm_shape_free(&with_unused);
     qm_shape_free(&a);
     qm_shape_free(&b);
@@ -248,13 +214,13 @@ static void the_maximum_over_a_needle_is_between_its_corners(void **state)
     static const double corners[3][3] = {{-1, 0, 0}, {1, 0, 0}, {1, 0, 0}};
     qm_mesh a = qm_shape_face(3, corners), b = qm_shape_torus(64, 32, 1.0, 0.3);
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
-    qm_deviation found = measure(&a, &b, &options);
+    qm_deviation found = qm_measured_deviation(&a, &b, &options);
     assert_int_equal(found.measure, QM_OVER_VERTICES);
     assert_true(found.mean.upper < 0.35);
     /* 0.7 but for the chords of the polygons. */
     QM_CHECK(found.max.lower > 0.69 && found.max.upper < 0.71, "max: [%.17g, %.17g]", found.max.lower,
              found.max.upper);
-    release(&found);
+    qm_measured_deviation_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -314,13 +280,13 @@ static void one_soup(uint64_t seed, uint64_t stream, qm_quad_reading reading)
         qm_shape_soup(&random, 1 + qm_random_below(&random, 8), corners, styles[1], is_bilinear ? 0.5 : 1.0);
     qm_deviation_options options = options_for(reading, 1e-3);
     options.piece_limit = 1000 * qm_random_below(&random, 10);
-    qm_deviation found = measure(&a, &b, &options);
+    qm_deviation found = qm_measured_deviation(&a, &b, &options);
     if (found.measure == QM_OVER_AREA) {
         qm_cell_list list = qm_cells_sample(&a, &b, reading, is_bilinear ? 12 : 24);
         check_against(&found, &list, is_bilinear ? 0.05 : 0.0, stream);
         qm_cells_free(&list);
     }
-    release(&found);
+    qm_measured_deviation_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -352,14 +318,14 @@ static void more_pieces_only_narrow(void **state)
         qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-3);
         options.piece_limit = limit;
         options.accuracy = 1e-4;
-        qm_deviation found = measure(&a, &b, &options);
+        qm_deviation found = qm_measured_deviation(&a, &b, &options);
         assert_false(found.is_accurate);
         assert_true(found.pieces <= 9600 + limit);
         QM_CHECK(found.mean.lower <= last.upper && found.mean.upper >= last.lower &&
                      found.mean.upper - found.mean.lower < last.upper - last.lower,
                  "[%g, %g]", found.mean.lower, found.mean.upper);
         last = found.mean;
-        release(&found);
+        qm_measured_deviation_free(&found);
     }
     qm_shape_free(&a);
     qm_shape_free(&b);
@@ -380,12 +346,12 @@ static void one_near_pair(int columns, int rows, double shift, double shake, qm_
         const qm_mesh *from = side ? &b : &a, *to = side ? &a : &b;
         qm_deviation_options options = options_for(reading, 1e-6);
         if (reading == QM_QUADS_BILINEAR) options.accuracy = 0.1;
-        qm_deviation found = measure(from, to, &options);
+        qm_deviation found = qm_measured_deviation(from, to, &options);
         assert_true(found.is_accurate);
         qm_cell_list list = qm_cells_sample(from, to, reading, n);
         check_against(&found, &list, reading == QM_QUADS_BILINEAR ? 0.05 : 0.0, seed);
         qm_cells_free(&list);
-        release(&found);
+        qm_measured_deviation_free(&found);
     }
     qm_shape_free(&a);
     qm_shape_free(&b);
@@ -416,14 +382,14 @@ static void percentiles_of_noisy_copies_are_narrow(void **state)
     qm_shape_shake(&b, &random, 1e-4);
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-6);
     options.accuracy = 1e-3;
-    qm_deviation found = measure(&a, &b, &options);
+    qm_deviation found = qm_measured_deviation(&a, &b, &options);
     assert_true(found.is_accurate);
     QM_CHECK(found.pieces < 20000, "%zu pieces of 576 triangles", found.pieces);
     for (int i = 2; i < PERCENTS - 1; i++)
         QM_CHECK(found.percentile[i].upper - found.percentile[i].lower < 0.03 * found.mean.lower,
                  "seed %llu, %g %%: [%g, %g]", (unsigned long long)qm_check_seed(), percents[i],
                  found.percentile[i].lower, found.percentile[i].upper);
-    release(&found);
+    qm_measured_deviation_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -444,11 +410,11 @@ static void noisy_copies_of_bent_patches_close(void **state)
         qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-2);
         options.accuracy = is_torus ? 1e-2 : 1e-3;
         options.piece_limit = 60000;
-        qm_deviation found = measure(&a, &b, &options);
+        qm_deviation found = qm_measured_deviation(&a, &b, &options);
         QM_CHECK(found.is_accurate, "seed %llu, pair %d: mean [%g, %g], rms [%g, %g], %zu pieces",
                  (unsigned long long)qm_check_seed(), k, found.mean.lower, found.mean.upper, found.rms.lower,
                  found.rms.upper, found.pieces);
-        release(&found);
+        qm_measured_deviation_free(&found);
         qm_shape_free(&a);
         qm_shape_free(&b);
     }
@@ -461,11 +427,11 @@ static void check_closes(const qm_mesh *a, const qm_mesh *b, size_t piece_limit,
     qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-2);
     options.accuracy = 1e-3;
     options.piece_limit = piece_limit;
-    qm_deviation found = measure(a, b, &options);
+    qm_deviation found = qm_measured_deviation(a, b, &options);
     QM_CHECK(found.is_accurate, "seed %llu, %s %g: mean [%g, %g], rms [%g, %g], %zu pieces",
              (unsigned long long)qm_check_seed(), what, value, found.mean.lower, found.mean.upper,
              found.rms.lower, found.rms.upper, found.pieces);
-    release(&found);
+    qm_measured_deviation_free(&found);
 }
 
 /** A cone of trapezoids, and one the other way round upon it: the upper and the lower row lie at an angle. */
@@ -543,7 +509,7 @@ static void bent_patches_over_flat_ones_close(void **state)
     qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-3);
     options.accuracy = 1e-3;
     options.piece_limit = 6400;
-    qm_deviation found = measure(&a, &b, &options);
+    qm_deviation found = qm_measured_deviation(&a, &b, &options);
     double area = 0.0, sum = 0.0;
     for (size_t f = 0; f < a.face_count; f++) {
         double corner[4][3];
@@ -556,7 +522,7 @@ static void bent_patches_over_flat_ones_close(void **state)
              "seed %llu: mean [%g, %g] of %g, rms [%g, %g], %zu pieces of 64 quads",
              (unsigned long long)qm_check_seed(), found.mean.lower, found.mean.upper, sum / area,
              found.rms.lower, found.rms.upper, found.pieces);
-    release(&found);
+    qm_measured_deviation_free(&found);
     qm_shape_free(&whole);
     qm_shape_free(&a);
     qm_shape_free(&b);
@@ -592,11 +558,12 @@ static void near_planes_of_other_facets_are_exact(void **state)
     for (int side = 0; side < 2; side++) {
         qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
         options.accuracy = 1e-3;
-        qm_deviation found = side ? measure(&coarse, &fine, &options) : measure(&fine, &coarse, &options);
+        qm_deviation found = side ? qm_measured_deviation(&coarse, &fine, &options)
+                                  : qm_measured_deviation(&fine, &coarse, &options);
         assert_true(found.is_accurate);
-        check_holds(found.mean, 1e-4, 1.1e-7, "mean");
-        check_holds(found.rms, 1e-4, 1.1e-7, "rms");
-        release(&found);
+        qm_measured_holds(found.mean, 1e-4, 1.1e-7, "mean");
+        qm_measured_holds(found.rms, 1e-4, 1.1e-7, "rms");
+        qm_measured_deviation_free(&found);
     }
     qm_shape_free(&fine);
     qm_shape_free(&coarse);
@@ -612,10 +579,10 @@ static void a_ceiling_takes_nothing_off(void **state)
     qm_mesh b = qm_shape_joined(&floor, &ceiling);
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
     options.piece_limit = 0;
-    qm_deviation found = measure(&a, &b, &options);
-    check_holds(found.mean, 5e-4, 1e-9, "mean");
-    check_holds(found.rms, 1e-3 / sqrt(3.0), 1e-9, "rms");
-    release(&found);
+    qm_deviation found = qm_measured_deviation(&a, &b, &options);
+    qm_measured_holds(found.mean, 5e-4, 1e-9, "mean");
+    qm_measured_holds(found.rms, 1e-3 / sqrt(3.0), 1e-9, "rms");
+    qm_measured_deviation_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
     qm_shape_free(&floor);
@@ -654,12 +621,12 @@ static void moved_copies_take_few_pieces(void **state)
         qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
         options.accuracy = 1e-3;
         options.piece_limit = 1000;
-        qm_deviation found = measure(&a, &b, &options);
+        qm_deviation found = qm_measured_deviation(&a, &b, &options);
         assert_true(found.is_accurate);
         for (int i = 0; i < PERCENTS && percents[i] < 100; i++)
             QM_CHECK(found.percentile[i].upper - found.percentile[i].lower <= 2e-8, "%g %%: [%g, %g]",
                      percents[i], found.percentile[i].lower, found.percentile[i].upper);
-        release(&found);
+        qm_measured_deviation_free(&found);
         qm_shape_free(&a);
         qm_shape_free(&b);
     }
@@ -691,10 +658,10 @@ static void flat_patches_close_as_triangles_do(void **state)
             qm_shape_shake(&b, &random, shakes[i - 1]);
         qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-3);
         options.piece_limit = 40000;
-        qm_deviation found = measure(&a, &b, &options);
+        qm_deviation found = qm_measured_deviation(&a, &b, &options);
         QM_CHECK(found.is_accurate, "seed %llu, number %zu: mean [%g, %g]",
                  (unsigned long long)qm_check_seed(), i, found.mean.lower, found.mean.upper);
-        release(&found);
+        qm_measured_deviation_free(&found);
         qm_shape_free(&b);
     }
     qm_shape_free(&a);
@@ -738,10 +705,10 @@ static void facets_nearer_than_the_ground_patch_count(void **state)
         qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-9);
         options.accuracy = accuracies[i / 9];
         options.piece_limit = 2000;
-        qm_deviation found = measure(&a, &b, &options);
-        check_holds(found.mean, truth, 2.0 * options.accuracy * truth, "mean");
-        check_holds(found.rms, truth, INFINITY, "rms");
-        release(&found);
+        qm_deviation found = qm_measured_deviation(&a, &b, &options);
+        qm_measured_holds(found.mean, truth, 2.0 * options.accuracy * truth, "mean");
+        qm_measured_holds(found.rms, truth, INFINITY, "rms");
+        qm_measured_deviation_free(&found);
         qm_shape_free(&quad);
         qm_shape_free(&triangle);
         qm_shape_free(&a);
@@ -756,10 +723,10 @@ static void triangles_too_coarse_for_the_mean_are_given_up(void **state)
     make_misleading_twins(&a, &b);
     qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-6);
     options.piece_limit = 20000;
-    qm_deviation found = measure(&a, &b, &options);
+    qm_deviation found = qm_measured_deviation(&a, &b, &options);
     assert_true(found.is_accurate);
-    check_holds(found.mean, 1e-6, 1e-8, "mean");
-    release(&found);
+    qm_measured_holds(found.mean, 1e-6, 1e-8, "mean");
+    qm_measured_deviation_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -810,7 +777,7 @@ static void folded_patches_count_by_their_area(void **state)
     for (size_t limit = 0; limit <= 2000; limit += 2000) {
         qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-6);
         options.piece_limit = limit;
-        qm_deviation found = measure(&a, &b, &options);
+        qm_deviation found = qm_measured_deviation(&a, &b, &options);
         assert_int_equal(found.measure, QM_OVER_AREA);
         QM_CHECK(found.size.lower <= area * 1.001 && found.size.upper >= area * 0.999, "[%g, %g] against %g",
                  found.size.lower, found.size.upper, area);
@@ -820,7 +787,7 @@ static void folded_patches_count_by_their_area(void **state)
         QM_CHECK(found.mean.lower <= 2e-5 && found.rms.lower <= 2e-5 && found.max.lower <= 2e-5, "%g %g %g",
                  found.mean.lower, found.rms.lower, found.max.lower);
         assert_true(found.mean.upper <= found.max.upper && found.rms.upper <= found.max.upper);
-        release(&found);
+        qm_measured_deviation_free(&found);
     }
     qm_shape_free(&a);
     qm_shape_free(&b);
@@ -839,19 +806,19 @@ static void the_pieces_bound_the_maximum(void **state)
     qm_mesh a = qm_shape_torus(36, 18, 1.0, 0.3), b = qm_shape_torus(30, 15, 1.0, 0.31);
     qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-9);
     options.accuracy = 0.01;
-    qm_deviation truth = measure(&a, &b, &options), found;
+    qm_deviation truth = qm_measured_deviation(&a, &b, &options), found;
     qm_context ctx = qm_context_make();
     atomic_bool cancel = false;
     ctx.cancel = &cancel;
     options.progress = cancel_search;
     options.progress_user = &cancel;
-    assert_int_equal(measure_in(&ctx, &a, &b, &options, &found), QM_OK);
+    assert_int_equal(qm_measured_deviation_in(&ctx, &a, &b, &options, &found), QM_OK);
     assert_true(found.is_canceled && found.is_accurate);
     QM_CHECK(found.max.lower <= truth.max.upper && found.max.upper >= truth.max.lower &&
                  found.max.lower > 0.5 * found.max.upper,
              "[%g, %g] against [%g, %g]", found.max.lower, found.max.upper, truth.max.lower, truth.max.upper);
-    release(&found);
-    release(&truth);
+    qm_measured_deviation_free(&found);
+    qm_measured_deviation_free(&truth);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -878,7 +845,7 @@ static void threads_change_no_more_than_the_maximum_may(void **state)
         qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-9);
         options.thread_count = threads[i];
         options.piece_limit = 5000;
-        assert_int_equal(measure_in(&ctx, &a, &b, &options, &found[i]), QM_OK);
+        assert_int_equal(qm_measured_deviation_in(&ctx, &a, &b, &options, &found[i]), QM_OK);
         check_same(found[i].mean, found[0].mean, options.tolerance);
         check_same(found[i].rms, found[0].rms, options.tolerance);
         check_same(found[i].max, found[0].max, options.tolerance);
@@ -886,7 +853,7 @@ static void threads_change_no_more_than_the_maximum_may(void **state)
                             found[0].vertex_count * sizeof *found[0].vertex_distance);
     }
     for (int i = 0; i < 3; i++)
-        release(&found[i]);
+        qm_measured_deviation_free(&found[i]);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -902,14 +869,14 @@ static void bad_options_are_refused(void **state)
         qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-3);
         options.percentile = &bad[i];
         options.percentile_count = 1;
-        assert_int_equal(measure_in(&ctx, &a, &a, &options, &found), QM_E_ARGUMENT);
+        assert_int_equal(qm_measured_deviation_in(&ctx, &a, &a, &options, &found), QM_E_ARGUMENT);
         assert_null(found.vertex_distance);
         if (i == 2) continue;
         options = options_for(QM_QUADS_TRIANGLES, 1e-3);
         options.accuracy = bad[i];
-        assert_int_equal(measure_in(&ctx, &a, &a, &options, &found), QM_E_ARGUMENT);
+        assert_int_equal(qm_measured_deviation_in(&ctx, &a, &a, &options, &found), QM_E_ARGUMENT);
         options = options_for(QM_QUADS_TRIANGLES, bad[i]);
-        assert_int_equal(measure_in(&ctx, &a, &a, &options, &found), QM_E_ARGUMENT);
+        assert_int_equal(qm_measured_deviation_in(&ctx, &a, &a, &options, &found), QM_E_ARGUMENT);
     }
     qm_shape_free(&a);
 }
@@ -975,14 +942,14 @@ static bool cancel_at(const qm_mesh *a, const qm_mesh *b, const qm_deviation_opt
 /** Cancels a call at its first polls, and at later ones that are farther and farther apart. */
 static void check_canceled_calls(const qm_mesh *a, const qm_mesh *b, const qm_deviation_options *options)
 {
-    qm_deviation truth = measure(a, b, options);
+    qm_deviation truth = qm_measured_deviation(a, b, options);
     int counts[2] = {0, 0};
     size_t n = 0, calls = 1;
     for (; cancel_at(a, b, options, n, &truth, counts); n += 1 + n / 50)
         calls++;
     QM_CHECK(counts[0] > 1 && counts[1] > 1 && calls > 2, "%zu calls: %d with vertices, %d narrow", calls,
              counts[0], counts[1]);
-    release(&truth);
+    qm_measured_deviation_free(&truth);
 }
 
 static void a_canceled_call_tells_what_it_has(void **state)
@@ -1035,7 +1002,7 @@ static void every_allocation_may_fail(void **state)
         qm_context ctx = qm_context_make();
         ctx.allocator = qm_failing_allocator_hook(&failing);
         qm_deviation found;
-        qm_status status = measure_in(&ctx, &a, &b, &options, &found);
+        qm_status status = qm_measured_deviation_in(&ctx, &a, &b, &options, &found);
         succeeded = status == QM_OK;
         assert_true(succeeded || status == QM_E_NO_MEMORY);
         qm_deviation_reset(&ctx, &found);

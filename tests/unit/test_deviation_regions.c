@@ -7,7 +7,7 @@
 #include "base/host.h"
 #include "check.h"
 #include "failing_allocator.h"
-#include "qm/deviation.h"
+#include "measured.h"
 #include "shapes.h"
 #include "slow_twin.h"
 
@@ -21,14 +21,7 @@ static qm_status measure_in(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
     options.region_limit = limit;
     options.face_limit = 100;
     options.thread_count = threads;
-    qm_bvh *tree_a = NULL, *tree_b = NULL;
-    memset(out, 0, sizeof *out);
-    qm_status status = qm_bvh_build(ctx, a, QM_BVH_ALL, 1, &tree_a);
-    if (status == QM_OK) status = qm_bvh_build(ctx, b, QM_BVH_ALL, 1, &tree_b);
-    if (status == QM_OK) status = qm_deviation_measure(ctx, tree_a, tree_b, &options, out);
-    qm_bvh_destroy(ctx, tree_a);
-    qm_bvh_destroy(ctx, tree_b);
-    return status;
+    return qm_measured_deviation_in(ctx, a, b, &options, out);
 }
 
 static qm_deviation measure(const qm_mesh *a, const qm_mesh *b, qm_quad_reading quads, double limit)
@@ -39,39 +32,23 @@ static qm_deviation measure(const qm_mesh *a, const qm_mesh *b, qm_quad_reading 
     return out;
 }
 
-static void release(qm_deviation *deviation)
-{
-    qm_context ctx = qm_context_make();
-    qm_deviation_reset(&ctx, deviation);
-}
-
-static void check_holds(qm_interval interval, double value, double width, const char *name)
-{
-    QM_CHECK(interval.lower <= value && value <= interval.upper, "%s: %.17g is not in [%.17g, %.17g]", name,
-             value, interval.lower, interval.upper);
-    QM_CHECK(interval.upper - interval.lower <= width, "%s: [%.17g, %.17g]", name, interval.lower,
-             interval.upper);
-}
-
 /* ---- known regions ---- */
 
 static void a_square_through_a_box_has_a_rim_and_a_core(void **state)
 {
     (void)state;
     static const double corners[4][3] = {{-2, -2, 0}, {2, -2, 0}, {2, 2, 0}, {-2, 2, 0}};
-    qm_mesh a = qm_shape_face(4, corners), b = qm_shape_box(2, 2, 2);
-    const double shift[3] = {-1, -1, -1};
-    qm_shape_move(&b, 1.0, shift);
+    qm_mesh a = qm_shape_face(4, corners), b = qm_shape_cube(1.0);
     for (int reading = 0; reading < 2; reading++) {
         qm_deviation found = measure(&a, &b, (qm_quad_reading)reading, 0.5);
         assert_true(found.has_regions);
         assert_int_equal(found.region_count, 2);
         const qm_deviation_region *rim = &found.region[0], *core = &found.region[1];
         assert_true(rim->parts >= 1 && core->parts >= 1);
-        check_holds(rim->area, 16 - 4 - 8 * 0.5 - 0.25 * 3.14159265358979323846, 0.1, "rim");
-        check_holds(core->area, 1.0, 0.1, "core");
-        check_holds(rim->max, sqrt(2.0), 0.3, "distance at the rim");
-        check_holds(core->max, 1.0, 0.01, "distance at the core");
+        qm_measured_holds(rim->area, 16 - 4 - 8 * 0.5 - 0.25 * 3.14159265358979323846, 0.1, "rim");
+        qm_measured_holds(core->area, 1.0, 0.1, "core");
+        qm_measured_holds(rim->max, sqrt(2.0), 0.3, "distance at the rim");
+        qm_measured_holds(core->max, 1.0, 0.01, "distance at the core");
         assert_true(core->has_witness && fabs(core->from.position[0]) < 0.51);
         for (int k = 0; k < 2; k++) {
             assert_true(fabs(core->centroid[k]) < 0.05 && fabs(rim->centroid[k]) < 0.05);
@@ -79,10 +56,10 @@ static void a_square_through_a_box_has_a_rim_and_a_core(void **state)
         }
         assert_int_equal(core->face_count, 1);
         assert_int_equal(found.region_face[core->first_face], 0);
-        release(&found);
+        qm_measured_deviation_free(&found);
         found = measure(&a, &b, (qm_quad_reading)reading, 2.0);
         assert_true(found.has_regions && found.region_count == 0);
-        release(&found);
+        qm_measured_deviation_free(&found);
     }
     qm_shape_free(&a);
     qm_shape_free(&b);
@@ -117,12 +94,12 @@ static void plates_are_regions_of_their_own(void **state)
         static const double order[] = {0.4, 0.3, 0.2};
         static const size_t faces[] = {64, 36, 49};
         for (int r = 0; r < 3; r++) {
-            check_holds(found.region[r].max, order[r], 1e-9, "height");
-            check_holds(found.region[r].area, 1.0, 1e-9, "area");
+            qm_measured_holds(found.region[r].max, order[r], 1e-9, "height");
+            qm_measured_holds(found.region[r].area, 1.0, 1e-9, "area");
             assert_int_equal(found.region[r].parts, 1);
             assert_int_equal(found.region[r].face_count, faces[r]);
         }
-        release(&found);
+        qm_measured_deviation_free(&found);
     }
     qm_shape_free(&a);
     qm_shape_free(&b);
@@ -138,7 +115,7 @@ static void a_surface_at_the_limit_may_be_beyond(void **state)
     assert_int_equal(found.region_count, 1);
     assert_int_equal(found.region[0].parts, 0);
     assert_true(found.region[0].area.lower == 0.0 && found.region[0].area.upper >= 1.0);
-    release(&found);
+    qm_measured_deviation_free(&found);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -257,7 +234,7 @@ static void regions_hold_what_a_subdivision_finds(void **state)
                      (unsigned long long)qm_check_seed());
         }
         several += found.region_count > 1;
-        release(&found);
+        qm_measured_deviation_free(&found);
         qm_shape_free(&a);
         qm_shape_free(&b);
     }

@@ -10,7 +10,7 @@
 #include "base/host.h"
 #include "check.h"
 #include "failing_allocator.h"
-#include "qm/deviation.h"
+#include "measured.h"
 #include "shapes.h"
 #include "slow_twin.h"
 
@@ -27,55 +27,12 @@ static qm_deviation_options options_for(qm_quad_reading quads, qm_sign sign, con
     return options;
 }
 
-static qm_status measure_in(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
-                            const qm_deviation_options *options, qm_deviation *out)
-{
-    qm_bvh *tree_a = NULL, *tree_b = NULL;
-    memset(out, 0, sizeof *out);
-    qm_status status = qm_bvh_build(ctx, a, QM_BVH_ALL, 1, &tree_a);
-    if (status == QM_OK) status = qm_bvh_build(ctx, b, QM_BVH_ALL, 1, &tree_b);
-    if (status == QM_OK) status = qm_deviation_measure(ctx, tree_a, tree_b, options, out);
-    qm_bvh_destroy(ctx, tree_a);
-    qm_bvh_destroy(ctx, tree_b);
-    return status;
-}
-
-static qm_deviation measure(const qm_mesh *a, const qm_mesh *b, const qm_deviation_options *options)
-{
-    qm_context ctx = qm_context_make();
-    qm_deviation out;
-    assert_int_equal(measure_in(&ctx, a, b, options, &out), QM_OK);
-    return out;
-}
-
-static void release(qm_deviation *deviation)
-{
-    qm_context ctx = qm_context_make();
-    qm_deviation_reset(&ctx, deviation);
-}
-
-static void check_holds(qm_interval interval, double value, double width, const char *name)
-{
-    QM_CHECK(interval.lower <= value && value <= interval.upper, "%s: %.17g is not in [%.17g, %.17g]", name,
-             value, interval.lower, interval.upper);
-    QM_CHECK(interval.upper - interval.lower <= width, "%s: [%.17g, %.17g]", name, interval.lower,
-             interval.upper);
-}
-
-static qm_mesh box_of(double half)
-{
-    qm_mesh box = qm_shape_box(2 * half, 2 * half, 2 * half);
-    const double shift[3] = {-half, -half, -half};
-    qm_shape_move(&box, 1.0, shift);
-    return box;
-}
-
 /* ---- known values ---- */
 
 static void a_box_in_a_box_is_inside(void **state)
 {
     (void)state;
-    qm_mesh a = box_of(0.9), b = box_of(1.0);
+    qm_mesh a = qm_shape_cube(0.9), b = qm_shape_cube(1.0);
     const qm_interval bands[] = {{-0.11, -0.09}, {-0.09, 0.09}, {0.0, INFINITY}, {-INFINITY, 0.0}};
     for (int reading = 0; reading < 2; reading++)
         for (int sign = QM_SIGN_OUTSIDE; sign <= QM_SIGN_NORMAL; sign++) {
@@ -84,19 +41,19 @@ static void a_box_in_a_box_is_inside(void **state)
             for (int i = 0; i < 4; i++)
                 turned[i] = up < 0.0 ? (qm_interval){-bands[i].upper, -bands[i].lower} : bands[i];
             qm_deviation_options options = options_for((qm_quad_reading)reading, (qm_sign)sign, turned, 4);
-            qm_deviation found = measure(&a, &b, &options);
+            qm_deviation found = qm_measured_deviation(&a, &b, &options);
             assert_true(found.sides.is_proven == (sign != QM_SIGN_NORMAL));
-            check_holds(found.sides.mean, -0.1 * up, 1e-9, "mean");
-            check_holds(found.sides.behind.max, 0.1, 2e-6, "inside");
-            check_holds(found.sides.front.max, 0.0, 0.0, "outside");
-            check_holds(found.sides.behind.size, 6 * 1.8 * 1.8, 1e-9, "area inside");
-            check_holds(found.sides.front.size, 0.0, 1e-9, "area outside");
+            qm_measured_holds(found.sides.mean, -0.1 * up, 1e-9, "mean");
+            qm_measured_holds(found.sides.behind.max, 0.1, 2e-6, "inside");
+            qm_measured_holds(found.sides.front.max, 0.0, 0.0, "outside");
+            qm_measured_holds(found.sides.behind.size, 6 * 1.8 * 1.8, 1e-9, "area inside");
+            qm_measured_holds(found.sides.front.size, 0.0, 1e-9, "area outside");
             assert_true(found.sides.open_size <= 1e-9);
             assert_true(found.sides.behind.has_witness && !found.sides.front.has_witness);
             static const double shares[] = {1, 0, 0, 1};
             for (int i = 0; i < 4; i++)
-                check_holds(found.sides.band[i], shares[i], 1e-9, "band");
-            release(&found);
+                qm_measured_holds(found.sides.band[i], shares[i], 1e-9, "band");
+            qm_measured_deviation_free(&found);
         }
     qm_shape_free(&a);
     qm_shape_free(&b);
@@ -113,22 +70,22 @@ static void a_square_through_a_box_is_on_both_sides(void **state)
 {
     (void)state;
     static const double corners[4][3] = {{-2, -2, 0}, {2, -2, 0}, {2, 2, 0}, {-2, 2, 0}};
-    qm_mesh a = qm_shape_face(4, corners), b = box_of(1.0);
+    qm_mesh a = qm_shape_face(4, corners), b = qm_shape_cube(1.0);
     const qm_interval bands[] = {{-0.5, 0.5}, {0.25, 0.75}, {-0.75, -0.25}, {-INFINITY, INFINITY}};
     const double shares[] = {(frame_within(0.5) + 3.0) / 16, (frame_within(0.75) - frame_within(0.25)) / 16,
                              (1.5 * 1.5 - 0.5 * 0.5) / 16, 1};
     for (int reading = 0; reading < 2; reading++) {
         qm_deviation_options options = options_for((qm_quad_reading)reading, QM_SIGN_OUTSIDE, bands, 4);
-        qm_deviation found = measure(&a, &b, &options);
-        check_holds(found.sides.behind.max, 1.0, 1e-5, "inside");
-        check_holds(found.sides.front.max, sqrt(2.0), 1e-5, "outside");
-        check_holds(found.sides.behind.size, 4.0, 0.2, "area inside");
-        check_holds(found.sides.front.size, 12.0, 0.2, "area outside");
+        qm_deviation found = qm_measured_deviation(&a, &b, &options);
+        qm_measured_holds(found.sides.behind.max, 1.0, 1e-5, "inside");
+        qm_measured_holds(found.sides.front.max, sqrt(2.0), 1e-5, "outside");
+        qm_measured_holds(found.sides.behind.size, 4.0, 0.2, "area inside");
+        qm_measured_holds(found.sides.front.size, 12.0, 0.2, "area outside");
         for (int i = 0; i < 4; i++)
-            check_holds(found.sides.band[i], shares[i], 0.03, "band");
+            qm_measured_holds(found.sides.band[i], shares[i], 0.03, "band");
         const double *at = found.sides.behind.from.position;
         assert_true(fabs(at[0]) < 1e-5 && fabs(at[1]) < 1e-5 && at[2] == 0.0);
-        release(&found);
+        qm_measured_deviation_free(&found);
     }
     qm_shape_free(&a);
     qm_shape_free(&b);
@@ -140,17 +97,17 @@ static void a_tiny_area_is_not_none(void **state)
     (void)state;
     static const double corners[4][3] = {{-2, -2, 0}, {2, -2, 0}, {2, 2, 0}, {-2, 2, 0}}, origin[3] = {0};
     for (double scale = 0x1p-500; scale >= 0x1p-1000; scale *= 0x1p-50) {
-        qm_mesh a = qm_shape_face(4, corners), b = box_of(1.0);
+        qm_mesh a = qm_shape_face(4, corners), b = qm_shape_cube(1.0);
         qm_shape_move(&a, scale, origin);
         qm_shape_move(&b, scale, origin);
         qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, QM_SIGN_OUTSIDE, NULL, 0);
         options.tolerance *= scale;
-        qm_deviation found = measure(&a, &b, &options);
+        qm_deviation found = qm_measured_deviation(&a, &b, &options);
         double inside = 4.0 * scale * scale, outside = 12.0 * scale * scale;
-        check_holds(found.sides.behind.size, inside, 0.1 * inside + DBL_MIN, "area inside");
-        check_holds(found.sides.front.size, outside, 0.1 * outside + DBL_MIN, "area outside");
+        qm_measured_holds(found.sides.behind.size, inside, 0.1 * inside + DBL_MIN, "area inside");
+        qm_measured_holds(found.sides.front.size, outside, 0.1 * outside + DBL_MIN, "area outside");
         assert_true(found.sides.behind.size.upper > 0.0 && found.sides.front.size.upper > 0.0);
-        release(&found);
+        qm_measured_deviation_free(&found);
         qm_shape_free(&a);
         qm_shape_free(&b);
     }
@@ -159,35 +116,35 @@ static void a_tiny_area_is_not_none(void **state)
 static void a_surface_on_the_target_is_on_neither_side(void **state)
 {
     (void)state;
-    qm_mesh a = box_of(1.0);
+    qm_mesh a = qm_shape_cube(1.0);
     const qm_interval band = {-1e-9, 1e-9};
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, QM_SIGN_OUTSIDE, &band, 1);
-    qm_deviation found = measure(&a, &a, &options);
-    check_holds(found.sides.mean, 0.0, 1e-9, "mean");
-    check_holds(found.sides.front.max, 0.0, 1e-9, "outside");
-    check_holds(found.sides.behind.max, 0.0, 1e-9, "inside");
+    qm_deviation found = qm_measured_deviation(&a, &a, &options);
+    qm_measured_holds(found.sides.mean, 0.0, 1e-9, "mean");
+    qm_measured_holds(found.sides.front.max, 0.0, 1e-9, "outside");
+    qm_measured_holds(found.sides.behind.max, 0.0, 1e-9, "inside");
     assert_true(found.sides.front.size.lower == 0.0 && found.sides.front.size.upper >= 24.0 * (1 - 1e-9));
-    check_holds(found.sides.band[0], 1.0, 1e-9, "band");
-    release(&found);
+    qm_measured_holds(found.sides.band[0], 1.0, 1e-9, "band");
+    qm_measured_deviation_free(&found);
     qm_shape_free(&a);
 }
 
 static void points_are_counted_by_side(void **state)
 {
     (void)state;
-    qm_mesh b = box_of(1.0), a = qm_shape_make(5, 0);
+    qm_mesh b = qm_shape_cube(1.0), a = qm_shape_make(5, 0);
     static const double at[15] = {0, 0, 0, 0.5, 0.9, 0, 3, 0, 0, 0, 0, -1.5, 1, 0.5, 0.25};
     memcpy(a.positions, at, sizeof at);
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, QM_SIGN_OUTSIDE, NULL, 0);
     options.thread_count = 2;
     qm_context ctx = qm_host_context();
     qm_deviation found;
-    assert_int_equal(measure_in(&ctx, &a, &b, &options, &found), QM_OK);
-    check_holds(found.sides.behind.size, 2.0, 1.0 + 1e-9, "points inside");
-    check_holds(found.sides.front.size, 2.0, 1.0 + 1e-9, "points outside");
-    check_holds(found.sides.mean, (-1.0 - 0.1 + 2.0 + 0.5) / 5, 1e-9, "mean");
-    check_holds(found.sides.behind.max, 1.0, 1e-9, "inside");
-    check_holds(found.sides.front.max, 2.0, 1e-9, "outside");
+    assert_int_equal(qm_measured_deviation_in(&ctx, &a, &b, &options, &found), QM_OK);
+    qm_measured_holds(found.sides.behind.size, 2.0, 1.0 + 1e-9, "points inside");
+    qm_measured_holds(found.sides.front.size, 2.0, 1.0 + 1e-9, "points outside");
+    qm_measured_holds(found.sides.mean, (-1.0 - 0.1 + 2.0 + 0.5) / 5, 1e-9, "mean");
+    qm_measured_holds(found.sides.behind.max, 1.0, 1e-9, "inside");
+    qm_measured_holds(found.sides.front.max, 2.0, 1e-9, "outside");
     assert_int_equal(found.sides.front.from.face, 2);
     assert_int_equal(found.sides.behind.from.face, 0);
     qm_deviation_reset(&ctx, &found);
@@ -198,18 +155,18 @@ static void points_are_counted_by_side(void **state)
 static void only_solids_prove_a_sign(void **state)
 {
     (void)state;
-    qm_mesh a = box_of(0.5), b = box_of(1.0), points = qm_shape_make(1, 0);
+    qm_mesh a = qm_shape_cube(0.5), b = qm_shape_cube(1.0), points = qm_shape_make(1, 0);
     b.face_count--;
     qm_context ctx = qm_context_make();
     qm_deviation out;
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, QM_SIGN_OUTSIDE, NULL, 0);
-    assert_int_equal(measure_in(&ctx, &a, &b, &options, &out), QM_E_NOT_CLOSED);
+    assert_int_equal(qm_measured_deviation_in(&ctx, &a, &b, &options, &out), QM_E_NOT_CLOSED);
     assert_non_null(strstr(ctx.message, "4 boundary edges"));
     options.sign = QM_SIGN_NORMAL;
-    assert_int_equal(measure_in(&ctx, &a, &b, &options, &out), QM_OK);
+    assert_int_equal(qm_measured_deviation_in(&ctx, &a, &b, &options, &out), QM_OK);
     assert_false(out.sides.is_proven);
-    release(&out);
-    assert_int_equal(measure_in(&ctx, &a, &points, &options, &out), QM_E_NOT_CLOSED);
+    qm_measured_deviation_free(&out);
+    assert_int_equal(qm_measured_deviation_in(&ctx, &a, &points, &options, &out), QM_E_NOT_CLOSED);
     qm_shape_free(&a);
     qm_shape_free(&b);
     qm_shape_free(&points);
@@ -327,7 +284,7 @@ static qm_mesh random_target(qm_random *random, int i)
     }
     if (i % 4 == 1) return qm_shape_box(1.0, 0.02 + qm_random_range(random, 0, 0.1), 1.0);
     if (i % 4 == 2) {
-        qm_mesh outer = box_of(1.0), inner = box_of(qm_random_range(random, 0.3, 0.8));
+        qm_mesh outer = qm_shape_cube(1.0), inner = qm_shape_cube(qm_random_range(random, 0.3, 0.8));
         for (size_t f = 0; f < inner.face_count; f++) {
             uint32_t kept = inner.faces[4 * f + 1];
             inner.faces[4 * f + 1] = inner.faces[4 * f + 3];
@@ -372,7 +329,7 @@ static void figures_hold_what_a_subdivision_finds(void **state)
         qm_deviation_options options = options_for(reading, QM_SIGN_OUTSIDE, &band, 1);
         qm_context ctx = qm_context_make();
         qm_deviation found;
-        qm_status status = measure_in(&ctx, &a, &b, &options, &found);
+        qm_status status = qm_measured_deviation_in(&ctx, &a, &b, &options, &found);
         if (status == QM_E_NOT_CLOSED) { /* a torus shaken until it meets itself */
             qm_shape_free(&a);
             qm_shape_free(&b);
@@ -397,7 +354,7 @@ static void figures_hold_what_a_subdivision_finds(void **state)
         }
         narrow += sides->mean.upper - sides->mean.lower <= 0.05 * found.mean.upper &&
                   sides->front.max.upper - sides->front.max.lower < 1e-3;
-        release(&found);
+        qm_measured_deviation_free(&found);
         qm_shape_free(&a);
         qm_shape_free(&b);
     }
@@ -417,7 +374,7 @@ static void threads_do_not_change_the_result(void **state)
         qm_deviation_options options = options_for(QM_QUADS_BILINEAR, QM_SIGN_OUTSIDE, &band, 1);
         options.thread_count = threads;
         qm_deviation found;
-        assert_int_equal(measure_in(&ctx, &a, &b, &options, &found), QM_OK);
+        assert_int_equal(qm_measured_deviation_in(&ctx, &a, &b, &options, &found), QM_OK);
         if (threads > 1) {
             assert_memory_equal(&found.sides.mean, &first.sides.mean, sizeof first.sides.mean);
             assert_memory_equal(&found.sides.front.max, &first.sides.front.max, sizeof(qm_interval));
@@ -426,7 +383,7 @@ static void threads_do_not_change_the_result(void **state)
         }
         first = found;
     }
-    release(&first);
+    qm_measured_deviation_free(&first);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -447,7 +404,7 @@ static void *count_and_cancel(void *user, void *block, size_t old_size, size_t n
 static void a_canceled_call_has_intervals(void **state)
 {
     (void)state;
-    qm_mesh a = box_of(0.9), b = box_of(1.0);
+    qm_mesh a = qm_shape_cube(0.9), b = qm_shape_cube(1.0);
     const qm_interval band = {-0.11, -0.09};
     int canceled = 0;
     for (int calls = 15; calls < 80; calls += 3) {
@@ -458,16 +415,16 @@ static void a_canceled_call_has_intervals(void **state)
         qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, QM_SIGN_OUTSIDE, &band, 1);
         options.region_limit = 0.05;
         qm_deviation out;
-        qm_status status = measure_in(&ctx, &a, &b, &options, &out);
+        qm_status status = qm_measured_deviation_in(&ctx, &a, &b, &options, &out);
         if (status == QM_E_CANCELED) continue; /* before there were trees */
         assert_int_equal(status, QM_OK);
         canceled += out.is_canceled;
         assert_int_equal(out.sides.band_count, 1);
-        check_holds(out.sides.mean, -0.1, 100.0, "mean");
-        check_holds(out.sides.behind.max, 0.1, 100.0, "inside");
-        check_holds(out.sides.behind.size, 6 * 1.8 * 1.8, 1e3, "area inside");
-        check_holds(out.sides.front.size, 0.0, 1e3, "area outside");
-        check_holds(out.sides.band[0], 1.0, 1.0, "band");
+        qm_measured_holds(out.sides.mean, -0.1, 100.0, "mean");
+        qm_measured_holds(out.sides.behind.max, 0.1, 100.0, "inside");
+        qm_measured_holds(out.sides.behind.size, 6 * 1.8 * 1.8, 1e3, "area inside");
+        qm_measured_holds(out.sides.front.size, 0.0, 1e3, "area outside");
+        qm_measured_holds(out.sides.band[0], 1.0, 1.0, "band");
         assert_true(!out.has_regions || out.region_count == 1);
         qm_deviation_reset(&ctx, &out);
     }
@@ -479,7 +436,7 @@ static void a_canceled_call_has_intervals(void **state)
 static void out_of_memory_is_reported_and_leaves_nothing(void **state)
 {
     (void)state;
-    qm_mesh a = box_of(0.7), b = box_of(1.0);
+    qm_mesh a = qm_shape_cube(0.7), b = qm_shape_cube(1.0);
     const double shift[3] = {0.5, 0.2, 0.1};
     qm_shape_move(&a, 1.0, shift);
     const qm_interval band = {-0.1, 0.1};
@@ -492,7 +449,7 @@ static void out_of_memory_is_reported_and_leaves_nothing(void **state)
         qm_context ctx = qm_context_make();
         ctx.allocator = qm_failing_allocator_hook(&failing);
         qm_deviation out;
-        status = measure_in(&ctx, &a, &b, &options, &out);
+        status = qm_measured_deviation_in(&ctx, &a, &b, &options, &out);
         if (status == QM_OK) qm_deviation_reset(&ctx, &out);
         assert_true(status == QM_OK || status == QM_E_NO_MEMORY);
         assert_int_equal(failing.live_blocks, 0);

@@ -294,18 +294,37 @@ static void corners_on_the_other_mesh_do_not_hide_what_is_between(void **state)
     check_distances(make_square(1.0, 0.0), pyramid, QM_QUADS_TRIANGLES, of_pyramid);
 }
 
+/** A box of size 1 and how it is looked at. */
+typedef struct seen_box {
+    qm_mesh box;
+    qm_bvh *bvh;
+    qm_view view;
+} seen_box;
+
+static seen_box see_box(qm_context *ctx, const double towards[3], const double up[3])
+{
+    seen_box out = {.box = qm_shape_box(1.0, 1.0, 1.0)};
+    assert_int_equal(qm_bvh_build(ctx, &out.box, QM_BVH_ALL, 1, &out.bvh), QM_OK);
+    qm_box bounds = qm_mesh_bounding_box(&out.box);
+    out.view = qm_raster_view(&bounds, towards, up, WIDTH, HEIGHT);
+    return out;
+}
+
+static void seen_box_free(qm_context *ctx, seen_box *seen)
+{
+    qm_bvh_destroy(ctx, seen->bvh);
+    qm_shape_free(&seen->box);
+}
+
 static void places_are_seen_where_nothing_is_before_them(void **state)
 {
     (void)state;
     qm_context ctx = qm_context_make();
-    qm_mesh box = qm_shape_box(1.0, 1.0, 1.0);
-    qm_bvh *bvh;
-    assert_int_equal(qm_bvh_build(&ctx, &box, QM_BVH_ALL, 1, &bvh), QM_OK);
-    qm_box bounds = qm_mesh_bounding_box(&box);
     const double towards[3] = {0.0, 0.0, 1.0}, up[3] = {0.0, 1.0, 0.0};
-    qm_view view = qm_raster_view(&bounds, towards, up, WIDTH, HEIGHT);
+    seen_box seen = see_box(&ctx, towards, up);
     qm_heat heat;
-    assert_int_equal(qm_heat_draw(&ctx, &view, &box, bvh, QM_QUADS_TRIANGLES, 1, &heat), QM_OK);
+    assert_int_equal(qm_heat_draw(&ctx, &seen.view, &seen.box, seen.bvh, QM_QUADS_TRIANGLES, 1, &heat),
+                     QM_OK);
     const double above[3] = {0.3, 0.6, 1.0}, below[3] = {0.3, 0.6, 0.0}, beside[3] = {9.0, 0.6, 1.0},
                  corner[3] = {1, 1, 1};
     assert_true(qm_heat_shows(&heat, above));
@@ -313,35 +332,29 @@ static void places_are_seen_where_nothing_is_before_them(void **state)
     assert_false(qm_heat_shows(&heat, below));
     assert_false(qm_heat_shows(&heat, beside));
     qm_heat_reset(&ctx, &heat);
-    qm_bvh_destroy(&ctx, bvh);
-    qm_shape_free(&box);
+    seen_box_free(&ctx, &seen);
 }
 
 static void a_failed_allocation_is_told_and_leaves_nothing(void **state)
 {
     (void)state;
     qm_context ctx = qm_context_make();
-    qm_mesh box = qm_shape_box(1.0, 1.0, 1.0);
-    qm_bvh *bvh;
-    assert_int_equal(qm_bvh_build(&ctx, &box, QM_BVH_ALL, 1, &bvh), QM_OK);
-    qm_box bounds = qm_mesh_bounding_box(&box);
     const double towards[3] = {1.0, 0.0, 0.0}, up[3] = {0.0, 0.0, 1.0};
-    qm_view view = qm_raster_view(&bounds, towards, up, WIDTH, HEIGHT);
+    seen_box seen = see_box(&ctx, towards, up);
     qm_status status = QM_E_NO_MEMORY;
     for (size_t fail_at = 0; status != QM_OK; fail_at++) {
         qm_failing_allocator memory = {.fail_at = fail_at};
         qm_context failing = qm_context_make();
         failing.allocator = qm_failing_allocator_hook(&memory);
         qm_heat heat;
-        status = qm_heat_draw(&failing, &view, &box, bvh, QM_QUADS_TRIANGLES, 1, &heat);
+        status = qm_heat_draw(&failing, &seen.view, &seen.box, seen.bvh, QM_QUADS_TRIANGLES, 1, &heat);
         assert_true(status == QM_OK || status == QM_E_NO_MEMORY);
         if (status == QM_OK) qm_heat_reset(&failing, &heat);
         assert_int_equal(memory.live_blocks, 0);
         assert_false(memory.mismatched);
         assert_true(fail_at < 100);
     }
-    qm_bvh_destroy(&ctx, bvh);
-    qm_shape_free(&box);
+    seen_box_free(&ctx, &seen);
 }
 
 int main(void)

@@ -8,6 +8,7 @@
 #include "base/host.h"
 #include "check.h"
 #include "failing_allocator.h"
+#include "measured.h"
 #include "qm/heatmap.h"
 #include "shapes.h"
 #include "slow_twin.h"
@@ -15,13 +16,11 @@
 static qm_status make_in(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
                          const qm_heatmap_options *options, qm_heatmap *out)
 {
-    qm_bvh *tree_a = NULL, *tree_b = NULL;
+    qm_bvh *tree[2];
     memset(out, 0, sizeof *out);
-    qm_status status = qm_bvh_build(ctx, a, QM_BVH_ALL, 1, &tree_a);
-    if (status == QM_OK) status = qm_bvh_build(ctx, b, QM_BVH_ALL, 1, &tree_b);
-    if (status == QM_OK) status = qm_heatmap_make(ctx, tree_a, tree_b, options, out);
-    qm_bvh_destroy(ctx, tree_a);
-    qm_bvh_destroy(ctx, tree_b);
+    qm_status status = qm_measured_trees(ctx, a, b, tree);
+    if (status == QM_OK) status = qm_heatmap_make(ctx, tree[0], tree[1], options, out);
+    qm_measured_trees_free(ctx, tree);
     return status;
 }
 

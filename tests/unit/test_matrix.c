@@ -292,6 +292,18 @@ static void add_mesh(mesh_set *set, qm_mesh mesh)
     assert_int_equal(qm_bvh_build(set->ctx, &set->mesh[i], QM_BVH_ALL, 1, &set->tree[i]), QM_OK);
 }
 
+/** Lists are of one item. */
+static qm_matrix_options options_for(mesh_set *set, qm_matrix_want want, double tolerance)
+{
+    return (qm_matrix_options){.count = set->count,
+                               .boxes = set->box,
+                               .want = want,
+                               .nearest = 1,
+                               .tolerance = tolerance,
+                               .measure = measure_meshes,
+                               .user = set};
+}
+
 static void free_meshes(mesh_set *set)
 {
     for (size_t i = 0; i < set->count; i++) {
@@ -323,14 +335,9 @@ static void moved_copies(void **state)
                 copy.positions[at] = copy.positions[at] * scale + set.shift[i][at % 3];
             add_mesh(&set, copy);
         }
-        qm_matrix_options options = {.count = count,
-                                     .boxes = set.box,
-                                     .want = (qm_matrix_want)(run % 3),
-                                     .nearest = 1 + qm_random_below(&random, count - 1),
-                                     .limit = scale * floor(qm_random_range(&random, 0.0, 9.0)),
-                                     .tolerance = 1e-3 * scale,
-                                     .measure = measure_meshes,
-                                     .user = &set};
+        qm_matrix_options options = options_for(&set, (qm_matrix_want)(run % 3), 1e-3 * scale);
+        options.nearest = 1 + qm_random_below(&random, count - 1);
+        options.limit = scale * floor(qm_random_range(&random, 0.0, 9.0));
         qm_matrix matrix;
         assert_int_equal(qm_matrix_measure(&ctx, &options, &matrix), QM_OK);
         for (size_t a = 0; a < count; a++)
@@ -359,20 +366,10 @@ static void nested_boxes(void **state)
     (void)state;
     qm_context ctx = qm_context_make();
     mesh_set set = {.ctx = &ctx};
-    for (size_t i = 0; i < 12; i++) {
-        double half = 1.0 + 0.25 * (double)i;
-        qm_mesh box = qm_shape_box(2.0 * half, 2.0 * half, 2.0 * half);
-        for (size_t at = 0; at < 3 * box.vertex_count; at++)
-            box.positions[at] -= half;
-        add_mesh(&set, box);
-    }
-    qm_matrix_options options = {.count = set.count,
-                                 .boxes = set.box,
-                                 .want = QM_MATRIX_NEAREST,
-                                 .nearest = 3,
-                                 .tolerance = 1e-6,
-                                 .measure = measure_meshes,
-                                 .user = &set};
+    for (size_t i = 0; i < 12; i++)
+        add_mesh(&set, qm_shape_cube(1.0 + 0.25 * (double)i));
+    qm_matrix_options options = options_for(&set, QM_MATRIX_NEAREST, 1e-6);
+    options.nearest = 3;
     qm_matrix matrix;
     assert_int_equal(qm_matrix_measure(&ctx, &options, &matrix), QM_OK);
     assert_int_equal(matrix.open, 0);
@@ -403,14 +400,8 @@ static void every_pair_agrees_with_its_own_search(void **state)
         size_t count = 3 + qm_random_below(&random, 5);
         for (size_t i = 0; i < count; i++)
             add_mesh(&set, make_shape(&random, run % 3 == 0 ? (unsigned)qm_random_below(&random, 6) : run));
-        qm_matrix_options options = {.count = count,
-                                     .boxes = set.box,
-                                     .want = (qm_matrix_want)(run % 3),
-                                     .nearest = 1,
-                                     .limit = 1.0,
-                                     .tolerance = 1e-2,
-                                     .measure = measure_meshes,
-                                     .user = &set};
+        qm_matrix_options options = options_for(&set, (qm_matrix_want)(run % 3), 1e-2);
+        options.limit = 1.0;
         qm_matrix matrix;
         assert_int_equal(qm_matrix_measure(&ctx, &options, &matrix), QM_OK);
         for (size_t a = 0; a < count; a++)

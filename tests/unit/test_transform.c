@@ -85,7 +85,7 @@ static void moved_positions_are_within_the_stated_rounding(void **state)
                     sum += term[k];
                     most = fmaxl(most, fabsl(term[k]));
                 }
-                QM_CHECK(fabsl(sum - moved.positions[3 * v + (size_t)r]) <= 0x1p-50L * most, "case %llu",
+                QM_CHECK(fabsl(sum - moved.positions[3 * v + (size_t)r]) <= 0x1p-49L * most, "case %llu",
                          (unsigned long long)i);
             }
         qm_shape_free(&moved);
@@ -155,6 +155,65 @@ static void distances_change_by_what_is_told(void **state)
     assert_true(change.rounding > 0.0 && change.rounding < 1e-13);
 }
 
+/** The exact image of a point under one row of a map, and the largest of its terms. */
+static long double exact_image(const double row[4], const double point[3], long double *most)
+{
+    long double image = row[3];
+    *most = fabsl(image);
+    for (int k = 0; k < 3; k++) {
+        const long double term = (long double)row[k] * point[k];
+        image += term;
+        *most = fmaxl(*most, fabsl(term));
+    }
+    return image;
+}
+
+/** Terms just above 1, of which each sum is just above 2, 3 and 4, where roundings are the largest for the sizes of the terms: of many
+ * rows those that are rounded the most, one for each coordinate of one point. */
+static void roundings_of_all_coordinates_may_add_up(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    long double worst = 0.0L;
+    for (uint64_t round = 0; round < 8; round++) {
+        qm_random random = qm_random_make(qm_check_seed(), 30000 + round);
+        double m[16], point[3], to[3];
+        long double off[3] = {0.0L, 0.0L, 0.0L};
+        memcpy(m, identity, sizeof m);
+        for (int k = 0; k < 3; k++)
+            point[k] = qm_random_range(&random, 1.0, 1.0 + 0x1p-10);
+        const qm_mesh mesh = {.vertex_count = 1, .positions = point};
+        for (int attempt = 0; attempt < 4000; attempt++) {
+            double row[4], moved[3], map[16];
+            memcpy(map, identity, sizeof map);
+            for (int k = 0; k < 4; k++)
+                map[4 * k] = row[k] = qm_random_range(&random, 1.0, 1.0 + 0x1p-10);
+            assert_int_equal(qm_transform_positions(&ctx, map, &mesh, moved), QM_OK);
+            long double most, error = fabsl(exact_image(row, point, &most) - moved[0]);
+            QM_CHECK(error <= 0x1p-49L * most, "seed %llu round %llu", (unsigned long long)qm_check_seed(),
+                     (unsigned long long)round);
+            const int r = attempt % 3;
+            if (error <= off[r]) continue;
+            off[r] = error;
+            for (int k = 0; k < 4; k++)
+                m[4 * k + r] = row[k];
+        }
+        const qm_transform_change change = qm_transform_find_change(m, &mesh);
+        assert_int_equal(qm_transform_positions(&ctx, m, &mesh, to), QM_OK);
+        long double square = 0.0L;
+        for (int r = 0; r < 3; r++) {
+            const double row[4] = {m[r], m[4 + r], m[8 + r], m[12 + r]};
+            long double most, error = exact_image(row, point, &most) - to[r];
+            square += error * error;
+        }
+        const long double moved_off = sqrtl(square);
+        QM_CHECK(moved_off <= change.rounding, "seed %llu round %llu: off by %Lg, told %g",
+                 (unsigned long long)qm_check_seed(), (unsigned long long)round, moved_off, change.rounding);
+        worst = fmaxl(worst, moved_off / change.rounding);
+    }
+    QM_CHECK(worst > 0.5L, "the worst found is %Lg of what is told", worst);
+}
+
 static void the_identity_keeps_every_bit(void **state)
 {
     (void)state;
@@ -186,6 +245,7 @@ int main(void)
         cmocka_unit_test(any_size_of_a_transform_is_taken),
         cmocka_unit_test(moved_positions_are_within_the_stated_rounding),
         cmocka_unit_test(distances_change_by_what_is_told),
+        cmocka_unit_test(roundings_of_all_coordinates_may_add_up),
         cmocka_unit_test(the_identity_keeps_every_bit),
         cmocka_unit_test(a_vertex_that_overflows_is_named),
     };

@@ -29,8 +29,9 @@ bool qm_transform_mirrors(const double m[QM_TRANSFORM_SIZE]);
 
 /**
  * The moved positions of a mesh: x y z of each of its vertices, rounded. Let S be the largest of the four terms of a sum
- * above; each coordinate is off by at most 2^-50 S, where S is at least 2^-1000 (three products and three sums, each rounded once: four times 2^-53 in
- * the first order of the sum of their sizes, 4 S). The map that moves nothing gives the positions as they are.
+ * above; each coordinate is off by at most 2^-49 S, where S is at least 2^-1000. With u = 2^-53 the three products are off by
+ * u S each, and the three sums by 2 u S, 3 u S and 4 u S: 12 u S to the first order, below 16 u S. The map that moves nothing
+ * gives the positions as they are.
  *
  * positions  vertex_count rows of x y z; may be the mesh's own
  *

@@ -9,6 +9,7 @@
 
 #include "bvh/winding.h"
 #include "collide_search.h"
+#include "core/face_ring.h"
 
 #define PATCH_TOLERANCE 1e-9 /* of the diagonal: patches nearer than that may count as meeting */
 #define CANCEL_STRIDE 0x10000
@@ -27,11 +28,6 @@ typedef struct edge_work {
     int32_t *turn;   /* and their sum */
 } edge_work;
 
-static int corner_count(const uint32_t *face)
-{
-    return face[3] == QM_NO_INDEX ? 3 : 4;
-}
-
 /** Sorts the sides of all faces by their ends of lower index. */
 static qm_status sort_sides(qm_context *ctx, edge_work *work)
 {
@@ -40,7 +36,7 @@ static qm_status sort_sides(qm_context *ctx, edge_work *work)
     for (int pass = 0; pass < 2; pass++) {
         for (size_t f = 0; f < mesh->face_count; f++) {
             const uint32_t *face = mesh->faces + 4 * f;
-            int corners = corner_count(face);
+            int corners = qm_face_corners(face);
             if (f % CANCEL_STRIDE == 0 && qm_context_canceled(ctx))
                 return qm_context_fail(ctx, QM_E_CANCELED, "canceled while the edges were counted");
             for (int i = 0; i < corners; i++) {

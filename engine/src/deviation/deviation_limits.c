@@ -25,12 +25,6 @@ typedef struct border_areas {
 
 static const qm_deviation_areas nothing = {0, 0, 0, 0};
 
-static int compare_numbers(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 static void borders_reset(qm_context *ctx, border_areas *areas)
 {
     for (int k = 0; k < areas->group_count; k++)
@@ -58,7 +52,7 @@ static qm_status borders_measure(qm_context *ctx, qm_deviation_piece_list pieces
     size_t rows = QM_SHARE_ROWS * (areas->count + 1);
     long double *work = qm_context_alloc(ctx, rows, sizeof *work);
     if (!work) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the shares");
-    qsort(areas->border, areas->count, sizeof *areas->border, compare_numbers);
+    qsort(areas->border, areas->count, sizeof *areas->border, qm_deviation_compare_numbers);
     qm_status status = QM_OK;
     for (int k = 0; status == QM_OK && k < areas->group_count; k++)
         status = qm_deviation_find_areas(ctx, pieces, side, (int8_t)(k + QM_PIECE_BEHIND), areas->border,
@@ -70,7 +64,7 @@ static qm_status borders_measure(qm_context *ctx, qm_deviation_piece_list pieces
 /** The areas of a group within a number that is one of the borders. */
 static qm_deviation_areas areas_within(const border_areas *areas, int group, double x)
 {
-    const double *at = bsearch(&x, areas->border, areas->count, sizeof x, compare_numbers);
+    const double *at = bsearch(&x, areas->border, areas->count, sizeof x, qm_deviation_compare_numbers);
     QM_ASSERT(at);
     return areas->within[group][at - areas->border];
 }

@@ -7,6 +7,7 @@
 
 #include "bvh/nearest.h"
 #include "bvh/surface.h"
+#include "core/face_ring.h"
 
 #define FOOT_ERROR 1e-12 /* local */
 #define ON_BORDER 1e-9   /* of the parameters of a face: nearer to an edge or corner than that is on it */
@@ -63,7 +64,7 @@ static normal_face load_face(const qm_deviation_normals *normals, uint32_t face)
 {
     const qm_mesh *mesh = &normals->bvh->mesh;
     normal_face out = {.index = mesh->faces + 4 * (size_t)face};
-    out.count = out.index[3] == QM_NO_INDEX ? 3 : 4;
+    out.count = qm_face_corners(out.index);
     out.triangles = out.count == 4 && normals->reading == QM_QUADS_BILINEAR ? 0 : out.count - 2;
     for (int i = 0; i < out.count; i++)
         out.corner[i] = qm_frame_local(&normals->bvh->frame, mesh->positions + 3 * (size_t)out.index[i]);

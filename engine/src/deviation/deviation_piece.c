@@ -6,9 +6,12 @@
 #include "deviation_integral.h"
 
 #include "bvh/bvh_demand.h"
+#include "bvh/nearest.h"
+#include "bvh/surface.h"
 #include "core/rounding.h"
 #include "prim/bilinear.h"
 
+#define FOOT_ERROR 1e-13      /* local: of a witness's foot */
 #define PIECE_ROUNDINGS 128.0 /* of the greatest coordinate, besides those of a distance: see the header */
 #define MIN_SPREAD 0x1p-40    /* flat_spread until a refinement sets it */
 #define HALVED_LEVELS 4 /* every fourth level halves each piece, so that it becomes small in all directions */
@@ -306,6 +309,25 @@ void qm_deviation_piece_parameters(const qm_deviation_setup *setup, const qm_dev
     bool is_half = is_quad && piece->is_flat;
     uv[0] = qm_clamp(is_half && !piece->second ? u + v : u, 0.0, 1.0);
     uv[1] = qm_clamp(is_half && piece->second ? u + v : v, 0.0, 1.0);
+}
+
+qm_vec qm_deviation_piece_point(const qm_deviation_setup *setup, const qm_deviation_piece *piece, double u,
+                                double v, qm_surface_point *out)
+{
+    qm_deviation_face face = qm_deviation_face_load(setup, piece);
+    qm_vec p = qm_deviation_face_at(&face, u, v);
+    out->face = piece->face;
+    qm_deviation_piece_parameters(setup, piece, u, v, out->uv);
+    qm_vec_store(out->position, qm_frame_world(&setup->target->frame, p));
+    return p;
+}
+
+qm_surface_point qm_deviation_foot(const qm_deviation_setup *setup, qm_quad_reading quads, qm_vec p)
+{
+    uint32_t hint = 0;
+    const qm_locator locator = {.bvh = setup->target};
+    qm_tie tie = qm_nearest_face(setup->kernel, &locator, quads, p, &hint);
+    return qm_surface_face_foot(setup->target, quads, tie.face, p, FOOT_ERROR);
 }
 
 double qm_deviation_piece_area_rounding(const qm_deviation_setup *setup, const qm_deviation_piece *piece)

@@ -139,6 +139,7 @@
 #include "deviation_facets.h"
 #include "deviation_quadratic.h"
 #include "prim/bilinear.h"
+#include "qm/project.h"
 
 /** Cuts after which a piece is cut no more. */
 #define QM_DEVIATION_DEPTH 40
@@ -176,6 +177,13 @@ static inline void qm_deviation_bounds_flip(const qm_deviation_bounds *bounds, d
         low[i] = -bounds->high[i];
         high[i] = -bounds->low[i];
     }
+}
+
+/** A lower bound of the distance at a corner, of a piece without an invalid share of low. */
+static inline double qm_deviation_bounds_corner_least(const qm_deviation_bounds *bounds, int corner)
+{
+    double low = bounds->low[corner];
+    return bounds->is_signed ? qm_max(low, -bounds->high[corner]) : low;
 }
 
 /** The data and settings that the bounds of all pieces share. */
@@ -217,6 +225,13 @@ qm_deviation_piece qm_deviation_piece_first(const qm_deviation_setup *setup, uin
 /** Parameters of a face as mesh.h has them, for those of one of its pieces: a triangle of a quad is half of its square. */
 void qm_deviation_piece_parameters(const qm_deviation_setup *setup, const qm_deviation_piece *piece, double u,
                                    double v, double uv[2]);
+
+/** The local point of a piece at its own parameters, and what it is as a point of the source. */
+qm_vec qm_deviation_piece_point(const qm_deviation_setup *setup, const qm_deviation_piece *piece, double u,
+                                double v, qm_surface_point *out);
+
+/** The point of the target that is nearest to a local one. */
+qm_surface_point qm_deviation_foot(const qm_deviation_setup *setup, qm_quad_reading quads, qm_vec p);
 
 /** How much of the upper bound of a piece's area rounding makes. */
 double qm_deviation_piece_area_rounding(const qm_deviation_setup *setup, const qm_deviation_piece *piece);

@@ -11,6 +11,7 @@
 #include "core/rounding.h"
 
 #define MAX_ROUNDS 64
+#define MAX_OPEN_ROUNDS 40
 #define PATCH_SHARE 0.25    /* of the accuracy: may be lost to uncut patches of the target, */
 #define FLAT_SHARE 0x1p-4   /* to triangles in place of the source's patches, for an accuracy of at most 1, */
 #define SPREAD_SHARE 0x1p-6 /* and to their areas */
@@ -398,6 +399,41 @@ qm_status qm_refinement_cut(qm_refinement *work, const uint8_t *marks, size_t *c
     qm_status status = run_round(work);
     qm_context_free(work->ctx, work->parts, BATCH, sizeof *work->parts);
     work->parts = NULL;
+    return status;
+}
+
+/** Marks the open pieces that leave more open than their part of what may be left. Returns how many. */
+static size_t mark_open(const qm_refinement *work, qm_refinement_open_fn *find_open, const void *user,
+                        uint8_t *marks)
+{
+    size_t open = 0, marked = 0;
+    for (size_t i = 0; i < work->count; i++) {
+        marks[i] = find_open(user, i) >= 0.0;
+        open += marks[i];
+    }
+    double least = QM_OPEN_SHARE * fmin(work->accuracy, 1.0) / (double)(open > 0 ? open : 1);
+    for (size_t i = 0; i < work->count; i++) {
+        marks[i] = marks[i] && find_open(user, i) > least;
+        marked += marks[i];
+    }
+    return marked;
+}
+
+qm_status qm_refinement_cut_open(qm_refinement *work, qm_refinement_open_fn *find_open,
+                                 qm_refinement_after_fn *after, const void *user)
+{
+    qm_status status = QM_OK;
+    for (int round = 0; status == QM_OK && round < MAX_OPEN_ROUNDS; round++) {
+        size_t count = work->count, cut = 0;
+        uint8_t *marks = qm_context_alloc(work->ctx, count, 1);
+        if (!marks) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
+        size_t marked = mark_open(work, find_open, user, marks);
+        if (marked > 0) status = qm_refinement_cut(work, marks, &cut);
+        qm_status then = after ? after(user, marks, count) : QM_OK;
+        if (status == QM_OK) status = then;
+        qm_context_free(work->ctx, marks, count, 1);
+        if (cut < marked || marked == 0 || work->count == count) break;
+    }
     return status;
 }
 

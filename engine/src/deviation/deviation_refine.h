@@ -70,6 +70,24 @@ qm_status qm_refinement_run(qm_refinement *work, const double *vertex_distance);
  */
 qm_status qm_refinement_cut(qm_refinement *work, const uint8_t *marks, size_t *count);
 
+#define QM_OPEN_SHARE 0.5 /* of the accuracy: may be left in open pieces */
+#define QM_NOT_OPEN -1.0
+
+/** How much an open piece leaves open, as a share of all; QM_NOT_OPEN of the others. */
+typedef double qm_refinement_open_fn(const void *user, size_t piece);
+
+/** Called after each round, also one that failed, with a mark of each piece that was to be cut, of as many as there were before. */
+typedef qm_status qm_refinement_after_fn(const void *user, const uint8_t *marks, size_t count);
+
+/**
+ * Cuts open pieces, those that leave more open than their part of QM_OPEN_SHARE, until there are none, or no room. after may be NULL.
+ * The survey is not of the parts.
+ *
+ * Returns as qm_refinement_cut, or the status of after.
+ */
+qm_status qm_refinement_cut_open(qm_refinement *work, qm_refinement_open_fn *find_open,
+                                 qm_refinement_after_fn *after, const void *user);
+
 /** Frees the arrays. */
 void qm_refinement_reset(qm_refinement *work);
 

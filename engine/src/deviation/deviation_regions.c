@@ -8,19 +8,14 @@
 #include <string.h>
 
 #include "bvh/box_tree.h"
-#include "bvh/nearest.h"
-#include "bvh/surface.h"
 #include "core/rounding.h"
 #include "deviation_sum.h"
 
-#define MAX_ROUNDS 40
-#define SETTLE_ROUNDS 8   /* in which pieces of regions of which nothing is sure are cut */
-#define OPEN_SHARE 0.5    /* of the accuracy: of the area may be left in pieces on both sides of the limit */
-#define JOINT_CRACKS 16.0 /* pieces that are nearer than that touch */
+#define SETTLE_ROUNDS 8        /* in which pieces of regions of which nothing is sure are cut */
+#define JOINT_CRACKS 16.0      /* pieces that are nearer than that touch */
 #define JOINT_PARAMETERS 1e-11 /* of the parameters of a face: a crack is 1.2e-12 */
 #define NEAR_ROUNDINGS 16.0    /* etas: pieces whose distances differ by less are not cut */
 #define CANCEL_STRIDE 0x400
-#define FOOT_ERROR 1e-13
 
 /** A piece that may be beyond the limit. */
 typedef struct region_piece {
@@ -38,7 +33,7 @@ typedef struct region_work {
     const qm_deviation_options *options;
     qm_deviation *out;
     double limit, joint; /* local; joint is by the extent too */
-    double crack;
+    double crack, width; /* local; pieces whose distances differ by no more than the width are not cut */
     region_piece *piece; /* count of them, in the order of the tree */
     size_t count;
     qm_box_tree tree;
@@ -46,47 +41,14 @@ typedef struct region_work {
 
 /* ---- cuts ---- */
 
-/** Marks the pieces on both sides of the limit that leave more of the surface open than their share. Returns how many. */
-static size_t mark_open(const region_work *work, double width, uint8_t *marks)
+/** The area of a piece on both sides of the limit, as a share of all. */
+static double find_open(const void *user, size_t i)
 {
-    const qm_refinement *pieces = work->pieces;
-    size_t open = 0, marked = 0;
-    for (size_t i = 0; i < pieces->count; i++) {
-        const qm_deviation_bounds *bounds = &pieces->bounds[i];
-        marks[i] = bounds->least <= work->limit && bounds->most > work->limit &&
-                   bounds->most - bounds->least > width;
-        open += marks[i];
-    }
-    double least = OPEN_SHARE * fmin(pieces->accuracy, 1.0) / (double)(open > 0 ? open : 1);
-    for (size_t i = 0; i < pieces->count; i++) {
-        marks[i] = marks[i] && pieces->bounds[i].area_high > least * pieces->survey.area.upper;
-        marked += marks[i];
-    }
-    return marked;
-}
-
-/** Pieces whose distances differ by less are not cut. */
-static double least_width(const region_work *work)
-{
-    const qm_deviation_setup *setup = &work->pieces->setup;
-    return qm_max(NEAR_ROUNDINGS * setup->eta, work->options->tolerance * setup->target->frame.scale);
-}
-
-static qm_status cut_open(const region_work *work)
-{
-    qm_refinement *pieces = work->pieces;
-    double width = least_width(work);
-    qm_status status = QM_OK;
-    for (int round = 0; status == QM_OK && round < MAX_ROUNDS; round++) {
-        size_t count = pieces->count, cut = 0;
-        uint8_t *marks = qm_context_alloc(pieces->ctx, count, 1);
-        if (!marks) return qm_context_fail(pieces->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
-        size_t marked = mark_open(work, width, marks);
-        if (marked > 0) status = qm_refinement_cut(pieces, marks, &cut);
-        qm_context_free(pieces->ctx, marks, count, 1);
-        if (cut < marked || marked == 0 || pieces->count == count) break;
-    }
-    return status;
+    const region_work *work = user;
+    const qm_deviation_bounds *piece = &work->pieces->bounds[i];
+    bool is_open =
+        piece->least <= work->limit && piece->most > work->limit && piece->most - piece->least > work->width;
+    return is_open ? piece->area_high / work->pieces->survey.area.upper : QM_NOT_OPEN;
 }
 
 /* ---- pieces and their tree ---- */
@@ -272,17 +234,20 @@ typedef struct region_sums {
     qm_vec low, high;
 } region_sums;
 
-/** The area of a piece beyond the limit: at least, and at most. */
+/** The area of a piece beyond the limit: at least, and at most. The share of a piece on both sides of it is off by roundings that are
+ * small beside the piece, not beside what is beyond. */
 static qm_status find_beyond(const region_work *work, size_t i, long double beyond[2])
 {
+    const qm_deviation_bounds *bounds = &work->pieces->bounds[i];
+    double error = bounds->least > work->limit ? 0.0 : qm_deviation_share_error(1) * bounds->area_high;
     long double rows[2 * QM_SHARE_ROWS];
     qm_deviation_areas areas;
-    const qm_deviation_piece_list one = {&work->pieces->bounds[i], 1, 0.0, work->pieces->farthest};
+    const qm_deviation_piece_list one = {bounds, 1, 0.0, work->pieces->farthest};
     qm_status status =
         qm_deviation_find_areas(work->pieces->ctx, one, NULL, 0, &work->limit, 1, rows, &areas);
     if (status == QM_OK) {
-        beyond[0] = fmaxl(0, areas.least_beyond);
-        beyond[1] = fminl((long double)work->pieces->bounds[i].area_high, areas.most_beyond);
+        beyond[0] = fmaxl(0, areas.least_beyond - (long double)error);
+        beyond[1] = fminl((long double)bounds->area_high, areas.most_beyond + (long double)error);
     }
     return status;
 }
@@ -307,9 +272,7 @@ static qm_status add_piece(const region_work *work, const region_piece *piece, r
         sums->low = (qm_vec){fmin(sums->low.x, low.x), fmin(sums->low.y, low.y), fmin(sums->low.z, low.z)};
         sums->high =
             (qm_vec){fmax(sums->high.x, high.x), fmax(sums->high.y, high.y), fmax(sums->high.z, high.z)};
-        double here = bounds->invalid_low > 0.0 ? bounds->least
-                      : bounds->is_signed       ? qm_max(bounds->low[k], -bounds->high[k])
-                                                : bounds->low[k];
+        double here = bounds->invalid_low > 0.0 ? bounds->least : qm_deviation_bounds_corner_least(bounds, k);
         here -= face.slack + setup->eta;
         if (!(here > sums->max.lower)) continue;
         sums->max.lower = here;
@@ -327,15 +290,9 @@ static void set_witness(const region_work *work, const region_sums *sums, qm_dev
     const qm_deviation_piece *piece = &work->pieces->piece[sums->witness];
     out->has_witness = sums->max.lower > 0.0;
     if (!out->has_witness) return;
-    qm_deviation_face face = qm_deviation_face_load(setup, piece);
-    qm_vec p = qm_deviation_face_at(&face, piece->u[sums->corner], piece->v[sums->corner]);
-    out->from.face = piece->face;
-    qm_deviation_piece_parameters(setup, piece, piece->u[sums->corner], piece->v[sums->corner], out->from.uv);
-    qm_vec_store(out->from.position, qm_frame_world(&setup->target->frame, p));
-    uint32_t hint = 0;
-    const qm_locator locator = {.bvh = setup->target};
-    qm_tie tie = qm_nearest_face(setup->kernel, &locator, work->options->quads, p, &hint);
-    out->to = qm_surface_face_foot(setup->target, work->options->quads, tie.face, p, FOOT_ERROR);
+    qm_vec p =
+        qm_deviation_piece_point(setup, piece, piece->u[sums->corner], piece->v[sums->corner], &out->from);
+    out->to = qm_deviation_foot(setup, work->options->quads, p);
 }
 
 /** An area in square units of the meshes, rounded outward by far more than the sums are. */
@@ -499,7 +456,6 @@ static void forget_pieces(region_work *work)
 /** Marks the pieces of regions of which no piece is surely beyond. Returns how many. */
 static size_t mark_unsure(const region_work *work, uint8_t *marks, uint8_t *is_sure)
 {
-    double width = least_width(work);
     size_t marked = 0;
     memset(marks, 0, work->pieces->count);
     memset(is_sure, 0, work->count);
@@ -507,7 +463,7 @@ static size_t mark_unsure(const region_work *work, uint8_t *marks, uint8_t *is_s
         if (work->piece[i].is_sure) is_sure[find_first(work, i)] = 1;
     for (uint32_t i = 0; i < work->count; i++) {
         const qm_deviation_bounds *bounds = &work->pieces->bounds[work->piece[i].index];
-        if (is_sure[find_first(work, i)] || !(bounds->most - bounds->least > width)) continue;
+        if (is_sure[find_first(work, i)] || !(bounds->most - bounds->least > work->width)) continue;
         marks[work->piece[i].index] = 1;
         marked++;
     }
@@ -555,8 +511,10 @@ qm_status qm_deviation_regions_find(qm_refinement *pieces, const qm_deviation_op
                         .out = out,
                         .limit = options->region_limit * pieces->setup.target->frame.scale,
                         .joint = JOINT_CRACKS * crack / qm_max(pieces->setup.extent, 1.0),
-                        .crack = crack};
-    qm_status status = cut_open(&work);
+                        .crack = crack,
+                        .width = qm_max(NEAR_ROUNDINGS * pieces->setup.eta,
+                                        options->tolerance * pieces->setup.target->frame.scale)};
+    qm_status status = qm_refinement_cut_open(pieces, find_open, NULL, &work);
     if (status == QM_OK) status = find_components(&work);
     if (status == QM_OK) status = qm_refinement_survey(pieces);
     if (status == QM_OK && work.count > 0) status = tell_regions(&work);

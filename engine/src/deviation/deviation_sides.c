@@ -7,14 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "bvh/nearest.h"
-#include "bvh/surface.h"
 #include "bvh/winding.h"
 #include "core/heap.h"
 #include "core/rounding.h"
 
-#define MAX_ROUNDS 40
-#define OPEN_SHARE 0.5      /* of the accuracy: may be left in open pieces */
 #define NEAR_ROUNDINGS 16.0 /* etas: open pieces no farther than that are not cut */
 #define CHUNK 256           /* pieces that a worker takes at a time */
 #define CANCEL_STRIDE 0x400
@@ -22,7 +18,6 @@
 #define SEARCH_SHARE 0.02    /* and further ones for each piece */
 #define SEARCH_PARTS 16      /* of one of them */
 #define SAFE (1.0 - 0x1p-20) /* of a distance: covers the roundings of its comparison with another */
-#define FOOT_ERROR 1e-13     /* local: of a witness's foot */
 
 /* ---- one piece ---- */
 
@@ -116,46 +111,39 @@ static double open_share(const qm_deviation_bounds *piece, const qm_deviation_su
     return mean > 0.0 ? share + 2.0 * piece->mean_high / (mean * survey->area.upper) : share;
 }
 
-/** Marks the open pieces that leave more open than their share of what may be left. Returns how many. */
-static size_t mark_open(const qm_deviation_sides *sides, double nearest, uint8_t *marks)
+/** Open pieces that are no farther from the target than nearest are not cut. */
+typedef struct open_work {
+    qm_deviation_sides *sides;
+    double nearest;
+} open_work;
+
+static double find_open(const void *user, size_t i)
 {
-    const qm_refinement *pieces = sides->pieces;
-    size_t open = 0, marked = 0;
-    for (size_t i = 0; i < pieces->count; i++) {
-        bool counts = sides->side[i] == QM_PIECE_OPEN && pieces->bounds[i].most > nearest;
-        marks[i] = counts;
-        open += counts;
-    }
-    double least = OPEN_SHARE * fmin(pieces->accuracy, 1.0) / (double)(open > 0 ? open : 1);
-    for (size_t i = 0; i < pieces->count; i++) {
-        marks[i] = marks[i] && open_share(&pieces->bounds[i], &pieces->survey) > least;
-        marked += marks[i];
-    }
-    return marked;
+    const open_work *work = user;
+    const qm_refinement *pieces = work->sides->pieces;
+    const qm_deviation_bounds *piece = &pieces->bounds[i];
+    bool is_open = work->sides->side[i] == QM_PIECE_OPEN && piece->most > work->nearest;
+    return is_open ? open_share(piece, &pieces->survey) : QM_NOT_OPEN;
 }
 
-/** Cuts open pieces until little is left in them, or there is no room. The parts of a piece have no side yet. */
+/** The parts of a piece have no side yet. */
+static qm_status find_sides_again(const void *user, const uint8_t *marks, size_t count)
+{
+    qm_deviation_sides *sides = ((const open_work *)user)->sides;
+    for (size_t i = 0; i < count; i++)
+        if (marks[i]) sides->side[i] = QM_PIECE_UNKNOWN;
+    return find_sides(sides);
+}
+
+/** Cuts open pieces until little is left in them, or there is no room. */
 static qm_status cut_open(qm_deviation_sides *sides)
 {
     qm_refinement *pieces = sides->pieces;
     double unit = pieces->setup.target->frame.scale, accuracy = fmin(pieces->accuracy, 1.0);
-    double nearest =
-        qm_max(NEAR_ROUNDINGS * pieces->setup.eta,
-               qm_max(sides->options->tolerance * unit, OPEN_SHARE * accuracy * pieces->survey.mean.lower));
-    qm_status status = QM_OK;
-    for (int round = 0; status == QM_OK && round < MAX_ROUNDS; round++) {
-        size_t count = pieces->count, cut = 0;
-        uint8_t *marks = qm_context_alloc(pieces->ctx, count, 1);
-        if (!marks) return qm_context_fail(pieces->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
-        size_t marked = mark_open(sides, nearest, marks);
-        if (marked > 0) status = qm_refinement_cut(pieces, marks, &cut);
-        for (size_t i = 0; i < count; i++)
-            if (marks[i]) sides->side[i] = QM_PIECE_UNKNOWN;
-        qm_context_free(pieces->ctx, marks, count, 1);
-        qm_status found = find_sides(sides);
-        if (status == QM_OK) status = found;
-        if (cut < marked || marked == 0 || pieces->count == count) break;
-    }
+    const open_work work = {sides, qm_max(NEAR_ROUNDINGS * pieces->setup.eta,
+                                          qm_max(sides->options->tolerance * unit,
+                                                 QM_OPEN_SHARE * accuracy * pieces->survey.mean.lower))};
+    qm_status status = qm_refinement_cut_open(pieces, find_open, find_sides_again, &work);
     return status == QM_OK ? qm_refinement_survey(pieces) : status;
 }
 
@@ -207,7 +195,8 @@ static double mean_below(const qm_refinement *pieces, const side_sums *front, co
     double down =
         (double)(behind->mean[1] + open->mean[1]) * (1.0 + error) + 2.0 * pieces->leak * pieces->farthest;
     double sum = up - down;
-    sum -= 4.0 * QM_UNIT_ROUNDING * (up + down);
+    /* Either of them has four roundings at most, their difference one, this one, and the quotient. */
+    sum -= 8.0 * QM_UNIT_ROUNDING * (up + down);
     return divide(sum, pieces->survey.area, true);
 }
 
@@ -425,7 +414,7 @@ static qm_status start_search(side_search *search)
         if (sides->has_points || bounds->invalid_low > 0.0) continue;
         double slack = qm_deviation_face_load(&pieces->setup, &pieces->piece[i]).slack;
         for (int k = 0; k < 3; k++) {
-            double least = bounds->is_signed ? qm_max(bounds->low[k], -bounds->high[k]) : bounds->low[k];
+            double least = qm_deviation_bounds_corner_least(bounds, k);
             offer_point(search, &pieces->piece[i], corners[k], least - slack);
         }
     }
@@ -462,24 +451,19 @@ static void set_witness(const side_search *search, qm_deviation_side *out)
     const qm_deviation_setup *setup = &sides->pieces->setup;
     qm_vec p;
     out->has_witness = true;
-    out->from = (qm_surface_point){.face = search->at.face};
     if (sides->has_points) {
-        out->from = vertex_point(&setup->source->mesh, sides->point[search->point]);
         p = middle_of(sides, search->point);
+        out->from = vertex_point(&setup->source->mesh, sides->point[search->point]);
+        qm_vec_store(out->from.position, qm_frame_world(&setup->target->frame, p));
     } else {
-        p = piece_point(setup, &search->at, search->weight);
         double u = 0.0, v = 0.0;
         for (int i = 0; i < 3; i++) {
             u += search->weight[i] * search->at.u[i];
             v += search->weight[i] * search->at.v[i];
         }
-        qm_deviation_piece_parameters(setup, &search->at, u, v, out->from.uv);
+        p = qm_deviation_piece_point(setup, &search->at, u, v, &out->from);
     }
-    qm_vec_store(out->from.position, qm_frame_world(&setup->target->frame, p));
-    uint32_t hint = 0;
-    const qm_locator locator = {.bvh = setup->target};
-    qm_tie tie = qm_nearest_face(setup->kernel, &locator, sides->options->quads, p, &hint);
-    out->to = qm_surface_face_foot(setup->target, sides->options->quads, tie.face, p, FOOT_ERROR);
+    out->to = qm_deviation_foot(setup, sides->options->quads, p);
 }
 
 /**

@@ -315,9 +315,14 @@ static double share_of(long double within, long double beyond, double more)
     return within + beyond > 0 ? (double)(within / (within + beyond)) : 0.0;
 }
 
+double qm_deviation_share_error(size_t piece_count)
+{
+    return qm_deviation_sum_error(piece_count) + CELL_ROUNDINGS * QM_UNIT_ROUNDING;
+}
+
 qm_interval qm_deviation_share(const qm_deviation_areas *areas, double leak, size_t piece_count)
 {
-    double error = qm_deviation_sum_error(piece_count) + CELL_ROUNDINGS * QM_UNIT_ROUNDING;
+    double error = qm_deviation_share_error(piece_count);
     return (qm_interval){fmax(0.0, share_of(areas->least_within, areas->most_beyond, -leak) - error),
                          fmin(1.0, share_of(areas->most_within, areas->least_beyond, leak) + error)};
 }
@@ -348,7 +353,7 @@ typedef struct percentile_search {
     crossing lower, upper;
 } percentile_search;
 
-static int compare_numbers(const void *a, const void *b)
+int qm_deviation_compare_numbers(const void *a, const void *b)
 {
     double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);
@@ -393,7 +398,7 @@ static qm_status find_percentiles(qm_context *ctx, qm_deviation_piece_list piece
             x[used++] = range.lower + (range.upper - range.lower) * k / (FIRST_SAMPLES + 1);
     }
     for (int round = 0; round < MAX_ROUNDS && used > 0; round++) {
-        qsort(x, used, sizeof *x, compare_numbers);
+        qsort(x, used, sizeof *x, qm_deviation_compare_numbers);
         qm_status status = qm_deviation_shares(ctx, pieces, x, used, work, share);
         if (status != QM_OK) return status;
         for (size_t i = 0; i < count; i++)

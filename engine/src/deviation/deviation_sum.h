@@ -24,6 +24,12 @@ qm_status qm_deviation_find_areas(qm_context *ctx, qm_deviation_piece_list piece
                                   int8_t wanted, const double *x, size_t count, long double *work,
                                   qm_deviation_areas *areas);
 
+/** Orders doubles, for qsort and bsearch. */
+int qm_deviation_compare_numbers(const void *a, const void *b);
+
+/** What roundings may add to a share of the area of so many pieces, or take from it. */
+double qm_deviation_share_error(size_t piece_count);
+
 /** The share of the area within, of areas that are those of all pieces together; the leak may belong to either. */
 qm_interval qm_deviation_share(const qm_deviation_areas *areas, double leak, size_t piece_count);
 

@@ -214,10 +214,8 @@ qm_status qm_deviation_survey_vertices(qm_context *ctx, const qm_deviation_setup
 qm_interval qm_deviation_piece_max(const qm_deviation_bounds *piece)
 {
     qm_interval max = {-INFINITY, piece->most};
-    for (int k = 0; k < 3; k++) {
-        double below = piece->is_signed ? -piece->high[k] : -INFINITY;
-        if (!(piece->invalid_low > 0.0)) max.lower = fmax(max.lower, fmax(piece->low[k], below));
-    }
+    for (int k = 0; k < 3 && !(piece->invalid_low > 0.0); k++)
+        max.lower = fmax(max.lower, qm_deviation_bounds_corner_least(piece, k));
     return max;
 }
 

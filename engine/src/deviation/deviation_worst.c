@@ -75,16 +75,6 @@ static bool is_near_place(const worst_search *search, const qm_deviation_shape *
     return false;
 }
 
-/** The parameters of a point of a piece on its face, from those on the triangle that the piece may lie on. */
-static void face_uv(const worst_search *search, const qm_deviation_piece *piece, double u, double v,
-                    double uv[2])
-{
-    const qm_mesh *mesh = &search->work->setup.source->mesh;
-    bool is_half = piece->is_flat && mesh->faces[4 * (size_t)piece->face + 3] != QM_NO_INDEX;
-    uv[0] = is_half && !piece->second ? u + v : u;
-    uv[1] = is_half && piece->second ? u + v : v;
-}
-
 /** Measures the corners of a piece and its middle; keeps the farthest point. */
 static void measure_points(worst_search *search, const qm_deviation_piece *piece,
                            const qm_deviation_face *face, double slack, far_point *best)
@@ -100,7 +90,7 @@ static void measure_points(worst_search *search, const qm_deviation_piece *piece
         double off = setup->eta + (piece->is_flat ? slack : 0.0);
         if (!(certain - off > best->least)) continue;
         *best = (far_point){certain - off, distance + off, p, piece->face, {0.0, 0.0}};
-        face_uv(search, piece, u, v, best->uv);
+        qm_deviation_piece_parameters(setup, piece, u, v, best->uv);
     }
 }
 

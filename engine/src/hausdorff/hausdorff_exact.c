@@ -14,6 +14,7 @@
 #include "bvh/bvh_tree.h"
 #include "bvh/kernel.h"
 #include "core/clock.h"
+#include "core/face_ring.h"
 #include "prim/reach.h"
 
 #define CANCEL_STRIDE 0x100
@@ -33,7 +34,7 @@ static int load_corners(const qm_mesh *mesh, size_t face, const double *corner[4
         return 1;
     }
     const uint32_t *index = mesh->faces + 4 * face;
-    int count = index[3] == QM_NO_INDEX ? 3 : 4;
+    int count = qm_face_corners(index);
     for (int i = 0; i < count; i++)
         corner[i] = mesh->positions + 3 * (size_t)index[i];
     return count;

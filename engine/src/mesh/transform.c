@@ -80,12 +80,12 @@ qm_status qm_transform_positions(qm_context *ctx, const double m[QM_TRANSFORM_SI
 }
 
 /* The norm of the linear part M is the root of the largest eigenvalue of G = transpose(M) M, which no row sum of |G| is below.
- * An entry of G has an error of 3 2^-53 F at most, to the first order, F being the sum of the squares of M's entries, a row 9
- * 2^-53 F and its sum 3 2^-53 of itself, which is at most 3 F: 2^-48 F is above all. F itself is off by 9 2^-53 of it, and the
- * root by 2^-53: the last factor is above both. Entries are scaled by the largest one, against overflow; entries that
- * underflow then are below 2^-1022 of it.
+ * With u = 2^-53 and F the sum of the squares of M's entries: an entry of G is a sum of three products of quotients, off by 5 u
+ * of the sum of their magnitudes to the first order, which is at most F; a row is off by 15 u F and the rounding of its sum, 2 u
+ * of at most 3 F: 2^-48 F = 32 u F is above all. F itself is off by 7 u of it, and the root and the products by 3 u: the last factor
+ * is above all. Entries are scaled by the largest one, against overflow; entries that underflow then are below 2^-1022 of it.
  *
- * Each coordinate is off by 2^-50 S (qm_transform_positions), S being at most the largest entry times the largest coordinate,
+ * Each coordinate is off by 2^-49 S (qm_transform_positions), S being at most the largest entry times the largest coordinate,
  * or the largest shift; a point of a face is a convex combination of its corners, and so off by at most sqrt(3) of that. */
 qm_transform_change qm_transform_find_change(const double m[QM_TRANSFORM_SIZE], const qm_mesh *mesh)
 {
@@ -111,5 +111,5 @@ qm_transform_change qm_transform_find_change(const double m[QM_TRANSFORM_SIZE], 
     }
     double size = qm_max(qm_max(largest * coordinate, shift), 0x1p-1000);
     return (qm_transform_change){largest * sqrt(row_most + 0x1p-48 * squares) * (1.0 + 0x1p-48),
-                                 1.75 * 0x1p-50 * size};
+                                 1.75 * 0x1p-49 * size};
 }
