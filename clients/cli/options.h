@@ -72,8 +72,7 @@ typedef struct cli_option {
 #define CLI_OPTION_THREADS(address)                                                                          \
     {                                                                                                        \
         .name = "threads", .value = "N", .type = CLI_INT, .min = 1, .max = QM_JOB_MAX_THREADS,               \
-        .target = (address),                                                                                 \
-        .help = "threads (default: one for each processor; with --server the daemon decides)"                \
+        .target = (address), .help = "threads (default: one for each processor)"                             \
     }
 /** Of kinds about two meshes: what is known of both besides their files. */
 #define CLI_OPTIONS_NOTES(request)                                                                           \
@@ -115,7 +114,7 @@ bool cli_read_uncertainty(const char *text, void *request);
 #define CLI_OPTION_SERVER(address)                                                                           \
     {                                                                                                        \
         .name = "server", .value = "URL", .type = CLI_TEXT, .target = (address),                             \
-        .help = "run on a daemon instead of in this process"                                                 \
+        .help = "run on a daemon instead of in this process; it chooses the threads unless --threads does"   \
     }
 
 /** Of two options: how closely averages over a surface are known. */

@@ -72,8 +72,9 @@
  *   upper_relative: number | null, gap_relative: number | null, iterations: number, projections: number,
  *   queue: number }} Bounds */
 /** @typedef {{ mesh: "a" | "b", id: string, face: number, uv: [number, number], point: Point }} SurfacePoint */
+/** Two points of two meshes. @typedef {{ from: SurfacePoint, to: SurfacePoint }} Witness */
 /** @typedef {{ lower: number, upper: number | null, lower_relative: number | null, upper_relative: number | null,
- *   witness?: { from: SurfacePoint, to: SurfacePoint }, direction: Direction, quads: QuadReading, tolerance: number,
+ *   witness?: Witness, direction: Direction, quads: QuadReading, tolerance: number,
  *   iterations: number, projections: number, max_queue: number, prepare_ms: { a: number, b: number },
  *   elapsed_ms: number, converged: boolean,
  *   stopped_by: "converged" | "threshold" | "deadline" | "canceled" | "precision" | "work" | "memory",
@@ -86,19 +87,18 @@
 /** @typedef {{ lower: number, upper: number | null, lower_relative: number | null, upper_relative: number | null }} TrueInterval */
 /** @typedef {Interval & { lower_relative: number | null, upper_relative: number | null, of_true?: TrueInterval }} LengthInterval */
 /** @typedef {{ max: LengthInterval, size: Interval,
- *   witness?: { from: SurfacePoint, to: SurfacePoint } }} DeviationSide */
+ *   witness?: Witness }} DeviationSide */
 /** @typedef {{ sign: "outside" | "inside" | "normal", proven: boolean, mean: Interval, outside: DeviationSide,
  *   inside: DeviationSide, open_size: number, bands: (Interval & { from: number | null, to: number | null })[] }} SignedDeviation */
 /** @typedef {{ surely: boolean, parts: number, area: Interval, max: LengthInterval,
- *   witness?: { from: SurfacePoint, to: SurfacePoint }, centroid: Point, box: { min: Point, max: Point },
+ *   witness?: Witness, centroid: Point, box: { min: Point, max: Point },
  *   face_count: number, faces: number[] }} DeviationRegion */
 /** @typedef {{ over: "area" | "vertices" | "points", size: Interval, mean: LengthInterval, rms: LengthInterval,
  *   max: LengthInterval, percentiles: (LengthInterval & { percent: number })[],
  *   histogram: { bin_width: number, shares: [number, number][] }, signed?: SignedDeviation,
  *   verdict?: "above" | "below" | null, region_count?: number, regions?: DeviationRegion[], vertex_count: number, vertex_distances?: number[],
- *   quads: QuadReading, accuracy: number, tolerance: number, accurate: boolean, pieces: number, projections: number,
+ *   warnings?: string[], quads: QuadReading, accuracy: number, tolerance: number, accurate: boolean, pieces: number, projections: number,
  *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} DeviationResult */
-/** @typedef {{ from: SurfacePoint, to: SurfacePoint }} Witness */
 /** One direction of a comparison: of the points of one surface from the other one.
  * @typedef {{ over: "area" | "vertices" | "points", size: Interval, hausdorff: LengthInterval, mean: LengthInterval,
  *   rms: LengthInterval, std: LengthInterval, percentiles: (LengthInterval & { percent: number })[],
@@ -111,17 +111,21 @@
  *   symmetric: { hausdorff: LengthInterval, hd95: LengthInterval, mean: LengthInterval, rms: LengthInterval,
  *     chamfer: { l1: Interval, l1_half: Interval, l2: Interval, l2_half: Interval }, f_score: FScore[] },
  *   quads: QuadReading, accuracy: number, gap: number, accurate: boolean, pieces: number, projections: number,
- *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} ComparisonResult */
+ *   prepare_ms: { a: number, b: number }, elapsed_ms: number, warnings?: string[] }} ComparisonResult */
 /** Fourteen numbers a triangle: x, y, z and distance of each corner, the face, the error.
  * @typedef {{ count: number, error: number, requested_error: number, accurate: boolean, triangles?: number[][], quads: QuadReading,
  *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} HeatmapResult */
 /** @typedef {{ lower: number, upper: number, lower_relative: number | null, upper_relative: number | null,
- *   witness: { from: SurfacePoint, to: SurfacePoint }, collides: boolean, quads: QuadReading, tolerance: number,
- *   converged: boolean, face_pairs: number, prepare_ms: { a: number, b: number }, elapsed_ms: number }} DistanceResult */
-/** @typedef {{ faces: [number, number], contact: "point" | "segment" | "area", points: Point[] }} CollisionPair */
+ *   witness: Witness, collides: boolean, verdict: "above" | "below" | null, quads: QuadReading, tolerance: number,
+ *   converged: boolean, face_pairs: number, prepare_ms: { a: number, b: number }, elapsed_ms: number, of_true?: TrueInterval,
+ *   warnings?: string[] }} DistanceResult */
+/** @typedef {{ faces: [number, number], contact: "point" | "segment" | "area", points: Point[],
+ *   normals: [Point, Point] }} CollisionPair */
+/** How deep a solid is in the other. @typedef {LengthInterval & { witness?: Witness }} Depth */
 /** @typedef {{ collides: boolean, count: number, pairs: CollisionPair[], all_pairs?: [number, number][],
  *   mode: "all" | "first" | "any", quads: QuadReading, tests: number, elapsed_ms: number,
- *   incremental?: boolean }} CollisionResult */
+ *   relation?: "meeting" | "apart" | "a_inside_b" | "b_inside_a" | "overlapping",
+ *   penetration?: { a_in_b: Depth, b_in_a: Depth }, warnings?: string[], incremental?: boolean }} CollisionResult */
 /** A pair of meshes by their places, with the bounds of its distance. @typedef {[number, number, number, number | null]} PairRow */
 /** @typedef {{ measure: "hausdorff", mesh_count: number, meshes: MeshName[], pair_count: number, searched_pairs: number,
  *   bounded_pairs: number, searches: number, pivots: number, want: MatrixWant,

@@ -5,7 +5,7 @@ import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
-import { Browser, drawnShare, finish, rest, waitForView } from "./support/page.js";
+import { Browser, drawnShare, finish, fly, rest, viewOf, waitForView } from "./support/page.js";
 import { HEAP_DISTANCE, SPHERE_DISTANCE, SPHERE_TURN, ball, chance, heaps, moved, off, sphere } from "./support/shapes.js";
 
 let daemon;
@@ -211,11 +211,13 @@ test("the parts of A beyond the limit are listed, bordered, and flown to", async
     return controls.target.toArray().map((x, k) => x / frame.scale + frame.centre[k]);
   });
   for (const [place, x] of [[1, 0.25], [0, 0.75]]) {
-    await page.getByRole("list", { name: "Parts beyond the limit" }).getByRole("button").nth(place).click();
-    await page.waitForTimeout(900); // the flight
+    await fly(page, () => page.getByRole("list", { name: "Parts beyond the limit" }).getByRole("button").nth(place).click());
     assert(Math.abs((await target())[0] - x) < 0.05, `${await target()}`);
-    await rest(page);
-    // The border that is drawn strongly goes round the part: where the hill is as high as the limit.
+    // The border that is drawn strongly goes round the part: where the hill is as high as the limit. The worker finds it meanwhile.
+    await page.waitForFunction(([view, middle]) => {
+      const { layers, frame } = view.currentStage();
+      return layers.get("marks").ribbons.some(({ width, points: [{ x: at }] }) => width > 2 && Math.abs(at / frame.scale + frame.centre[0] - middle) < 0.25);
+    }, [await viewOf(page), x]);
     const drawn = await page.evaluate(async () => {
       const { overlay, frame } = (await import("/dashboard/view/view.js")).currentStage();
       const { position, side } = overlay.group.children[0].geometry.attributes;
@@ -380,6 +382,7 @@ test("both ways in one table, and the worst places as pins in a list that flies 
   assert(count >= 5 && count <= 10, `${count} places`);
   const values = (await places.allInnerTexts()).map((text) => Number(/: ([\d.]+)/.exec(text)[1]));
   assert(Math.abs(values[0] - 0.3) < 1e-6 && values.every((value, place) => place === 0 || value <= values[place - 1] + 1e-3), values.join());
+  await page.locator(".pin").nth(count - 1).waitFor({ state: "attached" }); // they come after the list
   assert.equal(await page.locator(".pin").count(), count);
   const same = await daemon.client().meshes.create(off(moved(sphere(), [0.2, 0, 0])), { name: "moved.off" });
   const twin = await browser.open(`${daemon.url}/#compare?a=${ids.a}&b=${same.mesh.id}`);
@@ -398,19 +401,18 @@ test("both ways in one table, and the worst places as pins in a list that flies 
     const { eye: { controls }, frame, pair } = (await import("/dashboard/view/view.js")).currentStage();
     return { target: controls.target.toArray().map((x, k) => x / frame.scale + frame.centre[k]), from: pair.from.toArray().map((x, k) => x / frame.scale + frame.centre[k]) };
   });
-  await places.first().click();
+  await fly(page, () => places.first().click());
   assert.equal(await places.first().getAttribute("aria-pressed"), "true");
-  await page.waitForTimeout(900); // the flight
   const { target: at, from } = await target();
   assert(Math.hypot(from[0] - 0.5, from[1] - 0.5, from[2] - 0.3) < 1e-6, from.join());
   assert(Math.hypot(at[0] - 0.5, at[1] - 0.5) < 1e-3 && at[2] > 0 && at[2] < 0.3001, at.join());
-  await page.locator(".pin").nth(1).click();
-  await page.waitForTimeout(900);
+  await fly(page, () => page.locator(".pin").nth(1).click());
   assert(Math.hypot(...(await target()).from.map((x, k) => x - from[k])) > 0.05, "another place, apart by the radius");
 
   const other = await browser.open(page.url());
   await other.locator("#comparison").waitFor();
   await other.locator(".pin").nth(count - 1).waitFor({ state: "attached" });
+  assert.equal(await other.locator(".pin").count(), count);
   assert.equal(await other.locator("#comparison").innerText(), await page.locator("#comparison").innerText());
   await finish(page);
   await finish(other);
@@ -429,7 +431,7 @@ test("a section takes a part away, draws the curves of the cut, and is in the li
     const { position } = stage.overlay.group.children[0]?.geometry.attributes ?? {};
     return { count: position?.count ?? 0, heights: Array.from({ length: position?.count ?? 0 }, (_, n) => position.getZ(n)), at: stage.plane?.at };
   });
-  await page.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().overlay.group.children.length > 0);
+  await page.waitForFunction((view) => view.currentStage().overlay.group.children.length > 0, await viewOf(page));
   await page.waitForFunction(() => location.hash.includes("cut=z,0.25"));
   const { count, heights, at } = await curves();
   assert(count > 6 * 100 && heights.every((z) => Math.abs(z - at) < 1e-5), `${count} corners of ribbons`);
@@ -450,10 +452,10 @@ test("a section takes a part away, draws the curves of the cut, and is in the li
 
   const other = await browser.open(page.url());
   await waitForView(other);
-  await other.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().overlay.group.children.length > 0);
+  await other.waitForFunction((view) => view.currentStage().overlay.group.children.length > 0, await viewOf(other));
   assert.equal(await other.getByLabel("Place of the section").inputValue(), "0.25");
   await other.locator(".stage-tools").getByRole("button", { name: "Section" }).click();
-  await other.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().overlay.group.children.length === 0);
+  await other.waitForFunction((view) => view.currentStage().overlay.group.children.length === 0, await viewOf(other));
   await finish(page);
   await finish(other);
 });

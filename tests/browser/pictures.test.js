@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
-import { Browser, drawnShare, finish, keepPicture, rest, waitForView } from "./support/page.js";
+import { Browser, drawnShare, finish, fly, keepPicture, rest, viewOf, waitForView } from "./support/page.js";
 import { hills, hillsLayout, moved, off, roundedBox } from "./support/shapes.js";
 import { waitForPen } from "./support/strokes.js";
 
@@ -41,27 +41,25 @@ const VIEWS = {
     } },
   compare: {
     hash: () => `#compare?a=${ids.fine}&b=${ids.coarse}&eye=-1.45,0.6,0.75,0,0,0`, act: async (page) => {
-      await page.getByRole("button", { name: "Measure" }).click();
+      await fly(page, () => page.getByRole("button", { name: "Measure" }).click());
       await page.locator("#outcome", { hasText: "Done" }).waitFor();
       await page.getByRole("button", { name: "Map the distances" }).click();
       await page.locator(".legend").waitFor();
       await page.getByRole("button", { name: "Compare both ways" }).click();
       await page.locator(".pin").first().waitFor({ state: "attached" });
-      await page.waitForTimeout(700); // the flight
       await page.getByRole("button", { name: "Fit" }).click();
       await page.evaluate(() => { document.getElementById("panel").scrollTop = 0; });
     } },
   collide: {
     hash: () => `#collide?a=${ids.box}&b=${ids.other}`, act: async (page) => {
-      await page.getByRole("button", { name: "Find collisions" }).click();
+      await fly(page, () => page.getByRole("button", { name: "Find collisions" }).click());
       await page.locator("#contact").waitFor();
-      await page.waitForTimeout(700);
       await page.getByRole("button", { name: "Fit" }).click();
     } },
   sketch: {
     hash: () => `#sketch?a=${ids.fine}&layout=${ids.layout}`, act: async (page) => {
       await waitForPen(page);
-      await page.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().models.get("a").regions);
+      await page.waitForFunction((view) => view.currentStage().models.get("a").regions, await viewOf(page));
     } },
   remesh: {
     hash: () => `#remesh?a=${ids.fine}&layout=${ids.layout}`, act: async (page) => {

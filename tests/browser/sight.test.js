@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
-import { Browser, finish, rest, waitForView } from "./support/page.js";
+import { Browser, finish, fly, viewOf, waitForView } from "./support/page.js";
 import { box, moved, off, well } from "./support/shapes.js";
 
 let daemon;
@@ -43,20 +43,18 @@ const metAt = (page, point) => page.evaluate(async (target) => {
   return nearest / stage.toScene(target).distanceTo(stage.eye.camera.position);
 }, point);
 
-async function landed(page) {
-  await page.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().eye.flight === 0);
-  await page.waitForTimeout(750); // a flight begins in the next frame
-  await rest(page);
+/** A page with the farthest points of two meshes in its view. */
+async function showFarthest(a, b) {
+  const page = await browser.open(`${daemon.url}/#compare?a=${a}&b=${b}`);
+  await waitForView(page);
+  await fly(page, () => page.getByRole("button", { name: "Measure" }).click());
+  await page.locator("#outcome", { hasText: "Done" }).waitFor();
+  await fly(page, () => page.getByRole("button", { name: "Show the farthest points" }).click());
+  return page;
 }
 
 test("the farthest points at the bottom of a well are seen from its mouth, not through its foot", async () => {
-  const page = await browser.open(`${daemon.url}/#compare?a=${ids.well}&b=${ids.deeper}`);
-  await waitForView(page);
-  await page.getByRole("button", { name: "Measure" }).click();
-  await page.locator("#outcome", { hasText: "Done" }).waitFor();
-  await landed(page);
-  await page.getByRole("button", { name: "Show the farthest points" }).click();
-  await landed(page);
+  const page = await showFarthest(ids.well, ids.deeper);
   const hash = new URLSearchParams(new URL(page.url()).hash.split("?")[1]);
   const { result } = await daemon.client().jobs.get(hash.get("job"));
   const onA = result.witness.from.mesh === "a" ? result.witness.from.point : result.witness.to.point;
@@ -66,13 +64,7 @@ test("the farthest points at the bottom of a well are seen from its mouth, not t
 });
 
 test("a place at the back of a closed surface is seen from outside, not from within", async () => {
-  const page = await browser.open(`${daemon.url}/#compare?a=${ids.closed}&b=${ids.longer}`);
-  await waitForView(page);
-  await page.getByRole("button", { name: "Measure" }).click();
-  await page.locator("#outcome", { hasText: "Done" }).waitFor();
-  await landed(page);
-  await page.getByRole("button", { name: "Show the farthest points" }).click();
-  await landed(page);
+  const page = await showFarthest(ids.closed, ids.longer);
   const height = await page.evaluate(async () => {
     const { eye, frame } = (await import("/dashboard/view/view.js")).currentStage();
     return eye.camera.position.z / frame.scale + frame.centre[2];
@@ -81,12 +73,27 @@ test("a place at the back of a closed surface is seen from outside, not from wit
   await finish(page);
 });
 
+test("a flight that begins during another one takes its place, and arrives", async () => {
+  const page = await browser.open(`${daemon.url}/#compare?a=${ids.closed}&b=${ids.longer}`);
+  await waitForView(page);
+  await page.evaluate(async () => {
+    const { eye } = (await import("/dashboard/view/view.js")).currentStage();
+    const at = (x) => eye.controls.target.clone().set(x, 0, 0);
+    eye.flyTo(at(0.2), 1);
+    await new Promise((resolve) => { setTimeout(resolve, 200); });
+    eye.flyTo(at(-0.2), 1);
+  });
+  await page.waitForFunction((view) => view.currentStage().eye.flight === 0, await viewOf(page));
+  const x = await page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage().eye.controls.target.x);
+  assert(Math.abs(x + 0.2) < 1e-6, `${x}`);
+  await finish(page);
+});
+
 test("a contact within a well is seen", async () => {
   const page = await browser.open(`${daemon.url}/#collide?a=${ids.well}&b=${ids.pebble}`);
   await waitForView(page);
-  await page.getByRole("button", { name: "Find collisions" }).click();
+  await fly(page, () => page.getByRole("button", { name: "Find collisions" }).click());
   await page.waitForFunction(() => document.querySelector("#contact")?.textContent.startsWith("1 of"));
-  await landed(page);
   const { result } = await daemon.client().jobs.create({ type: "collision", a: ids.well, b: ids.pebble, quads: "triangles", limit: 10000 }, { wait: 30 });
   const [{ points }] = result.pairs;
   const met = await metAt(page, points[0]);
@@ -99,8 +106,7 @@ test("an issue of a layout within a well is seen", async () => {
   const layout = await daemon.client().layouts.create({ mesh: ids.well, nodes: [line[0], line[3]], curves: [{ id: 0, from: 0, to: 1, points: line }] });
   const page = await browser.open(`${daemon.url}/#sketch?a=${ids.well}&layout=${layout.id}`);
   await waitForView(page);
-  await page.locator(".issues button").first().click();
-  await landed(page);
+  await fly(page, () => page.locator(".issues button").first().click());
   const met = await metAt(page, layout.issues[0].point);
   assert(met > 0.995, `the first surface is met at ${met} of the way`);
   await finish(page);

@@ -7,7 +7,7 @@ import path from "node:path";
 import { after, before, test } from "node:test";
 
 import { BUILD, Daemon } from "./support/daemon.js";
-import { Browser, finish, waitForView } from "./support/page.js";
+import { Browser, finish, viewOf, waitForView } from "./support/page.js";
 import { draw, lookAt, waitForPen } from "./support/strokes.js";
 import { off, roundedBox, roundedBoxLayout } from "./support/shapes.js";
 
@@ -50,7 +50,7 @@ test("a whole layout is drawn, undone and done again, and grown into a thousand 
   }
   await says(page, "12 curves, 6 patches; every cell is closed");
   assert.equal(await page.locator(".issues li").count(), 0);
-  await page.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().models.get("a").regions);
+  await page.waitForFunction((view) => view.currentStage().models.get("a").regions, await viewOf(page));
   assert(await shadedShare(page) > 10000);
   await page.keyboard.press("Control+z");
   await says(page, "11 curves");

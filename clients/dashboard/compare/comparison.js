@@ -7,10 +7,10 @@ import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { Search } from "../core/search.js";
 import { meshOf, state } from "../core/state.js";
+import { makeTable, writeRows } from "../core/table.js";
 import { makePlaces } from "../view/places.js";
 import { currentStage, lookAt } from "../view/view.js";
 import { moved } from "./pose.js";
-import { makeTable, writeRows } from "./table.js";
 import { aFirst } from "./witness.js";
 
 /** @import { ComparisonResult, Interval, LengthInterval, QuadReading, Witness } from "../../js/types.js" */
@@ -97,11 +97,10 @@ export class ComparisonSection {
   async pin() {
     const { found } = this;
     const stage = currentStage();
-    this.labels?.dispose();
-    this.labels = null;
     if (!found || !stage) return;
     const { Labels } = await import("../view/labels.js");
     if (found !== this.found) return;
+    this.labels?.dispose(); // also those of a call that came first in the meantime
     const labels = this.labels = new Labels(stage);
     found.places.forEach(({ side, from }, place) => {
       const pin = h("button", { type: "button", title: `The worst place ${place + 1}, on ${side}`, onclick: () => this.flyTo(place) }, String(place + 1));
@@ -178,8 +177,7 @@ function drawFigures({ a_to_b: there, b_to_a: back, symmetric: both, accurate })
     ["", writeShare(share), writeShare(back.shares[place])]]));
   const scores = both.f_score.map(({ limit, f }) => /** @type {[string, string[]]} */ ([`F-score at ${limit}`, [writeShare(f), "", ""]]));
   return h("div", { className: "section", id: "comparison" },
-    h("div", { className: "scroll", tabIndex: 0, role: "group", "aria-label": "Figures of both directions" },
-      makeTable("Figures of both directions", ["Both", "A from B", "B from A"], [...rows, ...shares, ...scores])),
+    makeTable("Figures of both directions", ["Both", "A from B", "B from A"], [...rows, ...shares, ...scores]),
     h("p", { className: "muted small" }, `Each figure is proven, with ± what is not known of it.${accurate ? "" : " It ended before they were as narrow as wanted."}`));
 }
 

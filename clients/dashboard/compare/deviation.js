@@ -1,11 +1,11 @@
 // The deviation of A from B over the whole surface, and of B from A: figures, percentiles, histogram.
 
-import { prepare } from "../core/canvas.js";
+import { drawAxis, prepare } from "../core/canvas.js";
 import { client } from "../core/connection.js";
 import { colour, h } from "../core/dom.js";
 import { count, intervals, length } from "../core/format.js";
+import { makeTable, writeRows } from "../core/table.js";
 import { colourOf } from "../view/scale.js";
-import { makeTable, writeRows } from "./table.js";
 
 /** @import { Search } from "../core/search.js" */
 /** @import { DeviationRequest, DeviationResult, Interval, SignedDeviation } from "../../js/types.js" */
@@ -36,14 +36,13 @@ export async function measureDeviation(search, question) {
  */
 export function drawDeviation(there, back, names) {
   const columns = back ? [there.result, back.result] : [there.result];
-  const over = { area: "area", vertices: "vertices", points: "points" }[there.result.over];
   const rows = writeRows([["Mean", columns.map(({ mean }) => mean)], ["RMS", columns.map(({ rms }) => rms)], ["Maximum", columns.map(({ max }) => max)],
     ...there.result.percentiles.map(({ percent }, place) => /** @type {[string, Interval[]]} */ ([`${percent} % lie within`, columns.map(({ percentiles }) => percentiles[place])]))]);
   const table = makeTable("Figures of the distance", ["A from B", ...(back ? ["B from A"] : [])], rows);
   const stopped = [there, back].some((one) => one?.isStopped) ? " It was stopped before its end; what is written holds." : "";
   return h("div", { className: "section", id: "deviation" },
-    h("p", { className: "muted small" }, `Of ${names.a} from ${names.b}, over its ${over}${there.result.signed ? "" : ", without a sign"}, in ${count(there.result.pieces)} pieces; each figure is proven.${stopped}`),
-    h("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "Figures of the distance" }, table), there.result.signed && drawSigned(there.result.signed, there.result.over));
+    h("p", { className: "muted small" }, `Of ${names.a} from ${names.b}, over its ${there.result.over}${there.result.signed ? "" : ", without a sign"}, in ${count(there.result.pieces)} pieces; each figure is proven.${stopped}`),
+    table, there.result.signed && drawSigned(there.result.signed, there.result.over));
 }
 
 /** The figures of each side. @param {SignedDeviation} signed @param {DeviationResult["over"]} over */
@@ -66,7 +65,7 @@ export const makeHistogram = () => h("canvas", { className: "drawing low", role:
  */
 export function drawHistogram(canvas, { histogram: { bin_width: width, shares } }, scale) {
   const { context, width: right, height } = prepare(canvas);
-  const bottom = height - 20;
+  const bottom = drawAxis(context, [0, 0.5, 1].map((share) => length(share * width * shares.length, 3)), right, height);
   const top = Math.max(...shares.map(([, upper]) => upper), 1e-12);
   const step = right / Math.max(1, shares.length);
   const y = (/** @type {number} */ share) => bottom - (share / top) * (bottom - 8);
@@ -79,12 +78,4 @@ export function drawHistogram(canvas, { histogram: { bin_width: width, shares } 
     context.fillStyle = colour("--muted");
     context.fillRect((place + 0.5) * step - 0.5, y(upper), 1, y(lower) - y(upper));
   });
-  context.fillStyle = colour("--line");
-  context.fillRect(0, bottom, right, 1);
-  context.fillStyle = colour("--muted");
-  context.font = "11px system-ui, sans-serif";
-  for (const [share, align] of /** @type {[number, CanvasTextAlign][]} */ ([[0, "left"], [0.5, "center"], [1, "right"]])) {
-    context.textAlign = align;
-    context.fillText(length(share * width * shares.length, 3), share * right, height - 5);
-  }
 }

@@ -12,7 +12,7 @@ import { makeLegend } from "./legend.js";
 /** @import { Wanted } from "./range.js" */
 
 /** The colours are refined until they are off by this share of their range at most, or the triangles run out. */
-const GOOD_SHARE = 0.01;
+export const GOOD_SHARE = 0.01;
 
 export class Heat {
   /** @param {Wanted} wanted the range and limits that were set by hand */
@@ -97,12 +97,11 @@ export class Heat {
     byId("stage-legend").replaceChildren(makeLegend(scale, this.wordsOf(names)));
   }
 
-  /** What the legend says, a line each. @param {{ a: string, b: string }} names */
+  /** What the legend says. @param {{ a: string, b: string }} names */
   wordsOf({ a, b }) {
-    const error = this.error === 0 ? "" : `off by ${roundedUp(this.error)} at most between the vertices`;
     const signed = this.deviation?.result.signed;
     const sides = !signed ? "" : signed.proven ? ", sides proven" : ", sides by the normals, not proven";
-    return { title: `Distance of ${a} from ${b}${sides}`, error, isClamped: this.isClamped };
+    return { title: `Distance of ${a} from ${b}${sides}`, error: this.error, isClamped: this.isClamped };
   }
 
   forget() {
@@ -111,10 +110,4 @@ export class Heat {
     byId("stage-legend").replaceChildren();
     setLook({ heat: false });
   }
-}
-
-/** A number with two digits that is not below it. @param {number} value */
-export function roundedUp(value) {
-  const step = 10 ** (Math.floor(Math.log10(value)) - 1);
-  return Number((Math.ceil(value / step) * step).toPrecision(2)).toString();
 }

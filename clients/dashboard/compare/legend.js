@@ -5,7 +5,8 @@ import { length } from "../core/format.js";
 import { BANDS, colourAt } from "../view/scale.js";
 
 /** @import { Scale } from "../view/scale.js" */
-/** @typedef {{ title: string, error: string, isClamped: boolean }} Words isClamped: there is something beyond the ends */
+/** @typedef {{ title: string, error: number, isClamped: boolean }} Words error: how far the colours may be off between the vertices;
+ *   isClamped: there is something beyond the ends */
 /** @typedef {{ left: number, top: number, width: number, height: number }} Place */
 
 /** @param {[number, number, number]} colour */
@@ -26,11 +27,22 @@ function bandsOf({ limits, isSigned }) {
   return /** @type {[string, string][]} */ (words.map((word, place) => [css(BANDS[place]), word])).filter(([, word]) => word !== "");
 }
 
+/** @param {Words} words */
+const wordsOfError = ({ error }) => (error === 0 ? "" : `off by ${roundedUp(error)} at most between the vertices`);
+
+/** A number with two digits that is not below it. @param {number} value */
+function roundedUp(value) {
+  const step = 10 ** (Math.floor(Math.log10(value)) - 1);
+  return Number((Math.ceil(value / step) * step).toPrecision(2)).toString();
+}
+
 /** @param {Scale} scale @param {Words} words */
-export function makeLegend(scale, { title, error, isClamped }) {
+export function makeLegend(scale, words) {
+  const { title, isClamped } = words;
+  const error = wordsOfError(words);
   const head = [h("span", { className: "legend-title" }, title)];
   const foot = error && h("span", { className: "muted" }, error);
-  if (scale.limits) return h("div", { className: "legend" }, ...head, ...bandsOf(scale).map(([colour, words]) => h("span", { className: "band" }, swatch(colour), words)), foot);
+  if (scale.limits) return h("div", { className: "legend" }, ...head, ...bandsOf(scale).map(([colour, band]) => h("span", { className: "band" }, swatch(colour), band)), foot);
   const [low, middle, high] = ticks(scale, isClamped);
   const canvas = h("canvas", { width: 256, height: 1, role: "img", "aria-label": `Colours from ${low} to ${high}` });
   const context = canvas.getContext("2d");
@@ -61,11 +73,12 @@ function drawColours(context, scale, { left, top, width, height }) {
  */
 export function drawLegend(context, scale, words) {
   const ratio = devicePixelRatio;
+  const error = wordsOfError(words);
   const lines = scale.limits ? bandsOf(scale) : [];
   context.font = `${12 * ratio}px system-ui, sans-serif`;
   const line = 18 * ratio;
-  const width = Math.min(context.canvas.width - 2 * line, Math.max(260 * ratio, ...[words.title, words.error].map((text) => context.measureText(text).width)));
-  const rows = (scale.limits ? lines.length : 2) + 1 + (words.error ? 1 : 0);
+  const width = Math.min(context.canvas.width - 2 * line, Math.max(260 * ratio, ...[words.title, error].map((text) => context.measureText(text).width)));
+  const rows = (scale.limits ? lines.length : 2) + 1 + (error ? 1 : 0);
   const box = { left: context.canvas.width - width - line, top: context.canvas.height - rows * line - line, width, height: rows * line };
   const style = getComputedStyle(document.body);
   context.fillStyle = style.backgroundColor;
@@ -84,7 +97,7 @@ export function drawLegend(context, scale, words) {
   if (!scale.limits) drawBar(context, scale, words, { ...box, top: box.top + 1.2 * line, height: 0.6 * line }, line);
   context.fillStyle = style.color;
   context.textAlign = "left";
-  if (words.error) write(words.error, rows - 1);
+  if (error) write(error, rows - 1);
 }
 
 /** @param {CanvasRenderingContext2D} context @param {Scale} scale @param {Words} words @param {Place} bar @param {number} line */

@@ -1,10 +1,11 @@
 // The shape of the faces of a mesh by the metrics of finite elements: a table of all, and how one of them spreads.
 
-import { prepare } from "../core/canvas.js";
+import { drawAxis, prepare } from "../core/canvas.js";
 import { client } from "../core/connection.js";
 import { colour, h } from "../core/dom.js";
 import { count, length } from "../core/format.js";
 import { run } from "../core/messages.js";
+import { makeTable } from "../core/table.js";
 
 /** @import { Mesh, QualitySummary } from "../../js/types.js" */
 
@@ -36,13 +37,9 @@ const wordsOf = (metric) => metric.replaceAll("_", " ");
 
 /** @param {QualitySummary[]} metrics @param {(metric: string) => void} onChosen */
 function tableOf(metrics, onChosen) {
-  const heads = ["Least", "Mean", "Greatest"];
-  return h("div", { className: "scroll", tabIndex: 0, role: "group", "aria-label": "Metrics of the faces" }, h("table", { className: "figures-table" },
-    h("caption", { className: "unseen" }, "Metrics of the faces"),
-    h("thead", {}, h("tr", {}, h("td", {}), ...heads.map((head) => h("th", { scope: "col", className: "number" }, head)))),
-    h("tbody", {}, ...metrics.map(({ metric, minimum, mean, maximum }) => h("tr", {},
-      h("th", { scope: "row" }, h("button", { type: "button", className: "quiet", "aria-pressed": false, onclick: () => onChosen(metric) }, wordsOf(metric))),
-      ...[minimum, mean, maximum].map((value) => h("td", { className: "number" }, length(value, DIGITS))))))));
+  return makeTable("Metrics of the faces", ["Least", "Mean", "Greatest"], metrics.map(({ metric, minimum, mean, maximum }) => [
+    h("button", { type: "button", className: "quiet", "aria-pressed": false, onclick: () => onChosen(metric) }, wordsOf(metric)),
+    [minimum, mean, maximum].map((value) => length(value, DIGITS))]));
 }
 
 /** How many values lie in each of equal parts of their range. @param {(number | null)[]} values @param {number} low @param {number} high */
@@ -57,19 +54,11 @@ function spread(values, low, high) {
 /** @param {HTMLCanvasElement} canvas @param {number[]} bins @param {number} low @param {number} high */
 function drawBins(canvas, bins, low, high) {
   const { context, width, height } = prepare(canvas);
-  const [bottom, most, step] = [height - 20, Math.max(...bins, 1), width / bins.length];
+  const [most, step] = [Math.max(...bins, 1), width / bins.length];
+  const bottom = drawAxis(context, [length(low, DIGITS), `most: ${count(most)} faces`, length(high, DIGITS)], width, height);
   context.fillStyle = colour("--accent");
   bins.forEach((number, place) => {
     const size = (number / most) * (bottom - 16);
     context.fillRect(place * step + 0.5, bottom - size, step - 1, size);
   });
-  context.fillStyle = colour("--line");
-  context.fillRect(0, bottom, width, 1);
-  context.fillStyle = colour("--muted");
-  context.font = "11px system-ui, sans-serif";
-  for (const [text, x, align] of /** @type {[string, number, CanvasTextAlign][]} */ ([
-    [length(low, DIGITS), 0, "left"], [`most: ${count(most)} faces`, width / 2, "center"], [length(high, DIGITS), width, "right"]])) {
-    context.textAlign = align;
-    context.fillText(text, x, height - 5);
-  }
 }

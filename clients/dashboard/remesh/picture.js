@@ -1,7 +1,7 @@
 // What the view shows of a reconstruction: the quads as they grow, or the surface in the colours of its distance from them.
 
 import { measureDeviation } from "../compare/deviation.js";
-import { roundedUp } from "../compare/heat.js";
+import { GOOD_SHARE } from "../compare/heat.js";
 import { makeLegend } from "../compare/legend.js";
 import { client } from "../core/connection.js";
 import { byId } from "../core/dom.js";
@@ -11,9 +11,6 @@ import { currentStage, setLook, show } from "../view/view.js";
 
 /** @import { Mesh, Reconstruction, ReconstructionPatches } from "../../js/types.js" */
 /** @import { Wish } from "../view/stage.js" */
-
-/** The colours are refined until they are off by this share of their range at most. */
-const GOOD_SHARE = 0.01;
 
 export class Picture {
   constructor() {
@@ -87,8 +84,7 @@ export class Picture {
     setLook({ heat: true, scale });
     const isClamped = high < result.max.upper;
     byId("stage-legend").replaceChildren(makeLegend(scale, {
-      title: isClamped ? "Distance from the quads, of what they cover" : "Distance of the surface from the quads", isClamped,
-      error: error > 0 ? `off by ${roundedUp(error)} at most between the vertices` : "" }));
+      title: isClamped ? "Distance from the quads, of what they cover" : "Distance of the surface from the quads", isClamped, error }));
     return result;
   }
 

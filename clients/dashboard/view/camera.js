@@ -24,11 +24,11 @@ export class Eye {
     this.size = 1;
     this.controls.maxDistance = 50;
     this.onFit = onFit;
-    /** A flight that has not arrived. @type {number} */
+    /** The next frame of a flight that has not arrived, else 0. @type {number} */
     this.flight = 0;
     this.fit(new Vector3(), 0.5, START);
     canvas.addEventListener("keydown", (event) => this.onKey(event));
-    canvas.addEventListener("pointerdown", () => { this.flight = 0; });
+    canvas.addEventListener("pointerdown", () => this.endFlight());
   }
 
   /** @param {number} size */
@@ -58,6 +58,7 @@ export class Eye {
    * @param {Vector3} [direction]
    */
   flyTo(target, distance, direction) {
+    this.endFlight();
     const { camera, controls } = this;
     const from = camera.position.clone();
     const fromTarget = controls.target.clone();
@@ -71,10 +72,15 @@ export class Eye {
       camera.position.lerpVectors(from, to, eased);
       controls.target.lerpVectors(fromTarget, target, eased);
       controls.update();
-      if (share < 1 && this.flight !== 0) this.flight = requestAnimationFrame(step);
-      else this.flight = 0;
+      this.flight = share < 1 ? requestAnimationFrame(step) : 0;
     };
     this.flight = requestAnimationFrame(step);
+  }
+
+  /** Stays where a flight is. */
+  endFlight() {
+    cancelAnimationFrame(this.flight);
+    this.flight = 0;
   }
 
   /** @param {KeyboardEvent} event */

@@ -64,6 +64,26 @@ export function rest(page) {
   return page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage()?.rest());
 }
 
+/** The page's module of the view, for conditions of waitForFunction: it takes a promise for a condition that is met, so that they cannot
+ * import it themselves. */
+export const viewOf = (page) => page.evaluateHandle(() => import("/dashboard/view/view.js"));
+
+/** Does something that has the view fly to a place, and waits until it has arrived. @param {() => Promise<unknown>} act */
+export async function fly(page, act) {
+  await page.evaluate(async () => {
+    const { eye } = (await import("/dashboard/view/view.js")).currentStage();
+    window.hasFlown = false;
+    eye.flyTo = (...way) => { // for one flight, in the place of that of its class
+      delete eye.flyTo;
+      eye.flyTo(...way);
+      window.hasFlown = true;
+    };
+  });
+  await act();
+  await page.waitForFunction((view) => window.hasFlown && view.currentStage().eye.flight === 0, await viewOf(page));
+  await rest(page);
+}
+
 /** Waits for the view to hold a whole mesh, and to have drawn it. */
 export async function waitForView(page) {
   await page.waitForFunction(() => document.querySelector(".canvas canvas") !== null

@@ -1,20 +1,21 @@
-// Tables of figures: a row for each, a column for each direction.
+// Tables of figures, each row with its name.
 
-import { h } from "../core/dom.js";
-import { intervals } from "../core/format.js";
+import { h } from "./dom.js";
+import { intervals } from "./format.js";
 
 /** @import { Interval } from "../../js/types.js" */
 
 /**
+ * One that can be scrolled where it is wider than its place.
  * @param {string} caption
  * @param {string[]} heads of the columns
- * @param {[string, string[]][]} rows
+ * @param {[string | HTMLElement, string[]][]} rows
  */
 export function makeTable(caption, heads, rows) {
-  return h("table", { className: "figures-table" },
+  return h("div", { className: "scroll", tabIndex: 0, role: "group", "aria-label": caption }, h("table", { className: "figures-table" },
     h("caption", { className: "unseen" }, caption),
     h("thead", {}, h("tr", {}, h("td", {}), ...heads.map((head) => h("th", { scope: "col", className: "number" }, head)))),
-    h("tbody", {}, ...rows.map(([name, cells]) => h("tr", {}, h("th", { scope: "row" }, name), ...cells.map((cell) => h("td", { className: "number" }, cell))))));
+    h("tbody", {}, ...rows.map(([name, cells]) => h("tr", {}, h("th", { scope: "row" }, name), ...cells.map((cell) => h("td", { className: "number" }, cell)))))));
 }
 
 /**
