@@ -6,7 +6,7 @@
 #   3. random cases against certified references, for a minute; `make prove` takes a quarter of an hour
 #   4. API and command-line tests against a real daemon under ASan and UBSan, those of the store with a shared one, too,
 #      and with blobs in a folder; several daemons on one database, and the pairs of the data folder, in release
-#   5. the fuzzers, a minute each (FUZZ_SECONDS), as many at a time as there are processors
+#   5. the fuzzers, half a minute each (FUZZ_SECONDS), as many at a time as there are processors
 #   6. the types of the JavaScript client and the page; both against a real daemon, the page in Chromium
 #
 # Cases that need the folder of collected meshes (QM_TEST_DATA, or ../shared/data) are counted as not run where it is
@@ -67,27 +67,35 @@ check "format" format_check
 check "layers" make -s check-layers
 
 # cmocka prints a line for each test; only what failed and the sums are shown.
-output=$(mktemp)
+outputs=$(mktemp -d)
+output=$outputs/output
 through= # a command that runs the tests
-trap 'rm -f "$output"' EXIT
-unit() { # PROGRAM
-    echo "== $1${through:+ by $through}"
-    $through "$1" >"$output" 2>&1
-    status=$?
-    good=$(grep -c '^\[       OK ' "$output")
+trap 'rm -rf "$outputs"' EXIT
+unit() { # PROGRAMS..., as many at a time as there are processors
+    export outputs through
+    printf '%s\n' "$@" | xargs -P "$jobs" -I{} sh -c \
+        'name=$(basename "$1"); $through "$1" >"$outputs/$name" 2>&1; echo $? >"$outputs/$name.status"' unit {}
+    for program in "$@"; do
+        echo "== $program${through:+ by $through}"
+        tally "$outputs/$(basename "$program")"
+    done
+}
+tally() { # FILE, beside which the exit status is
+    status=$(cat "$1.status")
+    good=$(grep -c '^\[       OK ' "$1")
     # A program may run several groups. No test skips itself: one that does has failed.
-    bad=$(awk '/^\[  (FAILED|SKIPPED) *\] [0-9]+ test/ { sum += $(NF - 3) } END { print sum + 0 }' "$output")
+    bad=$(awk '/^\[  (FAILED|SKIPPED) *\] [0-9]+ test/ { sum += $(NF - 3) } END { print sum + 0 }' "$1")
     if [ "$status" -ne 0 ] && [ "$bad" -eq 0 ]; then bad=1; fi
-    if [ "$bad" -ne 0 ]; then cat "$output"; fi
+    if [ "$bad" -ne 0 ]; then cat "$1"; fi
     passed=$((passed + good))
     failed=$((failed + bad))
-    grep '^NOT RUN ' "$output"
-    not_run=$((not_run + $(sed -n 's/^NOT RUN \([0-9]*\).*/\1/p' "$output" | awk '{ sum += $1 } END { print sum + 0 }')))
+    grep '^NOT RUN ' "$1"
+    not_run=$((not_run + $(sed -n 's/^NOT RUN \([0-9]*\).*/\1/p' "$1" | awk '{ sum += $1 } END { print sum + 0 }')))
 }
 
-for name in $sanitized; do unit "build/asan/tests/$name"; done
-for name in $slow; do unit "build/check/tests/$name"; done
-for name in $released; do unit "build/tests/$name"; done
+unit $(programs build/asan "$sanitized")
+unit $(programs build/check "$slow")
+unit $(programs build "$released")
 
 echo "== prove"
 make -s prove PROVE_SECONDS=60 PROVE_JOBS="$jobs" >"$output" 2>&1
@@ -115,20 +123,20 @@ api() { # BUILD FOLDER_OR_FILES
     passed=$((passed + $4 - bad))
     failed=$((failed + bad))
 }
-api build/asan tests/api
-# Once more what depends on the store most, on a shared one, two at a time.
+api build/asan tests/api -n "$jobs"
+# Once more what depends on the store most, on a shared one.
 export QM_TEST_STORE=shared
-api build/asan $(cat tests/api/shared_store.txt) -n 2
+api build/asan $(cat tests/api/shared_store.txt) -n "$jobs"
 # And with the bytes of meshes and results in a folder.
 export QM_TEST_STORE=folder
-api build/asan $(for name in meshes content deform readers reconstructions; do echo "tests/api/test_$name.py"; done) -n 2
+api build/asan $(for name in meshes content deform readers reconstructions; do echo "tests/api/test_$name.py"; done) -n "$jobs"
 unset QM_TEST_STORE
 # Through PgBouncer, which gives each transaction another session.
 through=tests/with_pgbouncer.sh
-for name in contract nodes copies places; do unit "build/asan/tests/test_store_$name"; done
+unit $(programs build/asan "test_store_contract test_store_nodes test_store_copies test_store_places")
 api build/asan tests/api/test_moving.py tests/api/test_two_nodes.py
 through=
-api build/asan tests/cli
+api build/asan tests/cli -n "$jobs"
 api build/asan tests/pressure
 # Several daemons, which mostly wait: three of these tests at a time.
 api build tests/cluster -n 3

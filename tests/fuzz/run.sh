@@ -1,7 +1,7 @@
 #!/bin/sh
 # Runs every fuzz target of build/fuzz under ASan and UBSan, two at a time.
 #
-#   FUZZ_SECONDS  for each target (60)
+#   FUZZ_SECONDS  for each target (30)
 #   FUZZ_ONLY     names of targets, with blanks: codec-obj, json, ... (all)
 #   FUZZ_JOBS     targets at the same time (2)
 #
@@ -10,7 +10,7 @@
 # its seed. Exit status: 0; 1 when a target failed.
 set -eu
 cd "$(dirname "$0")/../.."
-seconds=${FUZZ_SECONDS:-60}
+seconds=${FUZZ_SECONDS:-30}
 all="codec-obj codec-ply codec-stl codec-off codec-glb codec-drc codec-xyz codec-pcd codec-3mf codec-gzip json soup"
 
 run_one() { # NAME
