@@ -21,7 +21,7 @@ test="libcmocka-dev python3-venv clang-format clang libclang-rt-14-dev draco lib
 # glmark2-data holds a scanned bunny (GPL-3+, no dependencies).
 demo="curl ca-certificates python3 glmark2-data"
 cluster="curl ca-certificates python3 postgresql-15"
-bench="python3-venv wrk util-linux libcgal-dev libembree-dev libfcl-dev"
+bench="python3-venv wrk util-linux libcgal-dev libembree-dev libfcl-dev cloudcompare"
 
 # npm fetches three.js for the page. Node from elsewhere brings its own npm and forbids Debian's.
 command -v npm >/dev/null || build="$build nodejs npm"

@@ -50,19 +50,20 @@ def ask(settings, programs, path, case, count):
     questions = [measuring.Question("ours", measuring.engine("align", a, b, motions), 1)]
     for peer in programs.aligning():
         questions += [measuring.Question(f"{peer.name} {command}", (*peer.command, command, a, b, motions), 1)
-                      for command in ("align", "search")]
+                      for command in peer.aligns]
     return {"model": path.parent.name, "triangles": facts["triangles"], "case": case,
             "answers": measuring.by_turns(settings, questions)}
 
 
-def describe(row, names):
+def describe(row, names, count):
     cells = [row["model"], str(row["triangles"]), row["case"]]
     for name in names:
         answer = row["answers"].get(name, {"failed": "-"})
         if "failed" in answer:
             cells += [answer["failed"], "-", "-"]
         else:
-            cells += [f"{answer['placed']}", f"{answer['exact']}", tables.ms(answer["query_ms"])]
+            of = "" if answer["motions"] == count else f" of {answer['motions']}"
+            cells += [f"{answer['placed']}{of}", f"{answer['exact']}{of}", tables.ms(answer["query_ms"])]
     ours = row["answers"]["ours"]
     second = ours.get("runner_up", -1.0)
     return [*cells, "-" if second < 0 else f"{ours['rms']:.1e}, {second:.1e}"]
@@ -76,15 +77,16 @@ def run(settings, programs, pairs, say):
         for case in CASES:
             say(f"align: {path.parent.name} {path.stem}, {case}")
             rows.append(ask(patient, programs, path, case, count))
-    names = ["ours", *(f"{peer.name} {command}" for peer in programs.aligning() for command in ("align", "search"))]
+    names = ["ours", *(f"{peer.name} {command}" for peer in programs.aligning() for command in peer.aligns)]
     titles = [title for name in names for title in (f"{name} placed:", "exact:", "ms:")]
     print(f"## Alignment\n\nEach model, moved by {count} random turns and shifts, brought back onto itself: whole, with noise of "
           f"{NOISE:g} of the diagonal in every coordinate, and a part of {PART:g} of its width with such noise. Placed: how many "
           "ended within a hundredth of the diagonal of where they came from. Exact: how many ended within a millionth of where "
           "the model ends that was not moved before: one answer, wherever it lay. ms: the median of an alignment, one thread, trees "
           "and samples of the fixed model not counted. This engine knows no start and draws nothing at random; `open3d align` "
-          "is point to plane from the centroids, `open3d search` the same after features and RANSAC. Last: this engine's rms and that of the "
+          "is point to plane from the centroids, `open3d search` the same after features and RANSAC; CloudCompare's is point to "
+          "point from the centroids, for five of the motions, reading not counted. Last: this engine's rms and that of the "
           "second best placement, as shares of the diagonal; near each other, the model is nearly symmetric.\n")
-    print(tables.table(["model", "triangles:", "case", *titles, "rms, second:"], [describe(row, names) for row in rows]))
+    print(tables.table(["model", "triangles:", "case", *titles, "rms, second:"], [describe(row, names, count) for row in rows]))
     return rows, [f"{row['model']}, {row['case']}: this engine failed: {row['answers']['ours']['failed']}"
                   for row in rows if "failed" in row["answers"]["ours"]]

@@ -26,7 +26,7 @@ class Peer:
     project: str = ""    # "double" or "float"; "": it has none
     collide: str = ""    # what its pairs are worth: "exact" or "rounded"; "": it finds none
     reads: bool = False  # answers `COMMAND files A B TOLERANCE`, the distance between two files, too
-    aligns: bool = False  # answers `COMMAND align A B MOTIONS` and `COMMAND search A B MOTIONS`
+    aligns: typing.Sequence[str] = ()  # the words W of `COMMAND W A B MOTIONS` that it answers
     compares: str = ""   # what a sample is measured from in `COMMAND compare A B POINTS SEED LIMIT`: "surface" or "sample"
     self: str = ""       # the same of one mesh with itself; "partly": leaves pairs with a common corner out
 
@@ -69,7 +69,7 @@ PYTHON_PEERS = (
     python_peer("igl", "libigl", hausdorff="vertices only", project="double"),
     python_peer("coal", "coal", collide="rounded"),
     python_peer("trueform", "trueform", collide="rounded"),
-    python_peer("open3d", "open3d", aligns=True, compares="surface"),
+    python_peer("open3d", "open3d", aligns=("align", "search"), compares="surface"),
     python_peer("meshlab", "pymeshlab", hausdorff="samples", reads=True, compares="surface"),
     python_peer("trimesh", "trimesh", compares="surface"),
     python_peer("pcu", "point-cloud-utils", compares="sample"),
@@ -80,6 +80,10 @@ COMPILED_PEERS = (
     Peer("embree", (OUT / "peer_embree",), "Embree", project="float"),
     Peer("rtcCollide", (OUT / "peer_embree_collide",), "Embree", collide="rounded", self="partly"),
     Peer("fcl", (OUT / "peer_fcl",), "FCL", collide="rounded"),
+)
+# Programs of the system, behind a script.
+INSTALLED_PEERS = (
+    python_peer("cloudcompare", "CloudCompare", aligns=("align",)),
 )
 
 
@@ -146,8 +150,8 @@ def find_programs():
         else:
             programs.peers.append(peer)
             programs.versions[peer.name] = f"{peer.package} {there[peer.package]}"
-    for peer in COMPILED_PEERS:
-        fault = make(peer.command[0].relative_to(ROOT))
+    for peer in COMPILED_PEERS + INSTALLED_PEERS:
+        fault = make(peer.command[0].relative_to(ROOT)) if peer in COMPILED_PEERS else ""
         answer = {"failed": fault} if fault else child.run([*peer.command, "version"])
         if "failed" in answer:
             programs.missing.append(f"{peer.package}: {answer['failed']}")
