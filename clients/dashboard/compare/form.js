@@ -1,7 +1,7 @@
 // What to compare and how: the two meshes, direction, reading of quads, gap, limit.
 
 import { choiceKey, meshChoice } from "../core/choice.js";
-import { h, select } from "../core/dom.js";
+import { NUMBER, h, select } from "../core/dom.js";
 import { state } from "../core/state.js";
 import { moved } from "./pose.js";
 
@@ -55,8 +55,6 @@ export function makeForm({ onMeasure, onStop, onReading, onSwap }) {
   }
   return { form, draw, fill };
 }
-
-const NUMBER = "\\s*[0-9]*\\.?[0-9]+([eE][\\-+]?[0-9]+)?\\s*";
 
 /** The permitted distance; null for none. @param {Settings} settings */
 export const limitOf = ({ limit }) => (limit.trim() === "" ? null : Number(limit));
