@@ -18,10 +18,13 @@ export function saveBounds(measurement) {
   download(new Blob([`${lines.join("\n")}\n`], { type: "text/csv" }), "bounds.csv");
 }
 
+/** Words for sides from -1 to 1. */
+const SIDES = ["inside", "neither", "outside"];
+
 /** The distances at A's vertices, with their sides where these are known. @param {Heat} heat */
 export function saveDistances({ deviation, sides }) {
   const lines = [sides ? "vertex,distance,side" : "vertex,distance"];
-  deviation?.distances.forEach((distance, vertex) => lines.push(sides ? `${vertex},${distance},${sides[vertex] < 0 ? "inside" : "outside"}` : `${vertex},${distance}`));
+  deviation?.distances.forEach((distance, vertex) => lines.push(sides ? `${vertex},${distance},${SIDES[sides[vertex] + 1]}` : `${vertex},${distance}`));
   download(new Blob([`${lines.join("\n")}\n`], { type: "text/csv" }), "distances.csv");
 }
 

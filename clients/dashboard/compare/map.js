@@ -140,7 +140,7 @@ export class DeviationMap {
     if (!this.heat.painted) return;
     this.probe?.dispose();
     this.probe = new Probe(stage, {
-      quads: /** @type {any} */ (this.deviation?.result.quads), turn: () => this.heat.turn, onPins: () => setParameters({ pins: this.probe?.toText() || null }) });
+      quads: /** @type {any} */ (this.deviation?.result.quads), telling: () => this.heat.telling, onPins: () => setParameters({ pins: this.probe?.toText() || null }) });
     this.probed = this.heat.painted?.model;
     await this.probe.restore(parameter("pins"));
   }
