@@ -54,7 +54,7 @@ class Compare {
       quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings),
       onChange: () => this.requestDraw(), onMeasured: () => this.clearForMap() });
     this.comparison = new ComparisonSection({
-      quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings), onChosen: (points) => this.showPlace(points) });
+      quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings), sign: this.map.sign, onChosen: (points) => this.showPlace(points) });
     this.alignment = new AlignSection({
       quads: () => /** @type {any} */ (settings.quads), onPose: (transform) => this.move(transform), onTurn: (turn) => this.showTurn(turn) });
     this.section = new Section();
