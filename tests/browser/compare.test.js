@@ -422,7 +422,7 @@ test("both ways in one table, and the worst places as pins in a list that flies 
   const [both, there] = await row("Maximum");
   assert.equal(both, there);
   assert(Math.abs(Number(both.split(" ")[0]) - 0.3) < 1e-6, both);
-  assert.match((await row("Share within 0.1")).join(), /^,\d+\.\d %( to \d+\.\d %)?,\d+\.\d %/);
+  assert.match((await row("Share within 0.1")).join(), /^,\d+\.\d( to \d+\.\d)? %,\d+\.\d( to \d+\.\d)? %$/);
   const places = page.getByRole("list", { name: "Worst places" }).getByRole("button");
   const count = await places.count();
   assert(count >= 5 && count <= 10, `${count} places`);

@@ -59,6 +59,11 @@ export class ComparisonSection {
     return RADIUS_SHARE * (meshOf(state.a)?.bounding_box.diagonal ?? 0);
   }
 
+  /** The place of a link. */
+  get chosen() {
+    return Number(parameter("place") ?? 0) - 1;
+  }
+
   /** @param {string} b */
   question(b) {
     const limits = [this.limit(), wanted.limits?.[1] ?? null].filter((limit) => limit !== null && limit >= 0);
@@ -68,6 +73,7 @@ export class ComparisonSection {
 
   async measure() {
     const { b } = state;
+    setParameters({ place: null });
     if (state.a !== null && b !== null) await this.take(this.sign.ask(() => this.search.run(this.question(b))));
   }
 
@@ -87,6 +93,7 @@ export class ComparisonSection {
       this.found = { id, result, places: worstOf(result, this.radius) };
       setParameters({ comparison: id });
       this.draw();
+      if (this.chosen >= 0) this.choose(this.chosen);
       await this.pin();
     } catch (error) {
       this.explain();
@@ -100,7 +107,7 @@ export class ComparisonSection {
     const written = intervals(places, ENOUGH);
     this.figures.replaceChildren(drawFigures(result), makePlaces("Worst places", places.map(({ side, from, to }, place) => ({
       words: `${place + 1}: ${written[place]}, on ${side}`,
-      points: aFirst({ from, to }), what: `place ${place + 1}` })), (place) => this.choose(place)), h("div", { className: "row" }, this.report));
+      points: aFirst({ from, to }), what: `place ${place + 1}` })), (place) => this.choose(place), this.chosen), h("div", { className: "row" }, this.report));
   }
 
   /** Numbers at the worst places. */
@@ -129,7 +136,9 @@ export class ComparisonSection {
   /** @param {number} place */
   choose(place) {
     const chosen = this.found?.places[place];
-    if (chosen) this.onChosen({ from: chosen.from.point, to: chosen.to.point });
+    if (!chosen) return;
+    setParameters({ place: place + 1 });
+    this.onChosen({ from: chosen.from.point, to: chosen.to.point });
   }
 
   /** The comparison as a page to hand on. */

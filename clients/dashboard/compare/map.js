@@ -92,7 +92,7 @@ export class DeviationMap {
       const isFirst = this.deviation === null;
       this.heat.take(deviation);
       this.draw();
-      setParameters({ heat: 1 });
+      setParameters({ heat: 1, accuracy: accuracy < FIRST_ACCURACY ? accuracy : null });
       if (isFirst) this.onMeasured();
       await this.paint();
     } catch (error) {
@@ -101,6 +101,14 @@ export class DeviationMap {
     } finally {
       this.onChange();
     }
+  }
+
+  /** The map of a link. */
+  async restore() {
+    if (!parameter("heat") || this.search.isRunning) return;
+    const isTwoSided = parameter("back") !== null;
+    await this.measure(Math.max(FINEST, Math.min(FIRST_ACCURACY, Number(parameter("accuracy")) || FIRST_ACCURACY)));
+    if (isTwoSided && this.deviation && !this.back) await this.measureBack();
   }
 
   /** @param {MeshName} a @param {MeshName} b */
@@ -117,6 +125,7 @@ export class DeviationMap {
     const back = await measureDeviation(this.search, this.question(/** @type {string} */ (state.b), moved()));
     if (deviation !== this.deviation) return;
     this.back = back;
+    setParameters({ back: 1 });
     this.draw();
   }
 

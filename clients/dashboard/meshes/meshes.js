@@ -4,6 +4,7 @@ import { h } from "../core/dom.js";
 import { setParameters } from "../core/route.js";
 import { meshOf, on, state } from "../core/state.js";
 import { makeUpload } from "../core/upload.js";
+import { keepLook, placeEye } from "../view/link.js";
 import { drawTools } from "../view/tools.js";
 import { look, setLook, show } from "../view/view.js";
 import { drawFacts } from "./facts.js";
@@ -38,7 +39,10 @@ export function showMeshes(panel) {
     drawTools(mesh ? [mesh] : [], { onReading: drawView, hasStructure: true });
     const words = state.meshes.length > 0 ? "Choose a mesh to see it here." : "Drop a mesh file on the page to begin.";
     letThumbnailsDraw(false);
-    show(mesh ? [{ mesh, role: "a", isBilinear: look.bilinear }] : [], words).then(letThumbnailsDraw);
+    show(mesh ? [{ mesh, role: "a", isBilinear: look.bilinear }] : [], words).then((isWhole) => {
+      if (isWhole) placeEye();
+      letThumbnailsDraw(isWhole);
+    });
   }
 
   function draw() {
@@ -49,10 +53,12 @@ export function showMeshes(panel) {
   }
 
   setLook({ heat: false, structure: true });
+  const stopLook = keepLook();
   draw();
   const off = on(["meshes", "choice", "info"], draw);
   return () => {
     off();
+    stopLook();
     letThumbnailsDraw(false);
   };
 }

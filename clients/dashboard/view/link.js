@@ -24,6 +24,13 @@ export function placeEye() {
   currentStage()?.eye.fromText(brought);
 }
 
+/** Puts camera and look into the address. */
+export function writeLook() {
+  const stage = currentStage();
+  if (!stage || stage.wishes.length === 0 || (brought !== null && !isPlaced)) return;
+  setParameters({ eye: stage.eye.toText(), edges: look.wire ? 1 : null, through: look.through ? 1 : null });
+}
+
 /**
  * Takes up what the address says of the look, and keeps it there from now on.
  * @returns {() => void} what ends it
@@ -34,14 +41,9 @@ export function keepLook() {
   setLook({ wire: parameter("edges") ? true : look.wire, through: parameter("through") !== null });
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   let timer;
-  const write = () => {
-    const stage = currentStage();
-    if (!stage || stage.wishes.length === 0 || (brought !== null && !isPlaced)) return;
-    setParameters({ eye: stage.eye.toText(), edges: look.wire ? 1 : null, through: look.through ? 1 : null });
-  };
   const off = on(["eye", "through", "look"], () => {
     clearTimeout(timer);
-    timer = setTimeout(write, REST_MS);
+    timer = setTimeout(writeLook, REST_MS);
   });
   return () => {
     off();
