@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
-import { Browser, finish, fly, rest, waitForView } from "./support/page.js";
+import { Browser, finish, fly, rest, viewOf, waitForView } from "./support/page.js";
 import { ball, box, moved, off } from "./support/shapes.js";
 
 let daemon;
@@ -14,8 +14,8 @@ before(async () => {
   daemon = await Daemon.start();
   browser = await Browser.launch();
   ids = {};
-  const bumpy = { ...ball(16), vertices: ball(16).vertices.map(([x, y, z]) => [x, y, z].map((value) => value * (1 + 0.25 * Math.exp(-8 * ((x - 1) ** 2 + y ** 2 + z ** 2)) + 0.15 * Math.exp(-8 * (x ** 2 + (y - 1) ** 2 + z ** 2))))) };
-  for (const [name, mesh] of Object.entries({ bumpy, ball: ball(12), box: box(4), near: moved(box(4), [0.75, 0.3, 0.3]) })) {
+  const bumpy = { ...ball(8), vertices: ball(8).vertices.map(([x, y, z]) => [x, y, z].map((value) => value * (1 + 0.25 * Math.exp(-8 * ((x - 1) ** 2 + y ** 2 + z ** 2)) + 0.15 * Math.exp(-8 * (x ** 2 + (y - 1) ** 2 + z ** 2))))) };
+  for (const [name, mesh] of Object.entries({ bumpy, ball: ball(6), box: box(4), near: moved(box(4), [0.75, 0.3, 0.3]) })) {
     ids[name] = (await daemon.client().meshes.create(off(mesh), { name: `${name}.off` })).mesh.id;
   }
 });
@@ -24,17 +24,17 @@ after(async () => {
   await daemon.remove();
 });
 
-const VIEWPORT = { viewport: { width: 1200, height: 800 } };
+const VIEWPORT = { viewport: { width: 900, height: 620 } };
 const LEAST_ALIKE = 0.998;
 
 /** Waits until the address has the camera of the view, and nothing moves any more. */
 async function settle(page) {
   await page.waitForFunction(() => document.querySelectorAll(".searching:not([hidden])").length === 0);
   await rest(page);
-  await page.waitForFunction(async () => {
-    const stage = (await import("/dashboard/view/view.js")).currentStage();
-    return stage.eye.flight === 0 && new URLSearchParams(location.hash.split("?")[1]).get("eye") === stage.eye.toText();
-  });
+  await page.waitForFunction((view) => {
+    const { eye } = view.currentStage();
+    return eye.flight === 0 && new URLSearchParams(location.hash.split("?")[1]).get("eye") === eye.toText();
+  }, await viewOf(page));
   await page.evaluate(() => { document.activeElement?.blur?.(); document.getElementById("messages").replaceChildren(); });
   await page.mouse.move(5, 5);
   await rest(page);

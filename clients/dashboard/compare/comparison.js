@@ -176,7 +176,7 @@ function worstOf({ a_to_b: there, b_to_a: back }, radius) {
   /** @type {WorstPlace[]} */
   const all = [...(there.worst ?? []).map((place) => ({ ...place, side: /** @type {const} */ ("A") })),
     ...(back.worst ?? []).map((place) => ({ ...place, side: /** @type {const} */ ("B") }))].sort((one, other) => other.lower - one.lower);
-  return all.filter((place, at) => !all.slice(0, at).some((before) => isBeside(before, place, radius)));
+  return all.reduce((kept, place) => (kept.some((before) => isBeside(before, place, radius)) ? kept : [...kept, place]), /** @type {WorstPlace[]} */ ([]));
 }
 
 /** Are two places of the two meshes one, as both are ends of nearly the same way? @param {WorstPlace} one @param {WorstPlace} other @param {number} radius */

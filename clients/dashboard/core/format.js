@@ -54,6 +54,8 @@ export const percent = (share) => (share === null || share === undefined ? NONE 
 
 /** Digits of a share that is not known exactly. */
 const SHARE_DIGITS = 3;
+/** Behind the point of a share in percent. */
+const MOST_SHARE_DIGITS = 4;
 
 /**
  * A share that is only known to lie between two others; what is written holds them.
@@ -64,8 +66,8 @@ export function shareBetween({ lower, upper }) {
   const outward = (/** @type {number} */ share, /** @type {(x: number) => number} */ round) => {
     const value = 100 * share;
     if (value <= 0) return "0";
-    const digits = Math.max(0, SHARE_DIGITS - 1 - Math.floor(Math.log10(value)));
-    return (round(value * 10 ** digits) / 10 ** digits).toFixed(Math.min(20, digits));
+    const digits = Math.max(0, Math.min(MOST_SHARE_DIGITS, SHARE_DIGITS - 1 - Math.floor(Math.log10(value))));
+    return (round(value * 10 ** digits) / 10 ** digits).toFixed(digits);
   };
   return `${outward(lower, Math.floor)} to ${outward(Math.min(1, upper), Math.ceil)} %`;
 }
