@@ -8,6 +8,7 @@
 
 #include "base/log.h"
 #include "base/metrics.h"
+#include "former_names.h"
 #include "job_internal.h"
 #include "job_mirrors.h"
 #include "job_pulse.h"
@@ -164,6 +165,8 @@ static qm_job *job_from_row(qm_jobs *jobs, const qm_store_job *row)
     job->state = row->state;
     job->document = row->document ? strdup(row->document) : NULL;
     job->result = row->result ? strdup(row->result) : NULL;
+    qm_former_names_replace(job->document);
+    qm_former_names_replace(job->result);
     job->references = 1;
     job->is_from_row = true;
     qm_job_set_restarts(job, row->restarts);

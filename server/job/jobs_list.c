@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "former_names.h"
 #include "job_internal.h"
 #include "ops/json_out.h"
 #include "store/result_file.h"
@@ -105,7 +106,11 @@ char *qm_job_result_object(qm_jobs *jobs, qm_job *job)
 /** The document of a row: as stored, or that of the job as it is now. NULL: out of memory. */
 static char *document_of_row(qm_jobs *jobs, const qm_store_job *row)
 {
-    if (row->document) return join_document(row->document, row->result, false);
+    if (row->document) {
+        qm_former_names_replace(row->document);
+        qm_former_names_replace(row->result);
+        return join_document(row->document, row->result, false);
+    }
     qm_problem problem;
     qm_job *job = qm_jobs_find(jobs, row->id, &problem);
     char *document = job ? qm_job_document(jobs, job, false) : NULL;

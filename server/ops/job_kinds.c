@@ -17,7 +17,7 @@ const char *const qm_job_kind_names[] = {QM_JOB_MAP(XX) NULL};
 const char *const qm_quads_names[] = {"triangles", "bilinear", NULL};
 const char *const qm_accelerator_names[] = {"auto", "boxes", "tetra", "grid", NULL};
 const char *const qm_job_box_names[] = {"auto", "boxes", NULL};
-const char *const qm_tolerance_unit_names[] = {"relative", "absolute", NULL};
+const char *const qm_gap_unit_names[] = {"relative", "absolute", NULL};
 
 qm_job_request qm_job_request_default(void)
 {
@@ -111,16 +111,30 @@ double qm_job_tolerance(const qm_job_call *call)
     return qm_job_tolerance_of(call->request, call->a->diagonal);
 }
 
-void qm_job_add_tolerance(qm_text *out, const qm_job_request *request)
+void qm_job_add_gap(qm_text *out, const qm_job_request *request)
 {
-    qm_json_add_number(out, "tolerance", request->tolerance);
-    qm_json_add_string(out, "tolerance_unit", qm_tolerance_unit_names[request->tolerance_is_absolute]);
+    qm_json_add_number(out, "gap", request->tolerance);
+    qm_json_add_string(out, "gap_unit", qm_gap_unit_names[request->tolerance_is_absolute]);
 }
 
-void qm_job_add_accelerator(qm_text *out, const qm_job_request *request)
+void qm_job_add_engine(qm_text *out, const qm_job_request *request)
 {
-    if (request->accelerator != QM_ACCELERATOR_AUTO)
-        qm_json_add_string(out, "accelerator", qm_accelerator_names[request->accelerator]);
+    const qm_job_request defaults = qm_job_request_default();
+    bool is_open = false;
+    for (const qm_job_field *field = qm_job_hooks_of(request->kind)->fields; field->name; field++) {
+        const void *value = (const char *)request + field->offset,
+                   *usual = (const char *)&defaults + field->offset;
+        bool is_count = field->type == QM_FIELD_COUNT;
+        if (!field->is_engine || memcmp(value, usual, is_count ? sizeof(size_t) : sizeof(int)) == 0) continue;
+        QM_ASSERT(is_count || field->type == QM_FIELD_CHOICE);
+        if (!is_open) qm_json_open(out, "engine", "{");
+        is_open = true;
+        if (is_count)
+            qm_json_add_count(out, field->name, *(const size_t *)value);
+        else
+            qm_json_add_string(out, field->name, field->names[*(const int *)value]);
+    }
+    if (is_open) qm_text_add_string(out, "}");
 }
 
 double qm_job_uncertainty(const qm_job_result *result)

@@ -53,7 +53,7 @@ extern const char *const qm_align_fit_names[];       /* qm_align_fit */
 extern const char *const qm_align_start_names[];     /* qm_align_start */
 extern const char *const qm_align_motion_names[];    /* qm_align_motion */
 extern const char *const qm_align_direction_names[]; /* qm_job_align_direction */
-extern const char *const qm_tolerance_unit_names[];  /* qm_job_request.tolerance_is_absolute */
+extern const char *const qm_gap_unit_names[];        /* qm_job_request.tolerance_is_absolute */
 extern const char *const qm_sign_names[];            /* qm_sign */
 extern const char *const qm_relation_names[];        /* qm_relation */
 

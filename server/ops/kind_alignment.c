@@ -137,7 +137,7 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     if (isfinite(align->max_distance)) qm_json_add_number(out, "max_distance", align->max_distance);
     if (align->may_mirror) qm_json_add_bool(out, "mirror", true);
     qm_json_add_count(out, "samples", align->sample_count);
-    qm_job_add_tolerance(out, request);
+    qm_job_add_gap(out, request);
     if (request->landmark_count == 0) return;
     qm_json_open(out, "landmarks", "[");
     for (size_t i = 0; i < request->landmark_count; i++) {
@@ -173,7 +173,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     qm_text_add_string(out, "}");
     qm_json_add_string(out, "fit", qm_align_fit_names[request->align.fit]);
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
-    qm_json_add_number(out, "tolerance", result->tolerance);
+    qm_json_add_number(out, "gap", result->tolerance);
     qm_json_add_count(out, "iterations", align->iterations);
     qm_json_add_count(out, "rounds", align->rounds);
     qm_json_add_bool(out, "converged", align->is_converged);
@@ -184,7 +184,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
 static const qm_job_field fields[] = {
     QM_JOB_FIELD_PAIR,
     QM_JOB_FIELD_QUADS,
-    QM_JOB_FIELDS_TOLERANCE,
+    QM_JOB_FIELDS_GAP,
     {"fit", QM_FIELD_CHOICE, QM_FIELD_AT(align.fit), .names = qm_align_fit_names},
     {"start", QM_FIELD_CHOICE, QM_FIELD_AT(align.start), .names = qm_align_start_names},
     {"motion", QM_FIELD_CHOICE, QM_FIELD_AT(align.motion), .names = qm_align_motion_names},

@@ -211,7 +211,7 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     else
         add_meshes(out, request);
     add_want(out, request);
-    qm_job_add_tolerance(out, request);
+    qm_job_add_gap(out, request);
 }
 
 /* ---- results ---- */
@@ -301,7 +301,7 @@ static const qm_job_field fields[] = {
          "must be \"all\", {\"nearest\": an integer from 1 to 100} or {\"within\": a number of 0 or more}"},
     {"measure", QM_FIELD_OTHER, .read = read_measure, .expected = "must be \"hausdorff\""},
     QM_JOB_FIELD_QUADS,
-    QM_JOB_FIELDS_TOLERANCE,
+    QM_JOB_FIELDS_GAP,
     {0}};
 
 const qm_job_hooks qm_job_kind_matrix = {.type = {.name = "matrix", .is_pure = true, .is_anytime = true},
