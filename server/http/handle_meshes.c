@@ -11,6 +11,7 @@
 #include "handlers.h"
 #include "media.h"
 #include "mesh/etag.h"
+#include "ops/job_kinds.h"
 #include "ops/projections.h"
 #include "store/store_problem.h"
 
@@ -271,6 +272,43 @@ void qm_handle_mesh_get(qm_request *request)
         reply_mesh(request, 200, &mesh);
     else
         qm_store_mesh_reset(&mesh);
+}
+
+/** Writes the id of the newest mesh with this content that was not deformed; false with a problem. */
+static bool find_by_hash(qm_store *store, const char *hash, char id[1][QM_ID_SIZE], qm_problem *problem)
+{
+    if (!qm_json_is_hash(hash)) {
+        *problem =
+            qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                            "a hash of a file must be the 64 digits of its SHA-256 in hex, in lower case");
+        return false;
+    }
+    qm_stored stored = qm_store_find_undeformed(store, &hash, 1, id);
+    if (stored == QM_STORED && id[0][0]) return true;
+    *problem = qm_store_read_problem(stored == QM_STORED ? QM_STORED_NONE : stored, QM_PROBLEM_MESH_NOT_FOUND,
+                                     "mesh with this content");
+    return false;
+}
+
+void qm_handle_mesh_find(qm_request *request)
+{
+    qm_store *store = qm_request_app(request)->store;
+    char id[1][QM_ID_SIZE];
+    qm_problem problem;
+    qm_store_mesh mesh;
+    if (!find_by_hash(store, qm_request_id(request), id, &problem)) {
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    qm_stored stored = qm_store_find_mesh(store, id[0], &mesh);
+    if (stored != QM_STORED) { /* deleted meanwhile, or the store is away */
+        problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id[0]);
+        qm_reply_problem(request, &problem);
+    } else if (qm_handlers_check_mesh_tag(request, &mesh)) {
+        reply_mesh(request, 200, &mesh);
+    } else {
+        qm_store_mesh_reset(&mesh);
+    }
 }
 
 void qm_handle_mesh_patch(qm_request *request)

@@ -9,6 +9,7 @@
 void qm_handle_mesh_create(qm_request *request);
 void qm_handle_mesh_list(qm_request *request);
 void qm_handle_mesh_get(qm_request *request);
+void qm_handle_mesh_find(qm_request *request);
 void qm_handle_mesh_patch(qm_request *request);
 void qm_handle_mesh_copy(qm_request *request);
 void qm_handle_mesh_delete(qm_request *request);

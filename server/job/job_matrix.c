@@ -58,38 +58,36 @@ static void add_revision(qm_text *listed, uint64_t revision)
     qm_text_printf(listed, "%llu ", (unsigned long long)revision);
 }
 
-/** False with a problem when a mesh has another unit than one before it; known has the first unit. */
-static bool check_unit(qm_notes *known, const qm_notes *own, const char *field, qm_problem *problem)
+/** False with a problem when a mesh has another unit than one before it. */
+static bool check_units(const qm_job_request *request, const qm_store_mesh_state *states, qm_problem *problem)
 {
-    const qm_notes both[2] = {*known, *own};
-    char pointer[40];
-    if (!known->unit[0]) *known = *own;
-    if (qm_job_check_units(both, problem)) return true;
-    snprintf(pointer, sizeof pointer, "/%s", field);
-    qm_problem_add_pointer(problem, pointer, "another unit");
-    return false;
+    qm_notes known = {0};
+    for (size_t i = 0; i < request->mesh_count; i++) {
+        const qm_notes both[2] = {known, states[i].notes};
+        char pointer[QM_JOB_POINTER_SIZE];
+        if (!known.unit[0]) known = states[i].notes;
+        if (qm_job_check_units(both, problem)) continue;
+        qm_job_point_to_mesh(request, i, pointer);
+        qm_problem_add_pointer(problem, pointer, "another unit");
+        return false;
+    }
+    return true;
 }
 
 static bool check_set(qm_jobs *jobs, const qm_job_request *request, char revisions[QM_REVISIONS_SIZE],
                       qm_problem *problem)
 {
     qm_text listed = {0};
-    qm_notes known = {0};
-    for (size_t i = 0; i < request->mesh_count; i++) {
-        char field[32];
-        qm_store_mesh_state state = {0};
-        snprintf(field, sizeof field, "meshes/%zu", i);
-        bool is_usable = qm_job_check_mesh(jobs, request->meshes[i].name, field, &state, problem) &&
-                         check_unit(&known, &state.notes, field, problem);
-        if (!is_usable) {
-            qm_text_reset(&listed);
-            return false;
-        }
-        add_revision(&listed, state.revision);
-    }
-    if (write_revisions(&listed, revisions)) return true;
-    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
-    return false;
+    qm_store_mesh_state *states = calloc(request->mesh_count, sizeof *states);
+    bool is_usable =
+        states && qm_job_find_meshes(jobs, request, states, problem) && check_units(request, states, problem);
+    for (size_t i = 0; is_usable && i < request->mesh_count; i++)
+        add_revision(&listed, states[i].revision);
+    bool is_written = is_usable && write_revisions(&listed, revisions);
+    if (!states || (is_usable && !is_written))
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
+    free(states);
+    return is_written;
 }
 
 /* ---- meshes ---- */
@@ -145,34 +143,24 @@ static void release(void *user, size_t index)
     own->ref = NULL;
 }
 
-/** The row of a mesh, as far as it says what the surface is. */
-typedef struct content {
-    char hash[QM_HASH_SIZE], positions[QM_HASH_SIZE];
-    int format;
-} content;
-
-/** Finds the meshes that are made of the same bytes in the same format, and lie at the same place. One whose row cannot be read equals none. */
+/** Finds the meshes that are made of the same bytes in the same format, and lie at the same place. One that is not found equals none. */
 static bool find_same(const qm_job *job, size_t *same)
 {
     const qm_job_request *request = &job->request;
-    content *rows = calloc(request->mesh_count, sizeof *rows);
-    if (!rows) return false;
+    qm_store_mesh_state *states = calloc(request->mesh_count, sizeof *states);
+    qm_problem unused; /* of a mesh that is gone, which the search meets itself */
+    if (!states) return false;
+    qm_job_find_meshes(job->jobs, request, states, &unused);
     for (size_t i = 0; i < request->mesh_count; i++) {
-        qm_store_mesh row;
-        bool is_read = qm_store_find_mesh(job->jobs->store, request->meshes[i].name, &row) == QM_STORED;
         same[i] = i;
-        if (!is_read) continue;
-        memcpy(rows[i].hash, row.hash, sizeof row.hash);
-        memcpy(rows[i].positions, row.positions, sizeof row.positions);
-        rows[i].format = row.format;
-        qm_store_mesh_reset(&row);
-        for (size_t k = 0; k < i && same[i] == i; k++)
-            if (rows[k].format == rows[i].format && strcmp(rows[k].hash, rows[i].hash) == 0 &&
-                strcmp(rows[k].positions, rows[i].positions) == 0 &&
+        for (size_t k = 0; k < i && same[i] == i && states[i].is_found; k++)
+            if (states[k].is_found && states[k].format == states[i].format &&
+                strcmp(states[k].hash, states[i].hash) == 0 &&
+                strcmp(states[k].positions, states[i].positions) == 0 &&
                 qm_job_equal_poses(&request->meshes[k].pose, &request->meshes[i].pose))
                 same[i] = same[k];
     }
-    free(rows);
+    free(states);
     return true;
 }
 

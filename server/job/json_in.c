@@ -38,7 +38,7 @@ static bool read_value(const qm_job_field *field, const cJSON *value, qm_job_req
     int index;
     switch (field->type) {
     case QM_FIELD_ID:
-        return qm_json_read_mesh_name(cJSON_GetStringValue(value), member);
+        return qm_json_read_mesh_name(cJSON_GetStringValue(value), member) && !qm_json_hash_of_name(member);
     case QM_FIELD_MESH:
         return qm_json_read_mesh(value, member, &out->pose[field->offset == offsetof(qm_job_request, b)], at);
     case QM_FIELD_POSITIVE:

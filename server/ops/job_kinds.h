@@ -135,6 +135,9 @@ bool qm_job_equal_poses(const qm_job_pose *a, const qm_job_pose *b);
 /** The hash in the name of a mesh; NULL when the name is an id. */
 const char *qm_json_hash_of_name(const char *name);
 
+/** True for the hash of a file as it is written in names: 64 digits, a to f among them. */
+bool qm_json_is_hash(const char *text);
+
 /** A mesh of a set. */
 typedef struct qm_job_member {
     char name[QM_JOB_MESH_SIZE];

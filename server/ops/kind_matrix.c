@@ -145,8 +145,7 @@ static bool read_meshes(const cJSON *value, qm_job_request *out, qm_json_locatio
     at->depth = at->member_depth = 1;
     for (const cJSON *id = value->child; id; id = id->next, at->index[0]++) {
         qm_job_member *member = &out->meshes[out->mesh_count];
-        if (!qm_json_read_mesh(id, member->name, &member->pose, at) || strchr(member->name, ' '))
-            return false;
+        if (!qm_json_read_mesh(id, member->name, &member->pose, at)) return false;
         out->mesh_count++;
     }
     strcpy(out->a, out->meshes[0].name);

@@ -240,12 +240,21 @@ typedef struct qm_store_mesh {
  */
 qm_stored qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh);
 qm_stored qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
-/** What of a mesh changes the answers to questions about it. */
+/** What of a mesh changes the answers to questions about it: hash, positions and format say what it is made of. */
 typedef struct qm_store_mesh_state {
+    bool is_found;
+    char hash[QM_HASH_SIZE], positions[QM_HASH_SIZE];
+    int format;
     uint64_t revision;
     qm_notes notes;
 } qm_store_mesh_state;
 qm_stored qm_store_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out);
+/** Finds the states of several meshes in one step; QM_STORED also when some are not found. */
+qm_stored qm_store_find_mesh_states(qm_store *store, const char *const *ids, size_t count,
+                                    qm_store_mesh_state *out);
+/** Finds for each hash the newest mesh with this content that was not deformed, in one step: its id, or "" for none. */
+qm_stored qm_store_find_undeformed(qm_store *store, const char *const *hashes, size_t count,
+                                   char (*ids)[QM_ID_SIZE]);
 qm_stored qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
                                         qm_store_mesh *out);
 typedef struct qm_store_mesh_filter {

@@ -81,16 +81,47 @@ qm_stored qm_sqlite_find_mesh(qm_store *store, const char *id, qm_store_mesh *ou
 static bool read_state(sqlite3_stmt *statement, void *row)
 {
     qm_store_mesh_state *out = row;
-    *out = (qm_store_mesh_state){.revision = (uint64_t)sqlite3_column_int64(statement, 0),
-                                 .notes.uncertainty = sqlite3_column_double(statement, 2)};
-    return qm_sqlite_read_text(statement, 1, out->notes.unit, sizeof out->notes.unit);
+    *out = (qm_store_mesh_state){.is_found = true,
+                                 .revision = (uint64_t)sqlite3_column_int64(statement, 0),
+                                 .notes.uncertainty = sqlite3_column_double(statement, 2),
+                                 .format = sqlite3_column_int(statement, 5)};
+    return qm_sqlite_read_text(statement, 1, out->notes.unit, sizeof out->notes.unit) &&
+           qm_sqlite_read_text(statement, 3, out->hash, sizeof out->hash) &&
+           qm_sqlite_read_text(statement, 4, out->positions, sizeof out->positions);
 }
 
-qm_stored qm_sqlite_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out)
+/** The database is in this process: a statement for each costs no trip. */
+qm_stored qm_sqlite_find_mesh_states(qm_store *store, const char *const *ids, size_t count,
+                                     qm_store_mesh_state *out)
 {
     static const qm_sqlite_table states = {sizeof *out, read_state, NULL};
-    return qm_sqlite_find_row_by(store, "SELECT revision, unit, uncertainty FROM meshes WHERE id = ?", id,
-                                 &states, out);
+    qm_stored stored = QM_STORED;
+    for (size_t i = 0; stored == QM_STORED && i < count; i++) {
+        stored = qm_sqlite_find_row_by(
+            store, "SELECT revision, unit, uncertainty, hash, positions, format FROM meshes WHERE id = ?",
+            ids[i], &states, &out[i]);
+        if (stored == QM_STORED_NONE) stored = QM_STORED;
+    }
+    return stored;
+}
+
+static bool read_id(sqlite3_stmt *statement, void *row)
+{
+    return qm_sqlite_read_text(statement, 0, row, QM_ID_SIZE);
+}
+
+qm_stored qm_sqlite_find_undeformed(qm_store *store, const char *const *hashes, size_t count,
+                                    char (*ids)[QM_ID_SIZE])
+{
+    static const qm_sqlite_table names = {QM_ID_SIZE, read_id, NULL};
+    qm_stored stored = QM_STORED;
+    for (size_t i = 0; stored == QM_STORED && i < count; i++) {
+        stored = qm_sqlite_find_row_by(
+            store, "SELECT id FROM meshes WHERE hash = ? AND revision = 0 ORDER BY sequence DESC LIMIT 1",
+            hashes[i], &names, ids[i]);
+        if (stored == QM_STORED_NONE) stored = QM_STORED;
+    }
+    return stored;
 }
 
 qm_stored qm_sqlite_find_mesh_by_content(qm_store *store, const char *hash, const char *options,

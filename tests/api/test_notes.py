@@ -165,8 +165,30 @@ def test_meshes_are_named_by_their_content(client):
     other = client.upload(data[0], format="obj")["id"]
     assert run(client, type="distance", a=names[0], b=names[1])["request"]["a"] == other
     for bad in ("sha256:", names[0].upper(), names[0] + "0", "sha256:" + "g" * 64, "md5:" + "0" * 32):
-        check_problem(client.post("/v1/jobs", json={"type": "distance", "a": bad, "b": ids[1]}),
-                      404 if len(bad) < 40 else 400)
+        problem = check_problem(client.post("/v1/jobs", json={"type": "distance", "a": bad, "b": ids[1]}), 400, "invalid_field")
+        assert problem["errors"][0]["pointer"] == "/a"
+
+
+def test_a_mesh_is_found_by_its_content(client):
+    text = shapes.ply_little(box(11))
+    name = "/v1/meshes/sha256:" + hashlib.sha256(text).hexdigest()
+    assert client.head(name).status_code == 404
+    check_problem(client.get(name), 404, "mesh_not_found")
+    old, mesh = (client.upload(text, name=label) for label in ("old", "new"))
+    reply = client.head(name)
+    assert reply.status_code == 200 and reply.headers["location"] == f"/v1/meshes/{mesh['id']}" and not reply.content
+    assert client.get(name).json() == mesh
+    assert client.get(name, headers={"Accept": "text/plain"}).text == mesh["id"] + "\n"
+    assert client.get(name, headers={"If-None-Match": reply.headers["etag"]}).status_code == 304
+    client.patch(f"/v1/meshes/{mesh['id']}/vertices", json={"indices": [0], "positions": [[0, 0, 0]]})
+    assert client.get(name).json() == old
+    client.delete(f"/v1/meshes/{old['id']}")
+    check_problem(client.get(name), 404, "mesh_not_found")
+    for bad in ("zz", name[-64:].upper(), "f" * 63, "g" * 64):
+        check_problem(client.get("/v1/meshes/sha256:" + bad), 400, "invalid_parameter")
+    check_problem(client.get(name + "0"), 404, "not_found")
+    check_problem(client.delete(name), 405)
+    check_problem(client.get(f"/v1/meshes/{'f' * 64}"), 404, "not_found")
 
 
 def test_a_restart_knows_what_a_hash_meant(make_daemon):
