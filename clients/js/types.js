@@ -38,7 +38,7 @@
  * which stood beside `engine` before.
  * @typedef {{ accelerator?: Accelerator, bounds?: "cover" | "matching", memory_limit?: number, pieces?: number }} Engine */
 /** @typedef {{ quads?: QuadReading, threads?: number, engine?: Engine, accelerator?: Accelerator, detach?: boolean,
- *   labels?: string[] }} CommonRequest */
+ *   labels?: string[] | null }} CommonRequest */
 /** How closely an interval is searched; `tolerance` and `tolerance_unit` are the former names.
  * @typedef {{ gap?: number, gap_unit?: "relative" | "absolute", tolerance?: number,
  *   tolerance_unit?: "relative" | "absolute" }} Gap */
@@ -174,7 +174,7 @@
 
 /** @typedef {{ id: string, type: string, state: JobState, created: string, started?: string, ended?: string,
  *   request: Record<string, any> & { type: string }, progress?: Bounds, result?: JobResult, problem?: Problem,
- *   cached?: true }} Job */
+ *   cached?: true, labels: string[] }} Job */
 
 /** @typedef {Bounds & { event: "bounds", seq: number }} BoundsEvent */
 /** @typedef {{ event: "result", seq: number, state: "succeeded" | "canceled", result: JobResult }} ResultEvent */

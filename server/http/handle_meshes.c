@@ -108,19 +108,6 @@ static bool read_notes(const qm_request *request, qm_notes *notes, char **labels
     return true;
 }
 
-/** Adds the labels of a row, which stand between line feeds, as an array. */
-static void add_labels(qm_text *out, const char *labels)
-{
-    qm_json_open(out, "labels", "[");
-    for (const char *at = labels; *at && at[1]; at += 1 + strcspn(at + 1, "\n")) {
-        char label[QM_MESH_LABEL_SIZE];
-        snprintf(label, sizeof label, "%.*s", (int)strcspn(at + 1, "\n"), at + 1);
-        qm_json_add_comma(out);
-        qm_json_add_quoted(out, label);
-    }
-    qm_text_add_string(out, "]");
-}
-
 /** Adds the resource of a mesh: its document, and what of it may change. */
 static void add_mesh(qm_text *out, const qm_store_mesh *mesh)
 {
@@ -132,7 +119,7 @@ static void add_mesh(qm_text *out, const qm_store_mesh *mesh)
     else
         qm_json_add_word(out, "unit", "null");
     qm_json_add_number(out, "uncertainty", mesh->notes.uncertainty);
-    add_labels(out, mesh->labels);
+    qm_mesh_write_labels(out, mesh->labels);
     if (mesh->expires[0]) qm_json_add_string(out, "expires_at", mesh->expires);
     qm_text_add_string(out, "}");
 }

@@ -27,8 +27,8 @@ static const char *const job_or_events[] = {"application/json", QM_MEDIA_NDJSON,
 static const char *const no_query[] = {NULL};
 static const char *const mesh_list_query[] = {"limit",        "cursor", "order", "name",
                                               "content_hash", "label",  NULL};
-static const char *const job_list_query[] = {"limit", "cursor", "order",          "state",
-                                             "type",  "mesh",   "reconstruction", NULL};
+static const char *const job_list_query[] = {"limit", "cursor",         "order", "state", "type",
+                                             "mesh",  "reconstruction", "label", NULL};
 static const char *const list_query[] = {"limit", "cursor", "order", "mesh", NULL};
 static const char *const upload_query[] = {"name",        "format", "ttl_seconds", "unit",
                                            "uncertainty", "labels", NULL};
@@ -73,6 +73,8 @@ static const qm_route routes[] = {
      no_query},
     {"GET", "/v1/jobs", QM_SCOPE_READ, qm_handle_job_list, json, QM_BODY_NONE, QM_LANE_SHORT, job_list_query},
     {"GET", "/v1/jobs/{id}", QM_SCOPE_READ, qm_handle_job_get, json, QM_BODY_NONE, QM_LANE_SHORT, no_query},
+    {"PATCH", "/v1/jobs/{id}", QM_SCOPE_WRITE, qm_handle_job_patch, json, QM_BODY_MEMORY, QM_LANE_SHORT,
+     no_query},
     {"DELETE", "/v1/jobs/{id}", QM_SCOPE_WRITE, qm_handle_job_delete, NULL, QM_BODY_NONE, QM_LANE_SHORT,
      delete_query},
     {"GET", "/v1/jobs/{id}/events", QM_SCOPE_READ, qm_handle_job_events, events, QM_BODY_NONE, QM_LANE_SHORT,

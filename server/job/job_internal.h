@@ -73,6 +73,7 @@ struct qm_job {
     char *last_bounds;    /* the newest bounds event's own members, for the document */
     char *document;       /* members of the resource but for the result, once the job has ended */
     char *result;         /* the result object, or NULL */
+    char *labels;         /* as of a mesh, or NULL */
     qm_mesh_ref
         *given[2]; /* meshes that no store has, in place of those that the request names; NULL: none */
     qm_job_end_fn *on_end; /* of a job that is not stored; NULL for stored ones */
@@ -189,8 +190,8 @@ const qm_job_runner *qm_job_runner_of(qm_job_kind kind);
 /** True for a job in memory, one that runs here or a mirror. */
 bool qm_job_is_listed(qm_jobs *jobs, const char *id);
 
-/** A finished job of this key that ran on these revisions, or NULL. */
-qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions);
+/** A finished job of this key that ran on these revisions and has these labels, or NULL. */
+qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions, const char *labels);
 
 /** Subscribers as a list. The caller holds the lock. */
 void qm_job_subscribers_add(qm_subscriber **list, qm_subscriber *subscriber);

@@ -13,6 +13,11 @@
 #include "ops/job_kinds_internal.h"
 #include "ops/json_request.h"
 
+static bool read_labels(const cJSON *value, qm_job_request *out, qm_json_location *at)
+{
+    return cJSON_IsNull(value) || qm_mesh_read_labels(value, &out->labels, at);
+}
+
 /** The fields of all kinds. */
 static const qm_job_field shared[] = {
     {"type", QM_FIELD_CHOICE, QM_FIELD_AT(kind), .is_required = true, .names = qm_job_kind_names},
@@ -20,6 +25,7 @@ static const qm_job_field shared[] = {
     {"detach", QM_FIELD_FLAG, QM_FIELD_AT(detach)},
     {"priority", QM_FIELD_CHOICE, QM_FIELD_AT(priority), .names = qm_priority_names},
     {"deadline_ms", QM_FIELD_POSITIVE, QM_FIELD_AT(deadline_ms)},
+    {"labels", QM_FIELD_OTHER, .read = read_labels, .expected = QM_MESH_LABELS},
     {0}};
 _Static_assert(sizeof(qm_job_kind) == sizeof(int) && sizeof(qm_direction) == sizeof(int) &&
                    sizeof(qm_quad_reading) == sizeof(int) && sizeof(qm_collide_mode) == sizeof(int) &&
@@ -249,4 +255,22 @@ bool qm_json_read_batch_line(const char *text, size_t size, qm_text *key, qm_job
     cJSON *object = qm_json_parse_object(text, size, "a job", problem);
     take_key(object, key, problem);
     return object && read_request(object, out, problem);
+}
+
+bool qm_json_read_labels(const char *text, size_t size, char **out, qm_problem *problem)
+{
+    static const char *const known[] = {"labels", NULL};
+    cJSON *object = qm_json_parse_object(text, size, "a change of a job", problem);
+    *out = NULL;
+    if (!object) return false;
+    const cJSON *labels = cJSON_GetObjectItemCaseSensitive(object, "labels");
+    qm_json_location at = {0};
+    bool is_read = qm_json_check_members(object, known, problem);
+    if (is_read) *problem = (qm_problem){.code = QM_PROBLEM_COUNT};
+    if (is_read && !labels)
+        qm_json_report(problem, "labels", "is missing");
+    else if (is_read && !cJSON_IsNull(labels) && !qm_mesh_read_labels(labels, out, &at))
+        qm_json_report_at(problem, "labels", &at, QM_MESH_LABELS);
+    cJSON_Delete(object);
+    return is_read && problem->error_count == 0;
 }

@@ -50,6 +50,8 @@ void qm_job_request_reset(qm_job_request *request)
     free(request->meshes);
     request->meshes = NULL;
     request->mesh_count = 0;
+    free(request->labels);
+    request->labels = NULL;
 }
 
 qm_job_request qm_job_request_take(qm_job_request *request)
@@ -57,6 +59,7 @@ qm_job_request qm_job_request_take(qm_job_request *request)
     qm_job_request taken = *request;
     request->points = NULL;
     request->meshes = NULL;
+    request->labels = NULL;
     request->point_count = request->mesh_count = 0;
     return taken;
 }

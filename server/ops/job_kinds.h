@@ -174,6 +174,7 @@ typedef struct qm_job_request {
     bool detach; /* the job continues when the client that streams it disconnects */
     qm_priority priority;
     double deadline_ms; /* from submission on; 0: none */
+    char *labels;       /* as of a mesh; malloc'ed, owned by the request; NULL: none */
 
     /* hausdorff, deviation and comparison for their maxima, distance, and collisions of bilinear quads */
     double tolerance;
@@ -243,7 +244,7 @@ typedef struct qm_job_request {
  * Collisions: all pairs, 1000 of them listed. Alignment: those of the engine. */
 qm_job_request qm_job_request_default(void);
 
-/** Frees the points and the list of meshes. */
+/** Frees the points, the list of meshes, and the labels. */
 void qm_job_request_reset(qm_job_request *request);
 
 /** Takes over what a request owns: the same request, and the other one owns nothing any more. */

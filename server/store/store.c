@@ -228,6 +228,11 @@ qm_stored qm_store_find_array(qm_store *store, const char *job_id, qm_store_arra
     QM_STORE_RETURN_VERB(store, find_array, store, job_id, out);
 }
 
+qm_stored qm_store_set_job_labels(qm_store *store, const char *id, const char *labels)
+{
+    QM_STORE_RETURN_VERB(store, set_job_labels, store, id, labels);
+}
+
 void qm_store_job_reset(qm_store_job *job)
 {
     free(job->key);
@@ -237,6 +242,7 @@ void qm_store_job_reset(qm_store_job *job)
     free(job->document);
     free(job->result);
     free(job->progress);
+    free(job->labels);
     *job = (qm_store_job){0};
 }
 

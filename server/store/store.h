@@ -298,6 +298,7 @@ typedef struct qm_store_job {
     char *document;       /* members of the job resource as of its end but for its result; NULL before */
     char *result;         /* the result object; NULL when the job has none */
     char *progress;       /* of one that another node runs: members of its newest bounds, or NULL */
+    char *labels;         /* as those of a mesh; they may change at any time */
     qm_job_state state;
     int64_t sequence; /* order of creation; given by the store */
     int64_t restarts; /* number of times that it was claimed, and began again */
@@ -385,9 +386,12 @@ qm_stored qm_store_find_job_by_idempotency_key(qm_store *store, const char *key,
 typedef struct qm_store_job_filter {
     const char *type, *subject; /* a kind; the id of a mesh or reconstruction that the request names */
     const qm_job_state *state;  /* of an embedded store all that have not ended are QM_JOB_QUEUED */
+    const char *label;
 } qm_store_job_filter;
 qm_stored qm_store_list_jobs(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
                              qm_store_job *out, size_t *count);
+/** Sets the labels of a job. QM_STORED_NONE when there is no such job. */
+qm_stored qm_store_set_job_labels(qm_store *store, const char *id, const char *labels);
 /** Which jobs a process asks for. */
 typedef struct qm_store_wish {
     size_t free;  /* workers: jobs whose home is this node, or that have none, and those that have waited */

@@ -51,6 +51,7 @@ typedef struct qm_store_driver {
     qm_stored (*find_job_by_key)(qm_store *store, const char *key, const char *revisions, qm_job_state state,
                                  qm_store_job *out);
     qm_stored (*find_job_by_idempotency_key)(qm_store *store, const char *key, qm_store_job *out);
+    qm_stored (*set_job_labels)(qm_store *store, const char *id, const char *labels);
     qm_stored (*forget_answer)(qm_store *store, const char *id);
     qm_stored (*list_jobs)(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
                            qm_store_job *out, size_t *count);

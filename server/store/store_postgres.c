@@ -47,6 +47,7 @@ const qm_store_driver qm_postgres_driver = {
     .find_job = qm_postgres_find_job,
     .find_job_by_key = qm_postgres_find_job_by_key,
     .find_job_by_idempotency_key = qm_postgres_find_job_by_idempotency_key,
+    .set_job_labels = qm_postgres_set_job_labels,
     .forget_answer = qm_postgres_forget_answer,
     .list_jobs = qm_postgres_list_jobs,
     .drop_old_jobs = qm_postgres_drop_old_jobs,

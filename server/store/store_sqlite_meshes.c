@@ -145,17 +145,6 @@ qm_stored qm_sqlite_list_meshes(qm_store *store, const qm_store_page *page,
     return qm_sqlite_list_rows(store, &listing, page, &table, out, count);
 }
 
-/** Runs a statement that returns a row if it has changed one; QM_STORED_NONE when it has not. */
-static qm_stored change_row(qm_store *store, sqlite3_stmt *statement)
-{
-    int step = sqlite3_step(statement);
-    bool is_found = step == SQLITE_ROW;
-    if (is_found) step = sqlite3_step(statement);
-    qm_sqlite_end(store, statement);
-    if (step != SQLITE_DONE) return QM_STORED_FAULT;
-    return is_found ? QM_STORED : QM_STORED_NONE;
-}
-
 qm_stored qm_sqlite_set_notes(qm_store *store, const qm_store_mesh *mesh)
 {
     sqlite3_stmt *statement = qm_sqlite_begin(
@@ -167,7 +156,7 @@ qm_stored qm_sqlite_set_notes(qm_store *store, const qm_store_mesh *mesh)
     qm_sqlite_bind_text(statement, 3, mesh->labels ? mesh->labels : "");
     qm_sqlite_bind_text(statement, 4, mesh->options);
     qm_sqlite_bind_text(statement, 5, mesh->id);
-    return change_row(store, statement);
+    return qm_sqlite_change_row(store, statement);
 }
 
 qm_stored qm_sqlite_set_expiry(qm_store *store, const char *id, const char *expires)
@@ -177,7 +166,7 @@ qm_stored qm_sqlite_set_expiry(qm_store *store, const char *id, const char *expi
     if (!statement) return QM_STORED_FAULT;
     qm_sqlite_bind_text(statement, 1, expires);
     qm_sqlite_bind_text(statement, 2, id);
-    return change_row(store, statement);
+    return qm_sqlite_change_row(store, statement);
 }
 
 qm_stored qm_sqlite_find_expired_mesh(qm_store *store, const char *before, qm_store_mesh *out)
@@ -237,7 +226,7 @@ static qm_stored update_revision(qm_store *store, const qm_store_mesh *mesh)
     qm_sqlite_bind_text(statement, 4, mesh->document);
     qm_sqlite_bind_text(statement, 5, mesh->id);
     sqlite3_bind_int64(statement, 6, (sqlite3_int64)mesh->revision - 1);
-    qm_stored stored = change_row(store, statement);
+    qm_stored stored = qm_sqlite_change_row(store, statement);
     return stored == QM_STORED_NONE ? QM_STORED_LATE : stored;
 }
 

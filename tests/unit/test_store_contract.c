@@ -473,6 +473,7 @@ static void test_lists_of_jobs(void **state)
         qm_store_job job = make_job(id, NULL);
         job.type = i % 3 ? "distance" : "collision";
         job.subjects = i % 2 ? "m_odd m_all" : "m_even m_all";
+        job.labels = i % 2 ? "\nnight\nci\n" : NULL;
         assert_int_equal(submit(store, &job), QM_STORED);
         if (i < 5) end_job(store, id, "");
     }
@@ -482,9 +483,17 @@ static void test_lists_of_jobs(void **state)
         qm_store_job_filter filter;
         size_t count;
         const char *first;
-    } cases[] = {{{NULL, NULL, NULL}, 9, "j_8"},        {{"collision", NULL, NULL}, 3, "j_6"},
-                 {{NULL, "m_odd", NULL}, 4, "j_7"},     {{NULL, NULL, &succeeded}, 5, "j_4"},
-                 {{NULL, NULL, &unfinished}, 4, "j_8"}, {{"distance", "m_all", &succeeded}, 3, "j_4"}};
+    } cases[] = {{{NULL, NULL, NULL, NULL}, 9, "j_8"},
+                 {{"collision", NULL, NULL, NULL}, 3, "j_6"},
+                 {{NULL, "m_odd", NULL, NULL}, 4, "j_7"},
+                 {{NULL, NULL, &succeeded, NULL}, 5, "j_4"},
+                 {{NULL, NULL, &unfinished, NULL}, 4, "j_8"},
+                 {{"distance", "m_all", &succeeded, NULL}, 3, "j_4"},
+                 {{NULL, NULL, NULL, "ci"}, 4, "j_7"},
+                 {{NULL, NULL, NULL, "late"}, 1, "j_0"},
+                 {{"distance", "m_all", &unfinished, "ci"}, 2, "j_7"}};
+    assert_int_equal(qm_store_set_job_labels(store, "j_0", "\nlate\nci/x\n"), QM_STORED);
+    assert_int_equal(qm_store_set_job_labels(store, "none", ""), QM_STORED_NONE);
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         qm_store_job rows[9];
         size_t count;
