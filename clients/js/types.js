@@ -131,10 +131,12 @@
  *   relation?: "meeting" | "apart" | "a_inside_b" | "b_inside_a" | "overlapping",
  *   penetration?: { a_in_b: Depth, b_in_a: Depth }, warnings?: string[], incremental?: boolean }} CollisionResult */
 /** A pair of meshes by their places, with the bounds of its distance. @typedef {[number, number, number, number | null]} PairRow */
+/** @typedef {{ within: number, beyond: number, undecided: number }} Verdicts */
 /** @typedef {{ measure: "hausdorff", mesh_count: number, meshes: MeshName[], pair_count: number, searched_pairs: number,
  *   bounded_pairs: number, searches: number, pivots: number, want: MatrixWant,
- *   nearest?: ({ mesh: number, lower: number, upper: number | null, place: "proven" | "tied" | "open" })[][],
- *   verdicts?: { within: number, beyond: number, undecided: number }, open: number, pairs?: PairRow[],
+ *   nearest?: ({ mesh: number, lower: number, upper: number | null, place: "proven" | "tied" | "open",
+ *     of_true?: TrueInterval })[][],
+ *   verdicts?: Verdicts & { of_true?: Verdicts }, uncertainties?: number[], open: number, pairs?: PairRow[],
  *   quads: QuadReading, gap: number, converged: boolean,
  *   stopped_by: "converged" | "precision" | "deadline" | "canceled", elapsed_ms: number }} MatrixResult */
 /** @typedef {{ folded_quads: number, turned_quads: number, least_jacobian: number, mean_angle_deviation_deg: number,

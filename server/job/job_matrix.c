@@ -18,7 +18,8 @@ typedef struct member {
     qm_mesh_ref *ref; /* NULL while it is not held */
     int holds;
     bool is_seen;
-    uint64_t revision; /* once it was seen */
+    uint64_t revision;  /* once it was seen, with the rest */
+    double uncertainty; /* as it was uploaded */
 } member;
 
 /** Pairs that were measured since the last event. */
@@ -32,6 +33,7 @@ typedef struct matrix_run {
     qm_job *job;
     member *members;
     size_t *same;
+    double *uncertainty; /* of each mesh where it lies */
     pair_news news;
     double start_ms;
     qm_problem problem; /* why a mesh could not be had; with has_problem */
@@ -53,9 +55,11 @@ static bool write_revisions(qm_text *listed, char out[QM_REVISIONS_SIZE])
     return is_written;
 }
 
-static void add_revision(qm_text *listed, uint64_t revision)
+/** Adds the revision of a mesh, and its uncertainty if it has one. */
+static void add_revision(qm_text *listed, uint64_t revision, double uncertainty)
 {
     qm_text_printf(listed, "%llu ", (unsigned long long)revision);
+    if (uncertainty > 0.0) qm_text_printf(listed, "/%.17g ", uncertainty);
 }
 
 /** False with a problem when a mesh has another unit than one before it. */
@@ -82,7 +86,7 @@ static bool check_set(qm_jobs *jobs, const qm_job_request *request, char revisio
     bool is_usable =
         states && qm_job_find_meshes(jobs, request, states, problem) && check_units(request, states, problem);
     for (size_t i = 0; is_usable && i < request->mesh_count; i++)
-        add_revision(&listed, states[i].revision);
+        add_revision(&listed, states[i].revision, states[i].notes.uncertainty);
     bool is_written = is_usable && write_revisions(&listed, revisions);
     if (!states || (is_usable && !is_written))
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
@@ -93,15 +97,14 @@ static bool check_set(qm_jobs *jobs, const qm_job_request *request, char revisio
 /* ---- meshes ---- */
 
 /** A reference to a mesh. One that is not in memory, or may have to be moved, is taken without a worker. */
-static qm_mesh_ref *take(matrix_run *run, const qm_job_member *mesh)
+static qm_mesh_ref *take(matrix_run *run, const qm_job_member *mesh, qm_notes *notes)
 {
     qm_meshes *meshes = run->job->jobs->meshes;
     bool loads = mesh->pose.is_given || !qm_meshes_has_loaded(meshes, mesh->name);
-    qm_notes notes;
     qm_mesh_ref *ref;
     if (loads) qm_scheduler_leave(run->job->turn);
     do
-        ref = qm_job_acquire(meshes, mesh->name, &mesh->pose, &notes, &run->problem);
+        ref = qm_job_acquire(meshes, mesh->name, &mesh->pose, notes, &run->problem);
     while (!ref && loads && qm_job_outlasts(run->job, &run->problem));
     if (loads) qm_scheduler_return(run->job->turn);
     return ref;
@@ -118,11 +121,17 @@ static qm_status acquire(void *user, size_t index, const qm_loaded_mesh **out)
     matrix_run *run = user;
     member *own = &run->members[index];
     const qm_job_member *mesh = &run->job->request.meshes[index];
-    if (!own->ref) own->ref = take(run, mesh);
+    qm_notes notes = {.uncertainty = own->uncertainty};
+    if (!own->ref) own->ref = take(run, mesh, &notes);
     if (!own->ref) return fail(run, QM_E_EMPTY);
     *out = qm_mesh_ref_get(own->ref);
     own->holds++;
-    if (!own->is_seen) own->revision = (*out)->revision;
+    if (!own->is_seen) {
+        own->revision = (*out)->revision;
+        own->uncertainty = notes.uncertainty;
+        qm_loaded_mesh_move_notes(*out, &notes);
+        run->uncertainty[index] = notes.uncertainty;
+    }
     own->is_seen = true;
     if (own->revision == (*out)->revision) return QM_OK;
     own->holds--;
@@ -210,7 +219,7 @@ static bool note_revisions(matrix_run *run)
 {
     qm_text listed = {0};
     for (size_t i = 0; i < run->job->request.mesh_count; i++)
-        add_revision(&listed, run->members[i].revision);
+        add_revision(&listed, run->members[i].revision, run->members[i].uncertainty);
     return write_revisions(&listed, run->job->revisions);
 }
 
@@ -220,14 +229,15 @@ static void run_set(qm_job *job)
     matrix_run run = {.job = job,
                       .members = calloc(count, sizeof *run.members),
                       .same = calloc(count, sizeof *run.same),
+                      .uncertainty = calloc(count, sizeof *run.uncertainty),
                       .start_ms = qm_clock_now_ms()};
     run.news.told_ms = run.start_ms;
     qm_context ctx;
     qm_job_request request = qm_job_begin_run(job, &ctx);
     qm_job_result result;
     qm_status status = QM_E_NO_MEMORY;
-    if (run.members && run.same && find_same(job, run.same)) {
-        const qm_job_set set = {acquire, release, on_pair, run.same, &run};
+    if (run.members && run.same && run.uncertainty && find_same(job, run.same)) {
+        const qm_job_set set = {acquire, release, on_pair, run.same, run.uncertainty, &run};
         request.set = &set;
         status = qm_job_execute(&ctx, &request, NULL, NULL, NULL, NULL, &result);
         if (status == QM_OK && !note_revisions(&run))
@@ -238,6 +248,7 @@ static void run_set(qm_job *job)
     qm_job_end_run(job, &ctx, status, &result, run.has_problem ? &run.problem : NULL);
     free(run.members);
     free(run.same);
+    free(run.uncertainty);
 }
 
 const qm_job_runner qm_job_matrix_runner = {check_set, run_set};

@@ -140,20 +140,20 @@ void qm_job_add_engine(qm_text *out, const qm_job_request *request)
     if (is_open) qm_text_add_string(out, "}");
 }
 
-double qm_job_uncertainty(const qm_job_result *result)
+qm_interval qm_job_widen(qm_interval interval, double a, double b)
 {
-    double a = result->notes[0].uncertainty, b = result->notes[1].uncertainty;
-    return a > 0.0 && b > 0.0 ? nextafter(a + b, INFINITY) : a + b;
+    double uncertainty = a > 0.0 && b > 0.0 ? nextafter(a + b, INFINITY) : a + b;
+    if (!(uncertainty > 0.0)) return interval;
+    double lower = nextafter(interval.lower - uncertainty, 0.0);
+    return (qm_interval){interval.lower > uncertainty ? lower : 0.0,
+                         nextafter(interval.upper + uncertainty, INFINITY)};
 }
 
 void qm_job_add_of_true(qm_text *out, const qm_job_result *result, qm_interval interval)
 {
-    double uncertainty = qm_job_uncertainty(result);
-    if (!(uncertainty > 0.0)) return;
-    double lower = nextafter(interval.lower - uncertainty, 0.0);
-    const qm_interval of_true = {interval.lower > uncertainty ? lower : 0.0,
-                                 nextafter(interval.upper + uncertainty, INFINITY)};
-    qm_json_add_interval(out, "of_true", of_true, result->diagonal);
+    double a = result->notes[0].uncertainty, b = result->notes[1].uncertainty;
+    if (a > 0.0 || b > 0.0)
+        qm_json_add_interval(out, "of_true", qm_job_widen(interval, a, b), result->diagonal);
 }
 
 static double prepare_ms(const qm_loaded_mesh *mesh)

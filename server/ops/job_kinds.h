@@ -160,6 +160,7 @@ typedef struct qm_job_set {
     qm_matrix_progress_fn *progress; /* NULL: none */
     const size_t
         *same; /* of each mesh the first one with the same surface, or itself; NULL: none is known to */
+    const double *uncertainty; /* of each mesh where it lies, once it was acquired; NULL: all are exact */
     void *user;
 } qm_job_set;
 /** A request; fields of other kinds keep their defaults. */
@@ -290,7 +291,8 @@ typedef struct qm_job_result {
 
     /* matrix */
     qm_matrix matrix;
-    double *matrix_rows; /* two indices, lower and upper bound: matrix.pair_count */
+    double *matrix_rows;        /* two indices, lower and upper bound: matrix.pair_count */
+    double *matrix_uncertainty; /* of each mesh; NULL: all are exact */
 
     /* reconstruction_step */
     qm_refine_stop refine_stop;

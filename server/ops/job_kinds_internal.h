@@ -166,9 +166,9 @@ const qm_job_field *qm_job_find_field(const qm_job_field *fields, const char *na
 double qm_job_tolerance_of(const qm_job_request *request, double diagonal);
 double qm_job_tolerance(const qm_job_call *call);
 
-/** By how much a distance between the meshes of a result may differ from that of the true surfaces, rounded up: the
- * Hausdorff distance of each to its true surface, added, as all distances between sets change by no more. */
-double qm_job_uncertainty(const qm_job_result *result);
+/** An interval of a distance between two meshes, widened to hold that of the true surfaces, rounded outward: by the
+ * uncertainties a and b, the Hausdorff distance of each to its true surface at most, as all distances between sets change by no more. */
+qm_interval qm_job_widen(qm_interval interval, double a, double b);
 
 /** Adds the member of_true: an interval of a distance between the true surfaces, unless they are the meshes. */
 void qm_job_add_of_true(qm_text *out, const qm_job_result *result, qm_interval interval);

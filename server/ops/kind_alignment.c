@@ -67,7 +67,11 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     options.landmark_count = request->landmark_count;
     options.thread_count = call->threads;
     qm_status status = qm_align_find(call->ctx, call->a->bvh, call->b->bvh, &options, &out->alignment);
-    return status == QM_OK ? measure_moved(call, out) : status;
+    if (status != QM_OK) return status;
+    /* The true A goes with A: it is as near to the moved one as the motion leaves it. */
+    const qm_transform_change moved = qm_transform_find_change(out->alignment.transform, &call->a->mesh);
+    qm_mesh_move_notes(&moved, &out->notes[0]);
+    return measure_moved(call, out);
 }
 
 /* ---- the request ---- */
@@ -169,6 +173,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     qm_text_add_string(out, "}");
     qm_json_open(out, "hausdorff", "{");
     qm_json_add_lower_upper(out, h->lower, h->upper, result->diagonal);
+    qm_job_add_of_true(out, result, (qm_interval){h->lower, h->upper});
     qm_json_add_bool(out, "converged", h->stop == QM_STOP_CONVERGED);
     qm_text_add_string(out, "}");
     qm_json_add_string(out, "fit", qm_align_fit_names[request->align.fit]);

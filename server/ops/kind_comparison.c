@@ -114,6 +114,8 @@ static void add_worst(qm_text *out, const qm_job_request *request, const qm_job_
         qm_json_add_comma(out);
         qm_text_add_string(out, "{");
         qm_json_add_lower_upper(out, place->lower, place->upper, result->diagonal);
+        qm_job_add_of_true(out, result,
+                           (qm_interval){place->lower, place->upper}); /* as of a region (kind_sides.c) */
         qm_sides_add_points(out, request, side, &place->from, &place->to);
         qm_text_add_string(out, "}");
     }

@@ -240,3 +240,57 @@ def test_the_uncertainty_is_moved_with_a_mesh(client):
     assert reply.status_code == 201, reply.text
     assert 0.5 <= reply.json()["uncertainty"] <= 0.5 + 1e-9
     assert not client.post(f"/v1/meshes/{exact}/copies", json={"transform": twice}).json().get("uncertainty")
+
+
+def holds(outer, value):
+    return outer["lower"] <= value["upper"] and value["lower"] <= outer["upper"]
+
+
+def test_true_surfaces_of_a_matrix(client):
+    """Boxes that are moved by less than their uncertainty are true surfaces that they may have."""
+    chance = random.Random(SEED)
+    vague = [0.05, 0.0, 0.02, 0.2]
+
+    def boxes(moves):
+        return [shapes.ply_little(shapes.cube(side=1 + 0.1 * i, origin=move)) for i, move in enumerate(moves)]
+
+    ids = [client.upload(text, **({"uncertainty": e} if e else {}))["id"] for text, e in zip(boxes([(0, 0, 0)] * 4), vague)]
+    asked = {"type": "matrix", "meshes": ids, "gap": 1e-9}
+    result = run(client, **asked, want={"nearest": 3})["result"]
+    assert result["uncertainties"] == vague
+    limit = run(client, **asked, want={"within": 0.2})["result"]["verdicts"]
+    assert limit["of_true"]["undecided"] >= limit["undecided"] and sum(limit["of_true"].values()) == 6
+    assert limit["of_true"]["within"] <= limit["within"] and limit["of_true"]["beyond"] <= limit["beyond"]
+    for _ in range(5):
+        moves = [[e * chance.uniform(-1, 1) / 3 ** 0.5 for _ in range(3)] for e in vague]
+        true = [client.upload(text)["id"] for text in boxes(moves)]
+        exact = run(client, type="matrix", meshes=true, want={"nearest": 3}, gap=1e-9)["result"]
+        assert "uncertainties" not in exact and "of_true" not in str(exact)
+        for a in range(4):
+            found = {near["mesh"]: near for near in exact["nearest"][a]}
+            for near in result["nearest"][a]:
+                assert holds(near["of_true"], found[near["mesh"]])
+    # The notes are part of the question: an answer of exact meshes is none of vague ones.
+    client.patch(f"/v1/meshes/{ids[1]}", json={"uncertainty": 0.5})
+    again = run(client, **asked, want={"nearest": 3})
+    assert "cached" not in again and again["result"]["uncertainties"][1] == 0.5
+    moved = run(client, type="matrix", meshes=[ids[1], {"mesh": ids[0], "transform": [2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 1]}])
+    assert moved["result"]["uncertainties"][1] == pytest.approx(0.1)
+
+
+def test_true_surfaces_of_places_and_regions(client):
+    a = client.upload(shapes.ply_little(shapes.cube(side=2)), uncertainty=0.1)["id"]
+    b = client.upload(shapes.ply_little(shapes.cube(side=1)), uncertainty=0.2)["id"]
+    result = run(client, type="comparison", a=a, b=b, limit=0.5, regions=True, sign="outside", worst={"count": 2})["result"]
+    for direction in ("a_to_b", "b_to_a"):
+        for place in result[direction]["worst"]:
+            assert place["of_true"]["upper"] - place["upper"] == pytest.approx(0.3)
+        assert "of_true" not in str(result[direction]["signed"])
+    (region,) = result["a_to_b"]["regions"]
+    assert region["max"]["of_true"]["lower"] == pytest.approx(region["max"]["lower"] - 0.3)
+    assert region["max"]["of_true"]["upper"] == pytest.approx(region["max"]["upper"] + 0.3)
+    found = run(client, type="alignment", a=a, b=b, motion="rigid_scale")["result"]
+    assert found["scale"] == pytest.approx(0.5)
+    assert found["hausdorff"]["of_true"]["upper"] - found["hausdorff"]["upper"] == pytest.approx(0.05 + 0.2)
+    penetration = run(client, type="collision", a=a, b=b, penetration=True)["result"]["penetration"]
+    assert "of_true" not in str(penetration)
