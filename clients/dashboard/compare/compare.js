@@ -99,7 +99,7 @@ class Compare {
     const { measurement, map } = this;
     this.form.draw(measurement.isRunning);
     const request = measurement.job?.request;
-    this.outcome.draw(measurement, request?.threshold ?? limitOf(settings));
+    this.outcome.draw(measurement, request?.limit ?? limitOf(settings));
     this.csv.disabled = measurement.samples.length === 0;
     this.distancesCsv.disabled = !map.deviation?.distances.length;
     map.button.disabled = state.a === null || state.b === null || map.search.isRunning;

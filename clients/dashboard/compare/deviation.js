@@ -23,7 +23,7 @@ const FIRST_PIECES = 262144;
  * @returns {Promise<Deviation>}
  */
 export async function measureDeviation(search, question) {
-  const found = await search.run({ type: "deviation", accuracy: FIRST_ACCURACY, pieces: FIRST_PIECES, ...question });
+  const found = await search.run({ type: "deviation", accuracy: FIRST_ACCURACY, engine: { pieces: FIRST_PIECES }, ...question });
   const result = /** @type {DeviationResult} */ (found.result);
   const distances = result.vertex_count > 0 ? await client.jobs.distances(found.id, { signal: search.reader.signal }) : new Float64Array(0);
   return { ...found, result, distances };

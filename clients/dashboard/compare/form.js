@@ -60,12 +60,12 @@ export function makeForm({ onMeasure, onStop, onInput, onReading, onSwap }) {
     swap.disabled = state.a === null && state.b === null;
   }
 
-  /** Shows the settings of a request, which comes back with the former names of gap and limit. @param {Record<string, any>} request */
+  /** Shows the settings of a request. @param {Record<string, any>} request */
   function fill(request) {
     direction.value = request.direction;
     quads.value = request.quads;
-    gap.value = String(request.tolerance_unit === "absolute" ? settings.gap : request.tolerance);
-    limit.value = String(request.threshold ?? "");
+    gap.value = String(request.gap_unit === "absolute" ? settings.gap : request.gap);
+    limit.value = String(request.limit ?? "");
     form.dispatchEvent(new Event("input"));
   }
   return { form, draw, fill };

@@ -74,7 +74,7 @@ export class DeviationMap {
 
   /** @param {MeshName} a @param {MeshName} b */
   question(a, b) {
-    return { a, b, quads: this.quads(), ...(this.accuracy < FIRST_ACCURACY ? { accuracy: this.accuracy, pieces: MORE_PIECES } : {}) };
+    return { a, b, quads: this.quads(), ...(this.accuracy < FIRST_ACCURACY ? { accuracy: this.accuracy, engine: { pieces: MORE_PIECES } } : {}) };
   }
 
   /** What is asked of A from B alone: its sides, and its parts beyond the limit. */
