@@ -7,13 +7,14 @@ import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
 import { Browser, finish, waitForView } from "./support/page.js";
-import { SPHERE_TURN, off, roundedBox, roundedBoxLayout, sphere } from "./support/shapes.js";
+import { SPHERE_TURN, moved, off, roundedBox, roundedBoxLayout, sphere } from "./support/shapes.js";
 
 const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 let daemon;
 let browser;
 let ids;
 let box;
+let beside;
 before(async () => {
   daemon = await Daemon.start();
   browser = await Browser.launch();
@@ -23,6 +24,7 @@ before(async () => {
   }
   await daemon.client().jobs.create({ type: "hausdorff", a: ids[0], b: ids[1] }, { wait: 30 });
   box = (await daemon.client().meshes.create(off(roundedBox(12)), { name: "box.off", labels: ["lot-7"] })).mesh.id;
+  beside = (await daemon.client().meshes.create(off(moved(roundedBox(6), [0.6, 0.2, 0.1])), { name: "beside.off" })).mesh.id;
   // One curve too few: something is missing of it, and four patches are whole.
   const { nodes, curves } = roundedBoxLayout();
   const layout = await daemon.client().layouts.create({ mesh: box, nodes, curves: curves.slice(1) });
@@ -61,7 +63,7 @@ const VIEWS = {
       await page.getByRole("button", { name: "Map the distances" }).click();
       await page.locator("#deviation").waitFor();
       await page.locator(".range").getByRole("button", { name: "Bands" }).click();
-      await page.getByRole("button", { name: "Signed" }).click();
+      await page.getByRole("button", { name: "By the normals" }).click(); // the link's sign is refused
       await page.locator("#signed tr", { hasText: "Share from" }).waitFor();
       await page.getByRole("button", { name: "Align A onto B" }).click();
       await page.locator("#reach:not([hidden])").waitFor();
@@ -70,7 +72,7 @@ const VIEWS = {
       await page.locator(".stage-tools").getByRole("button", { name: "Section" }).click();
     } },
   collide: {
-    hash: () => `#collide?a=${ids[0]}&b=${ids[1]}&limit=0.1`, act: async (page) => {
+    hash: () => `#collide?a=${box}&b=${beside}&limit=0.1`, act: async (page) => {
       await page.getByRole("button", { name: "Find collisions" }).click();
       await page.locator("#contact").waitFor();
       await page.locator("#penetration td").first().waitFor();
@@ -94,7 +96,7 @@ async function look(page, what) {
 
 for (const width of [1300, 320]) {
   test(`no view and no dialog has a violation, light and dark, ${width} px wide`, async () => {
-    const page = await browser.open(`${daemon.url}/#jobs`, { viewport: { width, height: 740 } });
+    const page = await browser.open(`${daemon.url}/#jobs`, { viewport: { width, height: 740 }, reducedMotion: "reduce" }); // colours that fade have other contrasts
     await page.locator(".connection.open").waitFor();
     for (const [view, { hash, act }] of Object.entries(VIEWS)) {
       await page.evaluate((to) => { location.hash = to; }, hash());
@@ -115,7 +117,8 @@ for (const width of [1300, 320]) {
     await page.getByRole("button", { name: "Undo" }).waitFor();
     await look(page, "a message");
     await page.getByRole("button", { name: "Undo" }).click();
-    await page.locator("select[name=state]").selectOption("failed");
+    await page.locator("input[name=label]").fill("none-such");
+    await page.locator("input[name=label]").press("Enter");
     await page.getByText("There are no such jobs").waitFor();
     await look(page, "an empty list");
     await finish(page);
