@@ -304,7 +304,7 @@ static int run_here(const cli_job *job, const file_set *files)
                       .files = files,
                       .file = calloc(files->count, sizeof *set.file),
                       .limit = qm_host_default_budget()};
-    const qm_job_set shared = {acquire, release, on_pair, NULL, &set};
+    const qm_job_set shared = {acquire, release, on_pair, NULL, NULL, &set};
     qm_job_request request = job->request;
     request.set = &shared;
     request.mesh_count = files->count;

@@ -104,7 +104,7 @@ python3 clients/demo/models.py sphere 0 "$folder/a.off" 8
 python3 clients/demo/models.py sphere 0.0039269908169872414 "$folder/b.off" 8
 a=$(curl -sS --fail-with-body --data-binary "@$folder/a.off" "$url_n1/v1/meshes?name=a.off" | member id)
 b=$(curl -sS --fail-with-body --data-binary "@$folder/b.off" "$url_n1/v1/meshes?name=b.off" | member id)
-request="{\"type\":\"hausdorff\",\"a\":\"$a\",\"b\":\"$b\",\"quads\":\"bilinear\",\"tolerance\":1e-7}"
+request="{\"type\":\"hausdorff\",\"a\":\"$a\",\"b\":\"$b\",\"quads\":\"bilinear\",\"gap\":1e-7}"
 job=$(curl -sS --fail-with-body "$url_n1/v1/jobs" -d "$request" | member id)
 clients/demo/follow_job.py "$url_n2" "$url_n3" "$job" >"$folder/stream" &
 reader=$!

@@ -53,7 +53,7 @@ export class Jobs {
   /**
    * All jobs that pass the filters, in order of creation.
    * @param {Options & { pageSize?: number, order?: "oldest" | "newest", state?: string, type?: string, mesh?: string,
-   *   reconstruction?: string }} [options]
+   *   reconstruction?: string, label?: string }} [options]
    * @returns {AsyncGenerator<Job, void>}
    */
   list(options = {}) {
@@ -67,6 +67,18 @@ export class Jobs {
    */
   get(id, { wait, signal } = {}) {
     return this.transport.json(pathOf(id), { headers: { Prefer: wait === undefined ? undefined : `wait=${wait}` }, signal });
+  }
+
+  /**
+   * Sets all labels of a job; null is none.
+   * @param {string} id
+   * @param {{ labels: string[] | null }} change
+   * @param {Options} [options]
+   * @returns {Promise<Job>}
+   */
+  change(id, change, { signal } = {}) {
+    const headers = { "Content-Type": "application/json" };
+    return this.transport.json(pathOf(id), { method: "PATCH", headers, body: JSON.stringify(change), signal });
   }
 
   /**

@@ -1,6 +1,7 @@
 // /v1/meshes: triangle meshes, quad meshes, mixtures of both, and point sets.
 
 import { readPages } from "./pages.js";
+import { ProblemError } from "./problem.js";
 import { readRows } from "./stream.js";
 import { uploadWithProgress } from "./upload.js";
 
@@ -60,6 +61,21 @@ export class Meshes {
    */
   get(id, { signal } = {}) {
     return this.transport.json(pathOf(id), { signal });
+  }
+
+  /**
+   * The newest mesh of a file that was not deformed; null when there is none, and the file is to be uploaded.
+   * @param {string} hash the SHA-256 of the file in hex
+   * @param {{ signal?: AbortSignal }} [options]
+   * @returns {Promise<Mesh | null>}
+   */
+  async find(hash, { signal } = {}) {
+    try {
+      return await this.transport.json(`/v1/meshes/sha256:${encodeURIComponent(hash)}`, { signal });
+    } catch (error) {
+      if (error instanceof ProblemError && error.code === "mesh_not_found") return null;
+      throw error;
+    }
   }
 
   /**

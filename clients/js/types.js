@@ -34,7 +34,11 @@
 /** Sixteen numbers, column by column. @typedef {number[]} Transform */
 /** A mesh where it lies, or moved for one job. @typedef {string | { mesh: string, transform: Transform }} MeshName */
 
-/** @typedef {{ quads?: QuadReading, threads?: number, accelerator?: Accelerator, detach?: boolean }} CommonRequest */
+/** What the engine alone is told: how it searches, and what it may use. Most do well without; a kind of job takes those that it has,
+ * which stood beside `engine` before.
+ * @typedef {{ accelerator?: Accelerator, bounds?: "cover" | "matching", memory_limit?: number, pieces?: number }} Engine */
+/** @typedef {{ quads?: QuadReading, threads?: number, engine?: Engine, accelerator?: Accelerator, detach?: boolean,
+ *   labels?: string[] | null }} CommonRequest */
 /** How closely an interval is searched; `tolerance` and `tolerance_unit` are the former names.
  * @typedef {{ gap?: number, gap_unit?: "relative" | "absolute", tolerance?: number,
  *   tolerance_unit?: "relative" | "absolute" }} Gap */
@@ -74,10 +78,10 @@
 /** @typedef {{ mesh: "a" | "b", id: string, face: number, uv: [number, number], point: Point }} SurfacePoint */
 /** Two points of two meshes. @typedef {{ from: SurfacePoint, to: SurfacePoint }} Witness */
 /** @typedef {{ lower: number, upper: number | null, lower_relative: number | null, upper_relative: number | null,
- *   witness?: Witness, direction: Direction, quads: QuadReading, tolerance: number,
+ *   witness?: Witness, direction: Direction, quads: QuadReading, gap: number,
  *   iterations: number, projections: number, max_queue: number, prepare_ms: { a: number, b: number },
  *   elapsed_ms: number, converged: boolean,
- *   stopped_by: "converged" | "threshold" | "deadline" | "canceled" | "precision" | "work" | "memory",
+ *   stopped_by: "converged" | "limit" | "deadline" | "canceled" | "precision" | "work" | "memory",
  *   verdict: "above" | "below" | null, of_true?: TrueInterval, warnings?: string[] }} HausdorffResult */
 /** @typedef {{ distance: number, distance_relative: number | null, point: Point, face: number, patch?: number,
  *   uv: [number, number] }} Foot */
@@ -97,7 +101,7 @@
  *   max: LengthInterval, percentiles: (LengthInterval & { percent: number })[],
  *   histogram: { bin_width: number, shares: [number, number][] }, signed?: SignedDeviation,
  *   verdict?: "above" | "below" | null, region_count?: number, regions?: DeviationRegion[], vertex_count: number, vertex_distances?: number[],
- *   warnings?: string[], quads: QuadReading, accuracy: number, tolerance: number, accurate: boolean, pieces: number, projections: number,
+ *   warnings?: string[], quads: QuadReading, accuracy: number, gap: number, accurate: boolean, pieces: number, projections: number,
  *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} DeviationResult */
 /** One direction of a comparison: of the points of one surface from the other one.
  * @typedef {{ over: "area" | "vertices" | "points", size: Interval, hausdorff: LengthInterval, mean: LengthInterval,
@@ -116,7 +120,7 @@
  * @typedef {{ count: number, error: number, requested_error: number, accurate: boolean, triangles?: number[][], quads: QuadReading,
  *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} HeatmapResult */
 /** @typedef {{ lower: number, upper: number, lower_relative: number | null, upper_relative: number | null,
- *   witness: Witness, collides: boolean, verdict: "above" | "below" | null, quads: QuadReading, tolerance: number,
+ *   witness: Witness, collides: boolean, verdict: "above" | "below" | null, quads: QuadReading, gap: number,
  *   converged: boolean, face_pairs: number, prepare_ms: { a: number, b: number }, elapsed_ms: number, of_true?: TrueInterval,
  *   warnings?: string[] }} DistanceResult */
 /** @typedef {{ faces: [number, number], contact: "point" | "segment" | "area", points: Point[],
@@ -127,10 +131,12 @@
  *   relation?: "meeting" | "apart" | "a_inside_b" | "b_inside_a" | "overlapping",
  *   penetration?: { a_in_b: Depth, b_in_a: Depth }, warnings?: string[], incremental?: boolean }} CollisionResult */
 /** A pair of meshes by their places, with the bounds of its distance. @typedef {[number, number, number, number | null]} PairRow */
+/** @typedef {{ within: number, beyond: number, undecided: number }} Verdicts */
 /** @typedef {{ measure: "hausdorff", mesh_count: number, meshes: MeshName[], pair_count: number, searched_pairs: number,
  *   bounded_pairs: number, searches: number, pivots: number, want: MatrixWant,
- *   nearest?: ({ mesh: number, lower: number, upper: number | null, place: "proven" | "tied" | "open" })[][],
- *   verdicts?: { within: number, beyond: number, undecided: number }, open: number, pairs?: PairRow[],
+ *   nearest?: ({ mesh: number, lower: number, upper: number | null, place: "proven" | "tied" | "open",
+ *     of_true?: TrueInterval })[][],
+ *   verdicts?: Verdicts & { of_true?: Verdicts }, uncertainties?: number[], open: number, pairs?: PairRow[],
  *   quads: QuadReading, gap: number, converged: boolean,
  *   stopped_by: "converged" | "precision" | "deadline" | "canceled", elapsed_ms: number }} MatrixResult */
 /** @typedef {{ folded_quads: number, turned_quads: number, least_jacobian: number, mean_angle_deviation_deg: number,
@@ -144,7 +150,7 @@
  *   elapsed_ms: number }} StepResult */
 /** @typedef {{ transform: Transform, rms: number, scale: number, mirrored: boolean, floor: number | null,
  *   certainty: { runner_up_rms: number | null }, hausdorff: LengthInterval & { converged: boolean },
- *   fit: "least_squares" | "min_max", quads: QuadReading, tolerance: number, iterations: number, rounds: number,
+ *   fit: "least_squares" | "min_max", quads: QuadReading, gap: number, iterations: number, rounds: number,
  *   converged: boolean, prepare_ms: { a: number, b: number }, elapsed_ms: number }} AlignmentResult */
 /** @typedef {HausdorffResult | ProjectResult | DeviationResult | ComparisonResult | HeatmapResult | DistanceResult | CollisionResult
  *   | AlignmentResult | MatrixResult | StepResult} JobResult */
@@ -170,7 +176,7 @@
 
 /** @typedef {{ id: string, type: string, state: JobState, created: string, started?: string, ended?: string,
  *   request: Record<string, any> & { type: string }, progress?: Bounds, result?: JobResult, problem?: Problem,
- *   cached?: true }} Job */
+ *   cached?: true, labels: string[] }} Job */
 
 /** @typedef {Bounds & { event: "bounds", seq: number }} BoundsEvent */
 /** @typedef {{ event: "result", seq: number, state: "succeeded" | "canceled", result: JobResult }} ResultEvent */

@@ -121,7 +121,8 @@ static bool read_filter(qm_request *request, qm_store_job_filter *out, qm_job_st
                *name = qm_request_query(request, "state");
     qm_job_kind kind;
     qm_problem problem;
-    *out = (qm_store_job_filter){type, mesh ? mesh : reconstruction, name ? state : NULL};
+    *out = (qm_store_job_filter){type, mesh ? mesh : reconstruction, name ? state : NULL,
+                                 qm_request_query(request, "label")};
     if (type && !qm_job_kind_find(type, &kind))
         problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`type` is not a kind of job");
     else if (name && !qm_job_state_find(name, state))
@@ -168,6 +169,26 @@ void qm_handle_job_get(qm_request *request)
         reply_when_done(request, job, wait, 200);
     else
         reply_job(request, 200, job, false);
+}
+
+void qm_handle_job_patch(qm_request *request)
+{
+    size_t size;
+    const char *body = qm_request_body(request, &size);
+    char *labels;
+    qm_problem problem;
+    qm_job *job = find_job(request);
+    if (!job) return;
+    qm_jobs *jobs = qm_request_app(request)->jobs;
+    bool is_changed =
+        qm_json_read_labels(body, size, &labels, &problem) && qm_jobs_set_labels(jobs, job, labels, &problem);
+    free(labels);
+    if (is_changed) {
+        reply_job(request, 200, job, false);
+        return;
+    }
+    qm_jobs_release(jobs, job);
+    qm_reply_problem(request, &problem);
 }
 
 void qm_handle_job_delete(qm_request *request)

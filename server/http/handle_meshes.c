@@ -11,6 +11,7 @@
 #include "handlers.h"
 #include "media.h"
 #include "mesh/etag.h"
+#include "ops/job_kinds.h"
 #include "ops/projections.h"
 #include "store/store_problem.h"
 
@@ -107,19 +108,6 @@ static bool read_notes(const qm_request *request, qm_notes *notes, char **labels
     return true;
 }
 
-/** Adds the labels of a row, which stand between line feeds, as an array. */
-static void add_labels(qm_text *out, const char *labels)
-{
-    qm_json_open(out, "labels", "[");
-    for (const char *at = labels; *at && at[1]; at += 1 + strcspn(at + 1, "\n")) {
-        char label[QM_MESH_LABEL_SIZE];
-        snprintf(label, sizeof label, "%.*s", (int)strcspn(at + 1, "\n"), at + 1);
-        qm_json_add_comma(out);
-        qm_json_add_quoted(out, label);
-    }
-    qm_text_add_string(out, "]");
-}
-
 /** Adds the resource of a mesh: its document, and what of it may change. */
 static void add_mesh(qm_text *out, const qm_store_mesh *mesh)
 {
@@ -131,7 +119,7 @@ static void add_mesh(qm_text *out, const qm_store_mesh *mesh)
     else
         qm_json_add_word(out, "unit", "null");
     qm_json_add_number(out, "uncertainty", mesh->notes.uncertainty);
-    add_labels(out, mesh->labels);
+    qm_mesh_write_labels(out, mesh->labels);
     if (mesh->expires[0]) qm_json_add_string(out, "expires_at", mesh->expires);
     qm_text_add_string(out, "}");
 }
@@ -271,6 +259,43 @@ void qm_handle_mesh_get(qm_request *request)
         reply_mesh(request, 200, &mesh);
     else
         qm_store_mesh_reset(&mesh);
+}
+
+/** Writes the id of the newest mesh with this content that was not deformed; false with a problem. */
+static bool find_by_hash(qm_store *store, const char *hash, char id[1][QM_ID_SIZE], qm_problem *problem)
+{
+    if (!qm_json_is_hash(hash)) {
+        *problem =
+            qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                            "a hash of a file must be the 64 digits of its SHA-256 in hex, in lower case");
+        return false;
+    }
+    qm_stored stored = qm_store_find_undeformed(store, &hash, 1, id);
+    if (stored == QM_STORED && id[0][0]) return true;
+    *problem = qm_store_read_problem(stored == QM_STORED ? QM_STORED_NONE : stored, QM_PROBLEM_MESH_NOT_FOUND,
+                                     "mesh with this content");
+    return false;
+}
+
+void qm_handle_mesh_find(qm_request *request)
+{
+    qm_store *store = qm_request_app(request)->store;
+    char id[1][QM_ID_SIZE];
+    qm_problem problem;
+    qm_store_mesh mesh;
+    if (!find_by_hash(store, qm_request_id(request), id, &problem)) {
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    qm_stored stored = qm_store_find_mesh(store, id[0], &mesh);
+    if (stored != QM_STORED) { /* deleted meanwhile, or the store is away */
+        problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id[0]);
+        qm_reply_problem(request, &problem);
+    } else if (qm_handlers_check_mesh_tag(request, &mesh)) {
+        reply_mesh(request, 200, &mesh);
+    } else {
+        qm_store_mesh_reset(&mesh);
+    }
 }
 
 void qm_handle_mesh_patch(qm_request *request)

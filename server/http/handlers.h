@@ -9,6 +9,7 @@
 void qm_handle_mesh_create(qm_request *request);
 void qm_handle_mesh_list(qm_request *request);
 void qm_handle_mesh_get(qm_request *request);
+void qm_handle_mesh_find(qm_request *request);
 void qm_handle_mesh_patch(qm_request *request);
 void qm_handle_mesh_copy(qm_request *request);
 void qm_handle_mesh_delete(qm_request *request);
@@ -23,6 +24,7 @@ void qm_handle_mesh_project(qm_request *request);
 void qm_handle_job_create(qm_request *request);
 void qm_handle_job_list(qm_request *request);
 void qm_handle_job_get(qm_request *request);
+void qm_handle_job_patch(qm_request *request);
 void qm_handle_job_delete(qm_request *request);
 void qm_handle_job_events(qm_request *request);
 void qm_handle_job_result(qm_request *request);

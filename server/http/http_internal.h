@@ -90,7 +90,7 @@ struct qm_request {
     const qm_route *route;
     char name[QM_REQUEST_ID_SIZE]; /* the request's id in the log and the reply */
     const char *media;             /* the negotiated type */
-    char ids[2][QM_ID_SIZE];       /* of the path */
+    char ids[2][QM_HASH_SIZE];     /* of the path */
     char method[16], path[256];
     char client[QM_CLIENT_SIZE];     /* whose turn it is in a pool; "" until then */
     char token[QM_ACCESS_NAME_SIZE]; /* the name of its token in the log; "" without a valid one */

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "handlers.h"
+#include "ops/job_kinds.h"
 
 static const char *const json[] = {"application/json", NULL};
 static const char *const json_or_id[] = {"application/json", QM_MEDIA_TEXT, NULL};
@@ -26,8 +27,8 @@ static const char *const job_or_events[] = {"application/json", QM_MEDIA_NDJSON,
 static const char *const no_query[] = {NULL};
 static const char *const mesh_list_query[] = {"limit",        "cursor", "order", "name",
                                               "content_hash", "label",  NULL};
-static const char *const job_list_query[] = {"limit", "cursor", "order",          "state",
-                                             "type",  "mesh",   "reconstruction", NULL};
+static const char *const job_list_query[] = {"limit", "cursor",         "order", "state", "type",
+                                             "mesh",  "reconstruction", "label", NULL};
 static const char *const list_query[] = {"limit", "cursor", "order", "mesh", NULL};
 static const char *const upload_query[] = {"name",        "format", "ttl_seconds", "unit",
                                            "uncertainty", "labels", NULL};
@@ -45,8 +46,10 @@ static const qm_route routes[] = {
      upload_query},
     {"GET", "/v1/meshes", QM_SCOPE_READ, qm_handle_mesh_list, json, QM_BODY_NONE, QM_LANE_SHORT,
      mesh_list_query},
-    {"GET", "/v1/meshes/{id}", QM_SCOPE_READ, qm_handle_mesh_get, json, QM_BODY_NONE, QM_LANE_SHORT,
+    {"GET", "/v1/meshes/{id}", QM_SCOPE_READ, qm_handle_mesh_get, json_or_id, QM_BODY_NONE, QM_LANE_SHORT,
      no_query},
+    {"GET", "/v1/meshes/" QM_JOB_HASH_PREFIX "{hash}", QM_SCOPE_READ, qm_handle_mesh_find, json_or_id,
+     QM_BODY_NONE, QM_LANE_SHORT, no_query},
     {"PATCH", "/v1/meshes/{id}", QM_SCOPE_WRITE, qm_handle_mesh_patch, json, QM_BODY_MEMORY, QM_LANE_SHORT,
      no_query},
     {"DELETE", "/v1/meshes/{id}", QM_SCOPE_WRITE, qm_handle_mesh_delete, NULL, QM_BODY_NONE, QM_LANE_SHORT,
@@ -70,6 +73,8 @@ static const qm_route routes[] = {
      no_query},
     {"GET", "/v1/jobs", QM_SCOPE_READ, qm_handle_job_list, json, QM_BODY_NONE, QM_LANE_SHORT, job_list_query},
     {"GET", "/v1/jobs/{id}", QM_SCOPE_READ, qm_handle_job_get, json, QM_BODY_NONE, QM_LANE_SHORT, no_query},
+    {"PATCH", "/v1/jobs/{id}", QM_SCOPE_WRITE, qm_handle_job_patch, json, QM_BODY_MEMORY, QM_LANE_SHORT,
+     no_query},
     {"DELETE", "/v1/jobs/{id}", QM_SCOPE_WRITE, qm_handle_job_delete, NULL, QM_BODY_NONE, QM_LANE_SHORT,
      delete_query},
     {"GET", "/v1/jobs/{id}/events", QM_SCOPE_READ, qm_handle_job_events, events, QM_BODY_NONE, QM_LANE_SHORT,
@@ -137,9 +142,9 @@ static bool is_id_character(char c)
            c == '.' || c == '-';
 }
 
-/** {id} and a second name in braces stand for one segment each, {path} for any number of them, of which none
- * begins with a dot. */
-static bool matches(const char *pattern, const char *path, char ids[2][QM_ID_SIZE])
+/** {id}, {hash} and a second name in braces stand for the rest of a segment each, {path} for any number of segments, of which
+ * none begins with a dot. */
+static bool matches(const char *pattern, const char *path, char ids[2][QM_HASH_SIZE])
 {
     char *id = ids[0];
     ids[0][0] = ids[1][0] = '\0';
@@ -149,8 +154,9 @@ static bool matches(const char *pattern, const char *path, char ids[2][QM_ID_SIZ
             continue;
         }
         bool takes_segments = strncmp(pattern, "{path}", strlen("{path}")) == 0;
-        size_t length = 0;
-        for (; length + 1 < QM_ID_SIZE; path++) {
+        size_t length = 0,
+               size = strncmp(pattern, "{hash}", strlen("{hash}")) == 0 ? QM_HASH_SIZE : QM_ID_SIZE;
+        for (; length + 1 < size; path++) {
             bool starts_segment = takes_segments && (length == 0 || path[-1] == '/');
             bool fits = starts_segment ? is_id_character(*path) && *path != '.'
                                        : is_id_character(*path) || (takes_segments && *path == '/');
@@ -165,7 +171,7 @@ static bool matches(const char *pattern, const char *path, char ids[2][QM_ID_SIZ
     return *path == '\0';
 }
 
-const qm_route *qm_route_find(const char *method, const char *path, char ids[2][QM_ID_SIZE],
+const qm_route *qm_route_find(const char *method, const char *path, char ids[2][QM_HASH_SIZE],
                               qm_problem *problem)
 {
     const char *wanted = strcmp(method, "HEAD") == 0 ? "GET" : method;

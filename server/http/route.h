@@ -11,8 +11,8 @@ typedef enum qm_body { QM_BODY_NONE, QM_BODY_MEMORY, QM_BODY_SPOOL, QM_BODY_FILE
 
 typedef struct qm_route {
     const char *method;
-    const char *path; /* {id}, and a second name in braces, stand for one segment of letters, digits and _.-;
-                         {path} for several */
+    const char *path; /* {id}, {hash}, and a second name in braces, stand for letters, digits and _.- within a
+                         segment, as many as an id or a hash has; {path} for several segments */
     qm_scope scope;   /* of the token that it needs, when the daemon has tokens */
     void (*handle)(qm_request *request);
     const char *const *produces; /* media types to choose from by Accept, NULL-ended; NULL: not negotiated */
@@ -22,11 +22,11 @@ typedef struct qm_route {
 } qm_route;
 
 /**
- * The route of a method and path; writes what stands for {id} or {path} and for a second name in braces, ""
+ * The route of a method and path; writes what stands for {id}, {hash} or {path} and for a second name in braces, ""
  * where there is none. NULL with a problem: 404, or 405 with the methods that the path has. HEAD goes with
  * GET.
  */
-const qm_route *qm_route_find(const char *method, const char *path, char ids[2][QM_ID_SIZE],
+const qm_route *qm_route_find(const char *method, const char *path, char ids[2][QM_HASH_SIZE],
                               qm_problem *problem);
 
 /** Prints a line for each route: method, path, the media types to choose from, ?parameters. */

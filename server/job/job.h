@@ -92,6 +92,9 @@ void qm_jobs_release(qm_jobs *jobs, qm_job *job);
  * ended already. */
 bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job);
 
+/** Sets the labels of a job, a list as of a mesh, NULL for none. False with a problem. */
+bool qm_jobs_set_labels(qm_jobs *jobs, qm_job *job, const char *labels, qm_problem *problem);
+
 /** Removes a job that has ended, with its events and result. False with a problem. */
 bool qm_jobs_remove(qm_jobs *jobs, qm_job *job, qm_problem *problem);
 

@@ -177,7 +177,7 @@ static void answer(const batch_line *line, qm_job_state state, const char *membe
 static bool answer_from_store(const batch_line *line, const char *key, const char *revisions)
 {
     qm_jobs *jobs = line->batch->jobs;
-    qm_job *job = qm_job_find_cached(jobs, key, revisions);
+    qm_job *job = qm_job_find_cached(jobs, key, revisions, NULL);
     char *result = job ? qm_job_result_object(jobs, job) : NULL;
     qm_metrics_add(QM_METRICS_CACHED_ANSWERS, result != NULL);
     if (result) answer(line, QM_JOB_SUCCEEDED, "result", result);

@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "former_names.h"
 #include "job_internal.h"
 #include "job_mirrors.h"
 #include "store/store_problem.h"
@@ -64,11 +65,19 @@ static bool append_event(qm_job *job, uint64_t seq, const char *name, const char
     return true;
 }
 
+/** Appends an event that the store has. */
+static bool append_stored(qm_job *job, const qm_store_event *event)
+{
+    if (!append_event(job, event->seq, event->name, event->members)) return false;
+    qm_former_names_replace(job->events[job->event_count - 1]->members);
+    return true;
+}
+
 bool qm_job_take_event(qm_job *job, const qm_store_event *event)
 {
     QM_ASSERT(qm_jobs_is_locked(job->jobs));
     if (!job->is_mirror || event->seq <= qm_job_last_seq(job)) return true;
-    if (!append_event(job, event->seq, event->name, event->members)) return false;
+    if (!append_stored(job, event)) return false;
     int64_t restarts = (int64_t)((event->seq - 1) / SEQS_OF_A_RUN);
     if (restarts > job->restarts) qm_job_set_restarts(job, restarts);
     if (strcmp(event->name, "bounds") == 0) {
@@ -113,7 +122,7 @@ void qm_job_list_events(const qm_job *job, size_t begin, size_t end, qm_store_ev
 
 static bool restore_event(void *user, const qm_store_event *event)
 {
-    return append_event(user, event->seq, event->name, event->members);
+    return append_stored(user, event);
 }
 
 qm_stored qm_job_restore_events(qm_job *job)

@@ -73,6 +73,7 @@ struct qm_job {
     char *last_bounds;    /* the newest bounds event's own members, for the document */
     char *document;       /* members of the resource but for the result, once the job has ended */
     char *result;         /* the result object, or NULL */
+    char *labels;         /* as of a mesh, or NULL */
     qm_mesh_ref
         *given[2]; /* meshes that no store has, in place of those that the request names; NULL: none */
     qm_job_end_fn *on_end; /* of a job that is not stored; NULL for stored ones */
@@ -189,8 +190,8 @@ const qm_job_runner *qm_job_runner_of(qm_job_kind kind);
 /** True for a job in memory, one that runs here or a mirror. */
 bool qm_job_is_listed(qm_jobs *jobs, const char *id);
 
-/** A finished job of this key that ran on these revisions, or NULL. */
-qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions);
+/** A finished job of this key that ran on these revisions and has these labels, or NULL. */
+qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions, const char *labels);
 
 /** Subscribers as a list. The caller holds the lock. */
 void qm_job_subscribers_add(qm_subscriber **list, qm_subscriber *subscriber);
@@ -320,9 +321,14 @@ void qm_job_end_run(qm_job *job, qm_context *ctx, qm_status status, qm_job_resul
 qm_mesh_ref *qm_job_acquire(qm_meshes *meshes, const char *id, const qm_job_pose *pose, qm_notes *notes,
                             qm_problem *problem);
 
-/** Finds the revision and the notes of a mesh; false with a problem, which names the field of the request. */
-bool qm_job_check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_store_mesh_state *state,
-                       qm_problem *problem);
+/** How many meshes a request names; the pointer to one of them in its JSON. */
+#define QM_JOB_POINTER_SIZE 40
+size_t qm_job_count_meshes(const qm_job_request *request);
+void qm_job_point_to_mesh(const qm_job_request *request, size_t i, char pointer[QM_JOB_POINTER_SIZE]);
+
+/** Finds the states of all of them, in one step of the store; false with a problem, which points to one that there is not. */
+bool qm_job_find_meshes(qm_jobs *jobs, const qm_job_request *request, qm_store_mesh_state *out,
+                        qm_problem *problem);
 
 /** Ends a job that is marked as running with a problem. */
 void qm_job_finish_with_problem(qm_job *job, qm_job_state state, const qm_problem *problem);

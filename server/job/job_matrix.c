@@ -18,7 +18,8 @@ typedef struct member {
     qm_mesh_ref *ref; /* NULL while it is not held */
     int holds;
     bool is_seen;
-    uint64_t revision; /* once it was seen */
+    uint64_t revision;  /* once it was seen, with the rest */
+    double uncertainty; /* as it was uploaded */
 } member;
 
 /** Pairs that were measured since the last event. */
@@ -32,6 +33,7 @@ typedef struct matrix_run {
     qm_job *job;
     member *members;
     size_t *same;
+    double *uncertainty; /* of each mesh where it lies */
     pair_news news;
     double start_ms;
     qm_problem problem; /* why a mesh could not be had; with has_problem */
@@ -53,57 +55,56 @@ static bool write_revisions(qm_text *listed, char out[QM_REVISIONS_SIZE])
     return is_written;
 }
 
-static void add_revision(qm_text *listed, uint64_t revision)
+/** Adds the revision of a mesh, and its uncertainty if it has one. */
+static void add_revision(qm_text *listed, uint64_t revision, double uncertainty)
 {
     qm_text_printf(listed, "%llu ", (unsigned long long)revision);
+    if (uncertainty > 0.0) qm_text_printf(listed, "/%.17g ", uncertainty);
 }
 
-/** False with a problem when a mesh has another unit than one before it; known has the first unit. */
-static bool check_unit(qm_notes *known, const qm_notes *own, const char *field, qm_problem *problem)
+/** False with a problem when a mesh has another unit than one before it. */
+static bool check_units(const qm_job_request *request, const qm_store_mesh_state *states, qm_problem *problem)
 {
-    const qm_notes both[2] = {*known, *own};
-    char pointer[40];
-    if (!known->unit[0]) *known = *own;
-    if (qm_job_check_units(both, problem)) return true;
-    snprintf(pointer, sizeof pointer, "/%s", field);
-    qm_problem_add_pointer(problem, pointer, "another unit");
-    return false;
+    qm_notes known = {0};
+    for (size_t i = 0; i < request->mesh_count; i++) {
+        const qm_notes both[2] = {known, states[i].notes};
+        char pointer[QM_JOB_POINTER_SIZE];
+        if (!known.unit[0]) known = states[i].notes;
+        if (qm_job_check_units(both, problem)) continue;
+        qm_job_point_to_mesh(request, i, pointer);
+        qm_problem_add_pointer(problem, pointer, "another unit");
+        return false;
+    }
+    return true;
 }
 
 static bool check_set(qm_jobs *jobs, const qm_job_request *request, char revisions[QM_REVISIONS_SIZE],
                       qm_problem *problem)
 {
     qm_text listed = {0};
-    qm_notes known = {0};
-    for (size_t i = 0; i < request->mesh_count; i++) {
-        char field[32];
-        qm_store_mesh_state state = {0};
-        snprintf(field, sizeof field, "meshes/%zu", i);
-        bool is_usable = qm_job_check_mesh(jobs, request->meshes[i].name, field, &state, problem) &&
-                         check_unit(&known, &state.notes, field, problem);
-        if (!is_usable) {
-            qm_text_reset(&listed);
-            return false;
-        }
-        add_revision(&listed, state.revision);
-    }
-    if (write_revisions(&listed, revisions)) return true;
-    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
-    return false;
+    qm_store_mesh_state *states = calloc(request->mesh_count, sizeof *states);
+    bool is_usable =
+        states && qm_job_find_meshes(jobs, request, states, problem) && check_units(request, states, problem);
+    for (size_t i = 0; is_usable && i < request->mesh_count; i++)
+        add_revision(&listed, states[i].revision, states[i].notes.uncertainty);
+    bool is_written = is_usable && write_revisions(&listed, revisions);
+    if (!states || (is_usable && !is_written))
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
+    free(states);
+    return is_written;
 }
 
 /* ---- meshes ---- */
 
 /** A reference to a mesh. One that is not in memory, or may have to be moved, is taken without a worker. */
-static qm_mesh_ref *take(matrix_run *run, const qm_job_member *mesh)
+static qm_mesh_ref *take(matrix_run *run, const qm_job_member *mesh, qm_notes *notes)
 {
     qm_meshes *meshes = run->job->jobs->meshes;
     bool loads = mesh->pose.is_given || !qm_meshes_has_loaded(meshes, mesh->name);
-    qm_notes notes;
     qm_mesh_ref *ref;
     if (loads) qm_scheduler_leave(run->job->turn);
     do
-        ref = qm_job_acquire(meshes, mesh->name, &mesh->pose, &notes, &run->problem);
+        ref = qm_job_acquire(meshes, mesh->name, &mesh->pose, notes, &run->problem);
     while (!ref && loads && qm_job_outlasts(run->job, &run->problem));
     if (loads) qm_scheduler_return(run->job->turn);
     return ref;
@@ -120,11 +121,17 @@ static qm_status acquire(void *user, size_t index, const qm_loaded_mesh **out)
     matrix_run *run = user;
     member *own = &run->members[index];
     const qm_job_member *mesh = &run->job->request.meshes[index];
-    if (!own->ref) own->ref = take(run, mesh);
+    qm_notes notes = {.uncertainty = own->uncertainty};
+    if (!own->ref) own->ref = take(run, mesh, &notes);
     if (!own->ref) return fail(run, QM_E_EMPTY);
     *out = qm_mesh_ref_get(own->ref);
     own->holds++;
-    if (!own->is_seen) own->revision = (*out)->revision;
+    if (!own->is_seen) {
+        own->revision = (*out)->revision;
+        own->uncertainty = notes.uncertainty;
+        qm_loaded_mesh_move_notes(*out, &notes);
+        run->uncertainty[index] = notes.uncertainty;
+    }
     own->is_seen = true;
     if (own->revision == (*out)->revision) return QM_OK;
     own->holds--;
@@ -145,34 +152,24 @@ static void release(void *user, size_t index)
     own->ref = NULL;
 }
 
-/** The row of a mesh, as far as it says what the surface is. */
-typedef struct content {
-    char hash[QM_HASH_SIZE], positions[QM_HASH_SIZE];
-    int format;
-} content;
-
-/** Finds the meshes that are made of the same bytes in the same format, and lie at the same place. One whose row cannot be read equals none. */
+/** Finds the meshes that are made of the same bytes in the same format, and lie at the same place. One that is not found equals none. */
 static bool find_same(const qm_job *job, size_t *same)
 {
     const qm_job_request *request = &job->request;
-    content *rows = calloc(request->mesh_count, sizeof *rows);
-    if (!rows) return false;
+    qm_store_mesh_state *states = calloc(request->mesh_count, sizeof *states);
+    qm_problem unused; /* of a mesh that is gone, which the search meets itself */
+    if (!states) return false;
+    qm_job_find_meshes(job->jobs, request, states, &unused);
     for (size_t i = 0; i < request->mesh_count; i++) {
-        qm_store_mesh row;
-        bool is_read = qm_store_find_mesh(job->jobs->store, request->meshes[i].name, &row) == QM_STORED;
         same[i] = i;
-        if (!is_read) continue;
-        memcpy(rows[i].hash, row.hash, sizeof row.hash);
-        memcpy(rows[i].positions, row.positions, sizeof row.positions);
-        rows[i].format = row.format;
-        qm_store_mesh_reset(&row);
-        for (size_t k = 0; k < i && same[i] == i; k++)
-            if (rows[k].format == rows[i].format && strcmp(rows[k].hash, rows[i].hash) == 0 &&
-                strcmp(rows[k].positions, rows[i].positions) == 0 &&
+        for (size_t k = 0; k < i && same[i] == i && states[i].is_found; k++)
+            if (states[k].is_found && states[k].format == states[i].format &&
+                strcmp(states[k].hash, states[i].hash) == 0 &&
+                strcmp(states[k].positions, states[i].positions) == 0 &&
                 qm_job_equal_poses(&request->meshes[k].pose, &request->meshes[i].pose))
                 same[i] = same[k];
     }
-    free(rows);
+    free(states);
     return true;
 }
 
@@ -222,7 +219,7 @@ static bool note_revisions(matrix_run *run)
 {
     qm_text listed = {0};
     for (size_t i = 0; i < run->job->request.mesh_count; i++)
-        add_revision(&listed, run->members[i].revision);
+        add_revision(&listed, run->members[i].revision, run->members[i].uncertainty);
     return write_revisions(&listed, run->job->revisions);
 }
 
@@ -232,14 +229,15 @@ static void run_set(qm_job *job)
     matrix_run run = {.job = job,
                       .members = calloc(count, sizeof *run.members),
                       .same = calloc(count, sizeof *run.same),
+                      .uncertainty = calloc(count, sizeof *run.uncertainty),
                       .start_ms = qm_clock_now_ms()};
     run.news.told_ms = run.start_ms;
     qm_context ctx;
     qm_job_request request = qm_job_begin_run(job, &ctx);
     qm_job_result result;
     qm_status status = QM_E_NO_MEMORY;
-    if (run.members && run.same && find_same(job, run.same)) {
-        const qm_job_set set = {acquire, release, on_pair, run.same, &run};
+    if (run.members && run.same && run.uncertainty && find_same(job, run.same)) {
+        const qm_job_set set = {acquire, release, on_pair, run.same, run.uncertainty, &run};
         request.set = &set;
         status = qm_job_execute(&ctx, &request, NULL, NULL, NULL, NULL, &result);
         if (status == QM_OK && !note_revisions(&run))
@@ -250,6 +248,7 @@ static void run_set(qm_job *job)
     qm_job_end_run(job, &ctx, status, &result, run.has_problem ? &run.problem : NULL);
     free(run.members);
     free(run.same);
+    free(run.uncertainty);
 }
 
 const qm_job_runner qm_job_matrix_runner = {check_set, run_set};

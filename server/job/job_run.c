@@ -411,54 +411,57 @@ bool qm_job_ran_on(qm_jobs *jobs, const qm_store_job *row, uint64_t a, uint64_t 
     return is_same;
 }
 
-bool qm_job_check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_store_mesh_state *state,
-                       qm_problem *problem)
+/* ---- the meshes of a request ---- */
+
+size_t qm_job_count_meshes(const qm_job_request *request)
 {
-    qm_stored stored = qm_store_find_mesh_state(jobs->store, id, state);
-    if (stored == QM_STORED) return true;
-    char pointer[32];
-    snprintf(pointer, sizeof pointer, "/%s", field);
-    *problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "mesh with the id in `%s`", field);
-    if (stored == QM_STORED_NONE) qm_problem_add_pointer(problem, pointer, "no such mesh");
+    const char *const *field = qm_job_type_of(request->kind)->mesh_field;
+    return request->mesh_count > 0 ? request->mesh_count : field[1] ? 2 : 1;
+}
+
+/** The name of a mesh, for which there is room in QM_JOB_MESH_SIZE. */
+static char *name_of_mesh(qm_job_request *request, size_t i)
+{
+    return request->mesh_count > 0 ? request->meshes[i].name : i == 0 ? request->a : request->b;
+}
+
+void qm_job_point_to_mesh(const qm_job_request *request, size_t i, char pointer[QM_JOB_POINTER_SIZE])
+{
+    if (request->mesh_count > 0)
+        snprintf(pointer, QM_JOB_POINTER_SIZE, "/meshes/%zu", i);
+    else
+        snprintf(pointer, QM_JOB_POINTER_SIZE, "/%s", qm_job_type_of(request->kind)->mesh_field[i]);
+}
+
+bool qm_job_find_meshes(qm_jobs *jobs, const qm_job_request *request, qm_store_mesh_state *out,
+                        qm_problem *problem)
+{
+    const char *ids[QM_JOB_MAX_MESHES];
+    char pointer[QM_JOB_POINTER_SIZE];
+    size_t count = qm_job_count_meshes(request), i = 0;
+    QM_ASSERT(count <= QM_JOB_MAX_MESHES);
+    for (; i < count; i++)
+        ids[i] = request->mesh_count > 0 ? request->meshes[i].name : i == 0 ? request->a : request->b;
+    qm_stored stored = qm_store_find_mesh_states(jobs->store, ids, count, out);
+    for (i = 0; stored == QM_STORED && i < count && out[i].is_found;)
+        i++;
+    if (stored == QM_STORED && i == count) return true;
+    qm_job_point_to_mesh(request, i < count ? i : 0, pointer);
+    *problem = qm_store_read_problem(stored == QM_STORED ? QM_STORED_NONE : stored, QM_PROBLEM_MESH_NOT_FOUND,
+                                     "mesh with the id in `%s`", pointer + 1);
+    if (stored == QM_STORED) qm_problem_add_pointer(problem, pointer, "no such mesh");
     return false;
 }
 
 static bool check_meshes(qm_jobs *jobs, const qm_job_request *request, char revisions[QM_REVISIONS_SIZE],
                          qm_problem *problem)
 {
-    const char *const *field = qm_job_type_of(request->kind)->mesh_field;
-    qm_store_mesh_state a = {0}, b = {0};
-    bool exist = qm_job_check_mesh(jobs, request->a, field[0], &a, problem) &&
-                 (!field[1] || qm_job_check_mesh(jobs, request->b, field[1], &b, problem));
-    const qm_notes notes[2] = {a.notes, b.notes};
-    write_revisions(a.revision, b.revision, notes, revisions);
+    qm_store_mesh_state state[2] = {0};
+    bool exist = qm_job_find_meshes(jobs, request, state, problem);
+    const qm_notes notes[2] = {state[0].notes, state[1].notes};
+    write_revisions(state[0].revision, state[1].revision, notes, revisions);
     if (!exist || qm_job_check_units(notes, problem)) return exist;
     qm_problem_add_pointer(problem, "/b", "another unit");
-    return false;
-}
-
-/** Puts the id of a mesh in the place of a hash: of those with this content as it was uploaded, the newest one. */
-static bool resolve_mesh(qm_jobs *jobs, const char *field, char name[QM_JOB_MESH_SIZE], qm_problem *problem)
-{
-    const qm_store_mesh_filter filter = {.hash = qm_json_hash_of_name(name)};
-    if (!filter.hash) return true;
-    qm_store_page page = {.limit = 1, .newest_first = true};
-    qm_store_mesh row;
-    size_t count;
-    qm_stored stored;
-    while ((stored = qm_store_list_meshes(jobs->store, &page, &filter, &row, &count)) == QM_STORED &&
-           count > 0) {
-        bool is_found = row.revision == 0;
-        page.after = row.sequence;
-        if (is_found) snprintf(name, QM_JOB_MESH_SIZE, "%s", row.id);
-        qm_store_mesh_reset(&row);
-        if (is_found) return true;
-    }
-    char pointer[32];
-    snprintf(pointer, sizeof pointer, "/%s", field);
-    *problem = qm_store_read_problem(stored == QM_STORED ? QM_STORED_NONE : stored, QM_PROBLEM_MESH_NOT_FOUND,
-                                     "mesh with the content in `%s`", field);
-    if (stored == QM_STORED) qm_problem_add_pointer(problem, pointer, "no mesh has this content");
     return false;
 }
 
@@ -472,15 +475,34 @@ bool qm_job_names_hash(const qm_job_request *request)
 
 bool qm_job_resolve(qm_jobs *jobs, qm_job_request *request, qm_problem *problem)
 {
-    const char *const *field = qm_job_type_of(request->kind)->mesh_field;
-    for (size_t i = 0; i < request->mesh_count; i++) {
-        char pointer[32];
-        snprintf(pointer, sizeof pointer, "meshes/%zu", i);
-        if (!resolve_mesh(jobs, pointer, request->meshes[i].name, problem)) return false;
+    size_t total = qm_job_count_meshes(request), count = 0;
+    const char *hashes[QM_JOB_MAX_MESHES];
+    if (!qm_job_names_hash(request)) return true;
+    for (size_t i = 0; i < total; i++) {
+        const char *hash = qm_json_hash_of_name(name_of_mesh(request, i));
+        if (hash) hashes[count++] = hash;
     }
+    char(*ids)[QM_ID_SIZE] = calloc(count, sizeof *ids);
+    qm_stored stored = ids ? qm_store_find_undeformed(jobs->store, hashes, count, ids) : QM_STORED_NO_MEMORY;
+    bool is_found = stored == QM_STORED;
+    for (size_t i = 0, k = 0; i < total && is_found; i++) {
+        char *name = name_of_mesh(request, i), pointer[QM_JOB_POINTER_SIZE];
+        if (!qm_json_hash_of_name(name)) continue;
+        is_found = ids[k][0];
+        if (is_found) {
+            snprintf(name, QM_JOB_MESH_SIZE, "%s", ids[k++]);
+            continue;
+        }
+        qm_job_point_to_mesh(request, i, pointer);
+        *problem = qm_store_read_problem(QM_STORED_NONE, QM_PROBLEM_MESH_NOT_FOUND,
+                                         "mesh with the content in `%s`", pointer + 1);
+        qm_problem_add_pointer(problem, pointer, "no mesh has this content");
+    }
+    free(ids);
+    if (stored != QM_STORED)
+        *problem = qm_store_read_problem(stored, QM_PROBLEM_MESH_NOT_FOUND, "the meshes of the job");
     if (request->mesh_count > 0) strcpy(request->a, request->meshes[0].name);
-    return (!field[0] || resolve_mesh(jobs, field[0], request->a, problem)) &&
-           (!field[1] || resolve_mesh(jobs, field[1], request->b, problem));
+    return is_found;
 }
 
 void qm_job_set_limits(const qm_job *job, qm_job_request *request)

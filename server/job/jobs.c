@@ -8,6 +8,7 @@
 
 #include "base/log.h"
 #include "base/metrics.h"
+#include "former_names.h"
 #include "job_internal.h"
 #include "job_mirrors.h"
 #include "job_pulse.h"
@@ -30,6 +31,7 @@ static void free_job(qm_job *job)
     free(job->last_bounds);
     free(job->document);
     free(job->result);
+    free(job->labels);
     free(job->key);
     qm_job_request_reset(&job->request);
     for (int i = 0; i < 2; i++) /* of a job that has not run */
@@ -92,6 +94,8 @@ qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request, const char *client
     job->jobs = jobs;
     job->key = qm_job_make_key(request);
     job->request = qm_job_request_take(request);
+    job->labels = job->request.labels; /* which may change, and are no part of the request any more */
+    job->request.labels = NULL;
     qm_id_make('j', job->id);
     qm_clock_format(job->created);
     job->submitted_ms = qm_clock_now_ms();
@@ -164,6 +168,9 @@ static qm_job *job_from_row(qm_jobs *jobs, const qm_store_job *row)
     job->state = row->state;
     job->document = row->document ? strdup(row->document) : NULL;
     job->result = row->result ? strdup(row->result) : NULL;
+    job->labels = row->labels ? strdup(row->labels) : NULL;
+    qm_former_names_replace(job->document);
+    qm_former_names_replace(job->result);
     job->references = 1;
     job->is_from_row = true;
     qm_job_set_restarts(job, row->restarts);
@@ -191,11 +198,43 @@ bool qm_job_is_listed(qm_jobs *jobs, const char *id)
     return job;
 }
 
+/** Puts labels in the place of those of a job in memory. */
+static void replace_labels(qm_job *job, const char *labels)
+{
+    char *own = labels ? strdup(labels) : NULL;
+    uv_mutex_lock(&job->jobs->lock);
+    free(job->labels);
+    job->labels = own;
+    uv_mutex_unlock(&job->jobs->lock);
+}
+
+/** Reads the labels of a listed job, which another node may have changed. */
+static void refresh_labels(qm_job *job)
+{
+    qm_store_job row;
+    if (qm_store_find_job(job->jobs->store, job->id, &row) != QM_STORED) return;
+    replace_labels(job, row.labels);
+    qm_store_job_reset(&row);
+}
+
+bool qm_jobs_set_labels(qm_jobs *jobs, qm_job *job, const char *labels, qm_problem *problem)
+{
+    qm_stored stored = qm_store_set_job_labels(jobs->store, job->id, labels ? labels : "");
+    if (stored == QM_STORED)
+        replace_labels(job, labels);
+    else
+        *problem = stored == QM_STORED_NONE
+                       ? qm_store_read_problem(stored, QM_PROBLEM_JOB_NOT_FOUND, "job %s", job->id)
+                       : qm_store_write_problem(stored, "the labels of the job");
+    return stored == QM_STORED;
+}
+
 qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem)
 {
     QM_ASSERT(id && problem);
     qm_store_job row;
     qm_job *job = find_listed(jobs, id);
+    if (job && qm_store_is_shared(jobs->store)) refresh_labels(job);
     if (job) return job;
     qm_stored stored = qm_store_find_job(jobs->store, id, &row);
     if (stored != QM_STORED) {
@@ -234,12 +273,23 @@ static qm_job *find_by_idempotency_key(qm_jobs *jobs, const char *key, const cha
     return job;
 }
 
-qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions)
+/** True when a list has all labels of another one. */
+static bool has_labels(const char *list, const char *wanted)
+{
+    for (const char *at = wanted; at && *at && at[1]; at += 1 + strcspn(at + 1, "\n")) {
+        char line[QM_MESH_LABEL_SIZE + 2];
+        snprintf(line, sizeof line, "\n%.*s\n", (int)strcspn(at + 1, "\n"), at + 1);
+        if (!list || !strstr(list, line)) return false;
+    }
+    return true;
+}
+
+qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions, const char *labels)
 {
     qm_store_job row;
     if (qm_store_find_job_by_key(jobs->store, key, revisions, QM_JOB_SUCCEEDED, &row) != QM_STORED)
         return NULL;
-    qm_job *job = job_from_row(jobs, &row);
+    qm_job *job = has_labels(row.labels, labels) ? job_from_row(jobs, &row) : NULL;
     qm_store_job_reset(&row);
     return job;
 }
@@ -338,6 +388,7 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, co
                         .type = qm_job_type_of(job->request.kind)->name,
                         .subjects = subjects,
                         .created = job->created,
+                        .labels = job->labels,
                         .state = QM_JOB_QUEUED};
     memcpy(row.id, job->id, sizeof row.id);
     const qm_store_submission stored_submission = {.job = &row,
@@ -372,7 +423,8 @@ static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, c
     if (!qm_job_runner_of(submission->request->kind)->check(jobs, submission->request, revisions, problem))
         return NULL;
     bool may_be_cached = submission->use_cache && qm_job_type_of(submission->request->kind)->is_pure;
-    qm_job *cached = may_be_cached ? qm_job_find_cached(jobs, key, revisions) : NULL;
+    qm_job *cached =
+        may_be_cached ? qm_job_find_cached(jobs, key, revisions, submission->request->labels) : NULL;
     *is_cached = cached != NULL;
     return cached;
 }
@@ -560,6 +612,8 @@ qm_job_counts qm_jobs_count(qm_jobs *jobs)
 
 void qm_job_set_row(qm_job *job, const qm_store_job *row)
 {
+    free(job->labels);
+    job->labels = row->labels ? strdup(row->labels) : NULL;
     memcpy(job->id, row->id, sizeof job->id);
     snprintf(job->created, sizeof job->created, "%s", row->created);
     qm_job_set_restarts(job, row->restarts);

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "former_names.h"
 #include "job_internal.h"
 #include "ops/json_out.h"
 #include "store/result_file.h"
@@ -54,12 +55,13 @@ char *qm_job_write_members(const qm_job *job, qm_job_state state, const char *pr
     return qm_text_take(&out);
 }
 
-/** The resource of its members, with a result and the mark of a cached one when there are. */
-static char *join_document(const char *members, const char *result, bool is_cached)
+/** The resource of its members, with its labels, and a result and the mark of a cached one when there are. */
+static char *join_document(const char *members, const char *labels, const char *result, bool is_cached)
 {
     qm_text out = {0};
     qm_text_add_string(&out, "{");
     qm_text_add_string(&out, members);
+    qm_mesh_write_labels(&out, labels);
     if (result) {
         qm_text_add_string(&out, ",\"result\":");
         qm_text_add_string(&out, result);
@@ -74,7 +76,7 @@ static char *write_document(qm_jobs *jobs, const qm_job *job, bool is_cached, bo
     const qm_job *runs = job->leader ? job->leader : job;
     char *now = job->document ? NULL : qm_job_write_members(job, runs->state, NULL);
     const char *members = job->document ? job->document : now;
-    char *document = members ? join_document(members, job->result, is_cached) : NULL;
+    char *document = members ? join_document(members, job->labels, job->result, is_cached) : NULL;
     *has_ended = job->state > QM_JOB_RUNNING;
     uv_mutex_unlock(&jobs->lock);
     free(now);
@@ -105,7 +107,11 @@ char *qm_job_result_object(qm_jobs *jobs, qm_job *job)
 /** The document of a row: as stored, or that of the job as it is now. NULL: out of memory. */
 static char *document_of_row(qm_jobs *jobs, const qm_store_job *row)
 {
-    if (row->document) return join_document(row->document, row->result, false);
+    if (row->document) {
+        qm_former_names_replace(row->document);
+        qm_former_names_replace(row->result);
+        return join_document(row->document, row->labels, row->result, false);
+    }
     qm_problem problem;
     qm_job *job = qm_jobs_find(jobs, row->id, &problem);
     char *document = job ? qm_job_document(jobs, job, false) : NULL;

@@ -13,6 +13,11 @@
 #include "ops/job_kinds_internal.h"
 #include "ops/json_request.h"
 
+static bool read_labels(const cJSON *value, qm_job_request *out, qm_json_location *at)
+{
+    return cJSON_IsNull(value) || qm_mesh_read_labels(value, &out->labels, at);
+}
+
 /** The fields of all kinds. */
 static const qm_job_field shared[] = {
     {"type", QM_FIELD_CHOICE, QM_FIELD_AT(kind), .is_required = true, .names = qm_job_kind_names},
@@ -20,6 +25,7 @@ static const qm_job_field shared[] = {
     {"detach", QM_FIELD_FLAG, QM_FIELD_AT(detach)},
     {"priority", QM_FIELD_CHOICE, QM_FIELD_AT(priority), .names = qm_priority_names},
     {"deadline_ms", QM_FIELD_POSITIVE, QM_FIELD_AT(deadline_ms)},
+    {"labels", QM_FIELD_OTHER, .read = read_labels, .expected = QM_MESH_LABELS},
     {0}};
 _Static_assert(sizeof(qm_job_kind) == sizeof(int) && sizeof(qm_direction) == sizeof(int) &&
                    sizeof(qm_quad_reading) == sizeof(int) && sizeof(qm_collide_mode) == sizeof(int) &&
@@ -38,7 +44,7 @@ static bool read_value(const qm_job_field *field, const cJSON *value, qm_job_req
     int index;
     switch (field->type) {
     case QM_FIELD_ID:
-        return qm_json_read_mesh_name(cJSON_GetStringValue(value), member);
+        return qm_json_read_mesh_name(cJSON_GetStringValue(value), member) && !qm_json_hash_of_name(member);
     case QM_FIELD_MESH:
         return qm_json_read_mesh(value, member, &out->pose[field->offset == offsetof(qm_job_request, b)], at);
     case QM_FIELD_POSITIVE:
@@ -56,6 +62,7 @@ static bool read_value(const qm_job_field *field, const cJSON *value, qm_job_req
         return cJSON_IsBool(value);
     case QM_FIELD_CHOICE:
         index = qm_json_find_name(value, field->names);
+        if (field->name_count > 0 && index >= field->name_count) index = 0;
         if (index >= 0) memcpy(member, &index, sizeof index);
         return index >= 0;
     case QM_FIELD_SWITCH:
@@ -68,8 +75,9 @@ static bool read_value(const qm_job_field *field, const cJSON *value, qm_job_req
     return field->read(value, out, at);
 }
 
-/** Reports a value that is not as the field needs it. */
-static void report_value(const qm_job_field *field, const qm_json_location *at, qm_problem *problem)
+/** Reports a value that is not as the field needs it; name is that of the member of the request. */
+static void report_value(const qm_job_field *field, const char *name, const qm_json_location *at,
+                         qm_problem *problem)
 {
     char text[192] = "must be ";
     const char *message = field->expected ? field->expected : text;
@@ -102,12 +110,13 @@ static void report_value(const qm_job_field *field, const qm_json_location *at, 
         case QM_FIELD_OTHER:
             break;
         }
-    qm_json_report_at(problem, field->name, at, message);
+    qm_json_report_at(problem, name, at, message);
 }
 
 /* ---- requests ---- */
 
-#define MAX_FIELDS 32 /* of one kind */
+#define MAX_FIELDS 32   /* of one kind */
+#define ENGINE "engine" /* the object of those that are the engine's own */
 
 /** True for fields that read the same member of the request: one, or two names of one. */
 static bool is_same(const qm_job_field *a, const qm_job_field *b)
@@ -128,35 +137,79 @@ static void report_missing(const qm_job_field *fields, const qm_job_field *const
     }
 }
 
+/** A request while it is read: the fields that were seen. */
+typedef struct reading {
+    const qm_job_field *own; /* fields of the kind */
+    const qm_job_field *seen[MAX_FIELDS];
+    size_t count;
+    qm_job_request *out;
+    qm_problem *problem;
+} reading;
+
+/** Reads a member whose field is known, or NULL for none; in the object `engine`, or beside it. */
+static void read_member(reading *r, const qm_job_field *known, const cJSON *member, bool is_in_engine)
+{
+    qm_json_location here = {.member = is_in_engine ? member->string : NULL}, at = here;
+    const char *name = is_in_engine ? ENGINE : member->string;
+    size_t i = 0;
+    while (known && i < r->count && !is_same(r->seen[i], known))
+        i++;
+    if (!known)
+        qm_json_report_at(r->problem, name, &here, "is not a field of this job");
+    else if (i < r->count)
+        qm_json_report_at(r->problem, name, &here, "is given more than once");
+    else if (!read_value(known, member, r->out, &at))
+        report_value(known, name, &at, r->problem);
+    if (known && i == r->count) {
+        QM_ASSERT(r->count < MAX_FIELDS);
+        r->seen[r->count++] = known;
+    }
+}
+
+/** True when a kind has fields that belong to `engine`. */
+static bool has_engine(const qm_job_field *fields)
+{
+    while (fields->name && !fields->is_engine)
+        fields++;
+    return fields->name;
+}
+
+static void read_engine(reading *r, const cJSON *object)
+{
+    if (!cJSON_IsObject(object)) {
+        qm_json_report(r->problem, ENGINE, "must be an object");
+        return;
+    }
+    for (const cJSON *member = object->child; member; member = member->next) {
+        const qm_job_field *known = qm_job_find_field(r->own, member->string);
+        read_member(r, known && known->is_engine ? known : NULL, member, true);
+    }
+}
+
 static void read_members(const cJSON *object, qm_job_request *out, qm_problem *problem)
 {
-    const qm_job_field *seen[MAX_FIELDS];
-    size_t count = 0;
+    reading r = {.out = out, .problem = problem};
     /* The type decides which other members are allowed. Without a valid one they are checked against the
      * default. */
     int given = qm_json_find_name(cJSON_GetObjectItemCaseSensitive(object, "type"), qm_job_kind_names);
     if (given >= 0) out->kind = (qm_job_kind)given;
-    const qm_job_field *own = qm_job_hooks_of(out->kind)->fields;
+    r.own = qm_job_hooks_of(out->kind)->fields;
+    bool has_read_engine = false;
     for (const cJSON *member = object->child; member; member = member->next) {
-        const qm_job_field *known = qm_job_find_field(shared, member->string);
-        if (!known) known = qm_job_find_field(own, member->string);
-        qm_json_location at = {0};
-        size_t i = 0;
-        while (known && i < count && !is_same(seen[i], known))
-            i++;
-        if (!known)
-            qm_json_report(problem, member->string, "is not a field of this job");
-        else if (i < count)
-            qm_json_report(problem, member->string, "is given more than once");
-        else if (!read_value(known, member, out, &at))
-            report_value(known, &at, problem);
-        if (known && i == count) {
-            QM_ASSERT(count < MAX_FIELDS);
-            seen[count++] = known;
+        if (strcmp(member->string, ENGINE) == 0 && !has_read_engine && has_engine(r.own)) {
+            read_engine(&r, member);
+            has_read_engine = true;
+            continue;
         }
+        const qm_job_field *known = qm_job_find_field(shared, member->string);
+        if (!known) known = qm_job_find_field(r.own, member->string);
+        if (!known && has_read_engine && strcmp(member->string, ENGINE) == 0)
+            qm_json_report(problem, ENGINE, "is given more than once");
+        else
+            read_member(&r, known, member, false);
     }
-    report_missing(shared, seen, count, problem);
-    report_missing(own, seen, count, problem);
+    report_missing(shared, r.seen, r.count, problem);
+    report_missing(r.own, r.seen, r.count, problem);
     const qm_job_hooks *hooks = qm_job_hooks_of(out->kind);
     if (problem->error_count == 0 && hooks->check) hooks->check(out, problem);
 }
@@ -202,4 +255,22 @@ bool qm_json_read_batch_line(const char *text, size_t size, qm_text *key, qm_job
     cJSON *object = qm_json_parse_object(text, size, "a job", problem);
     take_key(object, key, problem);
     return object && read_request(object, out, problem);
+}
+
+bool qm_json_read_labels(const char *text, size_t size, char **out, qm_problem *problem)
+{
+    static const char *const known[] = {"labels", NULL};
+    cJSON *object = qm_json_parse_object(text, size, "a change of a job", problem);
+    *out = NULL;
+    if (!object) return false;
+    const cJSON *labels = cJSON_GetObjectItemCaseSensitive(object, "labels");
+    qm_json_location at = {0};
+    bool is_read = qm_json_check_members(object, known, problem);
+    if (is_read) *problem = (qm_problem){.code = QM_PROBLEM_COUNT};
+    if (is_read && !labels)
+        qm_json_report(problem, "labels", "is missing");
+    else if (is_read && !cJSON_IsNull(labels) && !qm_mesh_read_labels(labels, out, &at))
+        qm_json_report_at(problem, "labels", &at, QM_MESH_LABELS);
+    cJSON_Delete(object);
+    return is_read && problem->error_count == 0;
 }

@@ -24,4 +24,7 @@ bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_pro
 bool qm_json_read_batch_line(const char *text, size_t size, qm_text *key, qm_job_request *out,
                              qm_problem *problem);
 
+/** Reads the body of a change of a job: its labels from now on, for free(); NULL is none. False with a problem (400, 507). */
+bool qm_json_read_labels(const char *text, size_t size, char **out, qm_problem *problem);
+
 #endif

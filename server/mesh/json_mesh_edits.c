@@ -68,10 +68,10 @@ bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertice
     return false;
 }
 
-/** The labels of an array; false when they are none, or out of memory. */
-static bool read_labels(const cJSON *value, char **out, qm_json_location *at)
+bool qm_mesh_read_labels(const cJSON *value, char **out, qm_json_location *at)
 {
     qm_text labels = {0};
+    *out = NULL;
     bool is_good = cJSON_IsArray(value);
     at->depth = is_good;
     for (const cJSON *label = is_good ? value->child : NULL; label; label = label->next, at->index[0]++) {
@@ -105,7 +105,7 @@ static void read_change(const cJSON *object, qm_mesh_change *out, qm_problem *pr
     if (uncertainty && !cJSON_IsNull(uncertainty) &&
         !(qm_json_read_number(uncertainty, &out->notes.uncertainty) && out->notes.uncertainty >= 0.0))
         qm_json_report(problem, "uncertainty", "must be a number of 0 or more, or null");
-    if (labels && !cJSON_IsNull(labels) && !read_labels(labels, &out->labels, &at))
+    if (labels && !cJSON_IsNull(labels) && !qm_mesh_read_labels(labels, &out->labels, &at))
         qm_json_report_at(problem, "labels", &at, QM_MESH_LABELS);
     if (!ttl && !unit && !uncertainty && !labels)
         qm_json_report(problem, "ttl_seconds", "is missing, and every other field, too");

@@ -689,6 +689,18 @@ bool qm_mesh_add_label(qm_text *labels, const char *label, size_t length)
     return true;
 }
 
+void qm_mesh_write_labels(qm_text *out, const char *labels)
+{
+    qm_json_open(out, "labels", "[");
+    for (const char *at = labels; at && *at && at[1]; at += 1 + strcspn(at + 1, "\n")) {
+        char label[QM_MESH_LABEL_SIZE];
+        snprintf(label, sizeof label, "%.*s", (int)strcspn(at + 1, "\n"), at + 1);
+        qm_json_add_comma(out);
+        qm_json_add_quoted(out, label);
+    }
+    qm_text_add_string(out, "]");
+}
+
 /** An upload of a mesh that exists: it lives for the longer of both times. store_lock is held. */
 static bool extend_life(qm_meshes *meshes, qm_store_mesh *row, double ttl_s)
 {

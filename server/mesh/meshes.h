@@ -153,6 +153,12 @@ bool qm_json_read_mesh_change(const char *text, size_t size, qm_mesh_change *out
 #define QM_MESH_LABELS "must be at most 16 words of up to 64 letters, digits and . _ - : /"
 /** Adds a label to a list as of qm_store_mesh unless it is there; false when it is not one, or one too many. */
 bool qm_mesh_add_label(qm_text *labels, const char *label, size_t length);
+struct cJSON;
+struct qm_json_location;
+/** Reads an array of labels into a list on the heap, NULL for none; false for other values, with the location of the fault. */
+bool qm_mesh_read_labels(const struct cJSON *value, char **out, struct qm_json_location *at);
+/** Adds the member labels: the array of a list, or of none for NULL. */
+void qm_mesh_write_labels(qm_text *out, const char *labels);
 
 /** The body of a request for a moved copy. */
 typedef struct qm_moved_copy {

@@ -17,7 +17,7 @@ const char *const qm_job_kind_names[] = {QM_JOB_MAP(XX) NULL};
 const char *const qm_quads_names[] = {"triangles", "bilinear", NULL};
 const char *const qm_accelerator_names[] = {"auto", "boxes", "tetra", "grid", NULL};
 const char *const qm_job_box_names[] = {"auto", "boxes", NULL};
-const char *const qm_tolerance_unit_names[] = {"relative", "absolute", NULL};
+const char *const qm_gap_unit_names[] = {"relative", "absolute", NULL};
 
 qm_job_request qm_job_request_default(void)
 {
@@ -50,6 +50,8 @@ void qm_job_request_reset(qm_job_request *request)
     free(request->meshes);
     request->meshes = NULL;
     request->mesh_count = 0;
+    free(request->labels);
+    request->labels = NULL;
 }
 
 qm_job_request qm_job_request_take(qm_job_request *request)
@@ -57,6 +59,7 @@ qm_job_request qm_job_request_take(qm_job_request *request)
     qm_job_request taken = *request;
     request->points = NULL;
     request->meshes = NULL;
+    request->labels = NULL;
     request->point_count = request->mesh_count = 0;
     return taken;
 }
@@ -111,32 +114,46 @@ double qm_job_tolerance(const qm_job_call *call)
     return qm_job_tolerance_of(call->request, call->a->diagonal);
 }
 
-void qm_job_add_tolerance(qm_text *out, const qm_job_request *request)
+void qm_job_add_gap(qm_text *out, const qm_job_request *request)
 {
-    qm_json_add_number(out, "tolerance", request->tolerance);
-    qm_json_add_string(out, "tolerance_unit", qm_tolerance_unit_names[request->tolerance_is_absolute]);
+    qm_json_add_number(out, "gap", request->tolerance);
+    qm_json_add_string(out, "gap_unit", qm_gap_unit_names[request->tolerance_is_absolute]);
 }
 
-void qm_job_add_accelerator(qm_text *out, const qm_job_request *request)
+void qm_job_add_engine(qm_text *out, const qm_job_request *request)
 {
-    if (request->accelerator != QM_ACCELERATOR_AUTO)
-        qm_json_add_string(out, "accelerator", qm_accelerator_names[request->accelerator]);
+    const qm_job_request defaults = qm_job_request_default();
+    bool is_open = false;
+    for (const qm_job_field *field = qm_job_hooks_of(request->kind)->fields; field->name; field++) {
+        const void *value = (const char *)request + field->offset,
+                   *usual = (const char *)&defaults + field->offset;
+        bool is_count = field->type == QM_FIELD_COUNT;
+        if (!field->is_engine || memcmp(value, usual, is_count ? sizeof(size_t) : sizeof(int)) == 0) continue;
+        QM_ASSERT(is_count || field->type == QM_FIELD_CHOICE);
+        if (!is_open) qm_json_open(out, "engine", "{");
+        is_open = true;
+        if (is_count)
+            qm_json_add_count(out, field->name, *(const size_t *)value);
+        else
+            qm_json_add_string(out, field->name, field->names[*(const int *)value]);
+    }
+    if (is_open) qm_text_add_string(out, "}");
 }
 
-double qm_job_uncertainty(const qm_job_result *result)
+qm_interval qm_job_widen(qm_interval interval, double a, double b)
 {
-    double a = result->notes[0].uncertainty, b = result->notes[1].uncertainty;
-    return a > 0.0 && b > 0.0 ? nextafter(a + b, INFINITY) : a + b;
+    double uncertainty = a > 0.0 && b > 0.0 ? nextafter(a + b, INFINITY) : a + b;
+    if (!(uncertainty > 0.0)) return interval;
+    double lower = nextafter(interval.lower - uncertainty, 0.0);
+    return (qm_interval){interval.lower > uncertainty ? lower : 0.0,
+                         nextafter(interval.upper + uncertainty, INFINITY)};
 }
 
 void qm_job_add_of_true(qm_text *out, const qm_job_result *result, qm_interval interval)
 {
-    double uncertainty = qm_job_uncertainty(result);
-    if (!(uncertainty > 0.0)) return;
-    double lower = nextafter(interval.lower - uncertainty, 0.0);
-    const qm_interval of_true = {interval.lower > uncertainty ? lower : 0.0,
-                                 nextafter(interval.upper + uncertainty, INFINITY)};
-    qm_json_add_interval(out, "of_true", of_true, result->diagonal);
+    double a = result->notes[0].uncertainty, b = result->notes[1].uncertainty;
+    if (a > 0.0 || b > 0.0)
+        qm_json_add_interval(out, "of_true", qm_job_widen(interval, a, b), result->diagonal);
 }
 
 static double prepare_ms(const qm_loaded_mesh *mesh)

@@ -53,7 +53,7 @@ extern const char *const qm_align_fit_names[];       /* qm_align_fit */
 extern const char *const qm_align_start_names[];     /* qm_align_start */
 extern const char *const qm_align_motion_names[];    /* qm_align_motion */
 extern const char *const qm_align_direction_names[]; /* qm_job_align_direction */
-extern const char *const qm_tolerance_unit_names[];  /* qm_job_request.tolerance_is_absolute */
+extern const char *const qm_gap_unit_names[];        /* qm_job_request.tolerance_is_absolute */
 extern const char *const qm_sign_names[];            /* qm_sign */
 extern const char *const qm_relation_names[];        /* qm_relation */
 
@@ -135,6 +135,9 @@ bool qm_job_equal_poses(const qm_job_pose *a, const qm_job_pose *b);
 /** The hash in the name of a mesh; NULL when the name is an id. */
 const char *qm_json_hash_of_name(const char *name);
 
+/** True for the hash of a file as it is written in names: 64 digits, a to f among them. */
+bool qm_json_is_hash(const char *text);
+
 /** A mesh of a set. */
 typedef struct qm_job_member {
     char name[QM_JOB_MESH_SIZE];
@@ -157,6 +160,7 @@ typedef struct qm_job_set {
     qm_matrix_progress_fn *progress; /* NULL: none */
     const size_t
         *same; /* of each mesh the first one with the same surface, or itself; NULL: none is known to */
+    const double *uncertainty; /* of each mesh where it lies, once it was acquired; NULL: all are exact */
     void *user;
 } qm_job_set;
 /** A request; fields of other kinds keep their defaults. */
@@ -171,6 +175,7 @@ typedef struct qm_job_request {
     bool detach; /* the job continues when the client that streams it disconnects */
     qm_priority priority;
     double deadline_ms; /* from submission on; 0: none */
+    char *labels;       /* as of a mesh; malloc'ed, owned by the request; NULL: none */
 
     /* hausdorff, deviation and comparison for their maxima, distance, and collisions of bilinear quads */
     double tolerance;
@@ -240,7 +245,7 @@ typedef struct qm_job_request {
  * Collisions: all pairs, 1000 of them listed. Alignment: those of the engine. */
 qm_job_request qm_job_request_default(void);
 
-/** Frees the points and the list of meshes. */
+/** Frees the points, the list of meshes, and the labels. */
 void qm_job_request_reset(qm_job_request *request);
 
 /** Takes over what a request owns: the same request, and the other one owns nothing any more. */
@@ -286,7 +291,8 @@ typedef struct qm_job_result {
 
     /* matrix */
     qm_matrix matrix;
-    double *matrix_rows; /* two indices, lower and upper bound: matrix.pair_count */
+    double *matrix_rows;        /* two indices, lower and upper bound: matrix.pair_count */
+    double *matrix_uncertainty; /* of each mesh; NULL: all are exact */
 
     /* reconstruction_step */
     qm_refine_stop refine_stop;

@@ -34,9 +34,11 @@ typedef struct qm_job_field {
     const char *name;
     qm_field_type type;
     size_t offset; /* of the member of qm_job_request; not of OTHER */
-    bool is_required;
+    bool is_required,
+        is_engine; /* is_engine: a member of `engine`; outside of it, where it was in the version before, as well */
     double min, max;          /* of COUNT and INTEGER */
     const char *const *names; /* of CHOICE and SWITCH, NULL-ended */
+    int name_count;           /* of CHOICE: those after so many are former names of the first; 0: none is */
     bool (*read)(const struct cJSON *value, qm_job_request *out, struct qm_json_location *at); /* of OTHER */
     const char
         *expected; /* the text of the error, of ID and OTHER; else NULL: made of the type and its limits */
@@ -63,21 +65,23 @@ typedef struct qm_job_field {
         "quads", QM_FIELD_CHOICE, QM_FIELD_AT(quads), .names = qm_quads_names                                \
     }
 /** The width of an interval; tolerance is its name of the version before. */
-#define QM_JOB_FIELDS_TOLERANCE                                                                              \
+#define QM_JOB_FIELDS_GAP                                                                                    \
     {"gap", QM_FIELD_POSITIVE, QM_FIELD_AT(tolerance)},                                                      \
-        {"gap_unit", QM_FIELD_SWITCH, QM_FIELD_AT(tolerance_is_absolute), .names = qm_tolerance_unit_names}, \
+        {"gap_unit", QM_FIELD_SWITCH, QM_FIELD_AT(tolerance_is_absolute), .names = qm_gap_unit_names},       \
         {"tolerance", QM_FIELD_POSITIVE, QM_FIELD_AT(tolerance)},                                            \
     {                                                                                                        \
-        "tolerance_unit", QM_FIELD_SWITCH, QM_FIELD_AT(tolerance_is_absolute),                               \
-            .names = qm_tolerance_unit_names                                                                 \
+        "tolerance_unit", QM_FIELD_SWITCH, QM_FIELD_AT(tolerance_is_absolute), .names = qm_gap_unit_names    \
     }
 #define QM_JOB_FIELDS_AVERAGES                                                                               \
-    {"accuracy", QM_FIELD_POSITIVE, QM_FIELD_AT(accuracy)},                                                  \
-        {"pieces", QM_FIELD_COUNT, QM_FIELD_AT(pieces), .max = QM_JOB_MAX_PIECES},                           \
+    {"accuracy", QM_FIELD_POSITIVE, QM_FIELD_AT(accuracy)}, QM_JOB_FIELD_PIECES,                             \
     {                                                                                                        \
         "percentiles", QM_FIELD_OTHER,                                                                       \
             .read = qm_averages_read_percentiles,                                                            \
             .expected = "must be an array of at most 64 numbers above 0 and at most 100"                     \
+    }
+#define QM_JOB_FIELD_PIECES                                                                                  \
+    {                                                                                                        \
+        "pieces", QM_FIELD_COUNT, QM_FIELD_AT(pieces), .is_engine = true, .max = QM_JOB_MAX_PIECES           \
     }
 /** What a sign, bands and regions beyond a limit take. */
 #define QM_JOB_FIELDS_SIDES                                                                                  \
@@ -90,12 +94,14 @@ typedef struct qm_job_field {
     }
 #define QM_JOB_FIELD_ACCELERATOR                                                                             \
     {                                                                                                        \
-        "accelerator", QM_FIELD_CHOICE, QM_FIELD_AT(accelerator), .names = qm_accelerator_names              \
+        "accelerator", QM_FIELD_CHOICE, QM_FIELD_AT(accelerator), .is_engine = true,                         \
+                                                                  .names = qm_accelerator_names              \
     }
 /** The accelerators of a kind that has one way to search: the first ones. */
 #define QM_JOB_FIELD_BOXES                                                                                   \
     {                                                                                                        \
-        "accelerator", QM_FIELD_CHOICE, QM_FIELD_AT(accelerator), .names = qm_job_box_names                  \
+        "accelerator", QM_FIELD_CHOICE, QM_FIELD_AT(accelerator), .is_engine = true,                         \
+                                                                  .names = qm_job_box_names                  \
     }
 extern const char *const qm_job_box_names[];
 
@@ -160,16 +166,16 @@ const qm_job_field *qm_job_find_field(const qm_job_field *fields, const char *na
 double qm_job_tolerance_of(const qm_job_request *request, double diagonal);
 double qm_job_tolerance(const qm_job_call *call);
 
-/** By how much a distance between the meshes of a result may differ from that of the true surfaces, rounded up: the
- * Hausdorff distance of each to its true surface, added, as all distances between sets change by no more. */
-double qm_job_uncertainty(const qm_job_result *result);
+/** An interval of a distance between two meshes, widened to hold that of the true surfaces, rounded outward: by the
+ * uncertainties a and b, the Hausdorff distance of each to its true surface at most, as all distances between sets change by no more. */
+qm_interval qm_job_widen(qm_interval interval, double a, double b);
 
 /** Adds the member of_true: an interval of a distance between the true surfaces, unless they are the meshes. */
 void qm_job_add_of_true(qm_text *out, const qm_job_result *result, qm_interval interval);
 
-/** Adds the members tolerance and tolerance_unit; and accelerator, unless it is the default. */
-void qm_job_add_tolerance(qm_text *out, const qm_job_request *request);
-void qm_job_add_accelerator(qm_text *out, const qm_job_request *request);
+/** Adds the members gap and gap_unit; and the object `engine` of what differs from the defaults in it, if anything does. */
+void qm_job_add_gap(qm_text *out, const qm_job_request *request);
+void qm_job_add_engine(qm_text *out, const qm_job_request *request);
 
 /* Of kinds with averages over a surface (kind_averages.c). */
 bool qm_averages_read_percentiles(const struct cJSON *value, qm_job_request *out,

@@ -15,15 +15,17 @@ const char *qm_json_hash_of_name(const char *name)
     return strncmp(name, QM_JOB_HASH_PREFIX, prefix) == 0 ? name + prefix : NULL;
 }
 
-static bool is_hash_name(const char *text)
+bool qm_json_is_hash(const char *text)
 {
-    const char *hash = qm_json_hash_of_name(text);
-    return hash && strlen(hash) == QM_HASH_SIZE - 1 && strspn(hash, "0123456789abcdef") == QM_HASH_SIZE - 1;
+    return strlen(text) == QM_HASH_SIZE - 1 && strspn(text, "0123456789abcdef") == QM_HASH_SIZE - 1;
 }
 
 bool qm_json_read_mesh_name(const char *text, char out[QM_JOB_MESH_SIZE])
 {
-    if (!text || !text[0] || (strlen(text) >= QM_ID_SIZE && !is_hash_name(text))) return false;
+    static const char letters[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_.-";
+    const char *hash = text ? qm_json_hash_of_name(text) : NULL;
+    if (!text || !text[0] || (hash && !qm_json_is_hash(hash))) return false;
+    if (!hash && (strlen(text) >= QM_ID_SIZE || text[strspn(text, letters)])) return false;
     strcpy(out, text);
     return true;
 }

@@ -185,6 +185,7 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
         qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     if (request->threads > 0) qm_json_add_count(out, "threads", (uint64_t)request->threads);
     hooks->write_request(out, request, is_brief);
+    qm_job_add_engine(out, request);
     if (request->deadline_ms > 0.0) qm_json_add_number(out, "deadline_ms", request->deadline_ms);
     /* It does not change the result: it is no part of the key. */
     if (is_brief && request->priority != QM_PRIORITY_NORMAL)

@@ -141,13 +141,16 @@ bool qm_json_read_points(const cJSON *value, double **points, size_t *count, qm_
 
 /* ---- reports ---- */
 
-/** A JSON pointer to a member, or to an entry of it: ~ and / of the name become ~0 and ~1; long names are cut off, and
- * control characters and non-ASCII bytes become "?". */
-static void make_pointer(char out[POINTER_SIZE], const char *name, const qm_json_location *at)
+#define MAX_NAME 64 /* characters of a name in a pointer */
+
+/** Adds a name to a pointer: its ~ and / become ~0 and ~1; a long one is cut off, and control characters and non-ASCII bytes
+ * become "?". Returns the new length. */
+static size_t point_to(char out[POINTER_SIZE], size_t length, const char *name)
 {
-    size_t length = 0;
+    size_t room = POINTER_SIZE - 4; /* for a slash, a character of two, and the end */
+    size_t end = length + MAX_NAME < room ? length + MAX_NAME : room;
     out[length++] = '/';
-    for (const char *c = name; *c && length < 64; c++) {
+    for (const char *c = name; *c && length < end; c++) {
         if ((unsigned char)*c < 0x20 || (unsigned char)*c >= 0x7f) {
             out[length++] = '?';
         } else if (*c == '~' || *c == '/') {
@@ -157,11 +160,17 @@ static void make_pointer(char out[POINTER_SIZE], const char *name, const qm_json
             out[length++] = *c;
         }
     }
-    QM_ASSERT(length < POINTER_SIZE && at->depth <= 2);
     out[length] = '\0';
+    return length;
+}
+
+/** A JSON pointer to a member, or to an entry of it. */
+static void make_pointer(char out[POINTER_SIZE], const char *name, const qm_json_location *at)
+{
+    QM_ASSERT(at->depth <= 2);
+    size_t length = point_to(out, 0, name);
     for (int i = 0; i <= at->depth; i++) {
-        if (at->member && i == at->member_depth)
-            length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%s", at->member);
+        if (at->member && i == at->member_depth) length = point_to(out, length, at->member);
         if (i < at->depth)
             length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%zu", at->index[i]);
     }

@@ -67,7 +67,11 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     options.landmark_count = request->landmark_count;
     options.thread_count = call->threads;
     qm_status status = qm_align_find(call->ctx, call->a->bvh, call->b->bvh, &options, &out->alignment);
-    return status == QM_OK ? measure_moved(call, out) : status;
+    if (status != QM_OK) return status;
+    /* The true A goes with A: it is as near to the moved one as the motion leaves it. */
+    const qm_transform_change moved = qm_transform_find_change(out->alignment.transform, &call->a->mesh);
+    qm_mesh_move_notes(&moved, &out->notes[0]);
+    return measure_moved(call, out);
 }
 
 /* ---- the request ---- */
@@ -137,7 +141,7 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     if (isfinite(align->max_distance)) qm_json_add_number(out, "max_distance", align->max_distance);
     if (align->may_mirror) qm_json_add_bool(out, "mirror", true);
     qm_json_add_count(out, "samples", align->sample_count);
-    qm_job_add_tolerance(out, request);
+    qm_job_add_gap(out, request);
     if (request->landmark_count == 0) return;
     qm_json_open(out, "landmarks", "[");
     for (size_t i = 0; i < request->landmark_count; i++) {
@@ -169,11 +173,12 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     qm_text_add_string(out, "}");
     qm_json_open(out, "hausdorff", "{");
     qm_json_add_lower_upper(out, h->lower, h->upper, result->diagonal);
+    qm_job_add_of_true(out, result, (qm_interval){h->lower, h->upper});
     qm_json_add_bool(out, "converged", h->stop == QM_STOP_CONVERGED);
     qm_text_add_string(out, "}");
     qm_json_add_string(out, "fit", qm_align_fit_names[request->align.fit]);
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
-    qm_json_add_number(out, "tolerance", result->tolerance);
+    qm_json_add_number(out, "gap", result->tolerance);
     qm_json_add_count(out, "iterations", align->iterations);
     qm_json_add_count(out, "rounds", align->rounds);
     qm_json_add_bool(out, "converged", align->is_converged);
@@ -184,7 +189,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
 static const qm_job_field fields[] = {
     QM_JOB_FIELD_PAIR,
     QM_JOB_FIELD_QUADS,
-    QM_JOB_FIELDS_TOLERANCE,
+    QM_JOB_FIELDS_GAP,
     {"fit", QM_FIELD_CHOICE, QM_FIELD_AT(align.fit), .names = qm_align_fit_names},
     {"start", QM_FIELD_CHOICE, QM_FIELD_AT(align.start), .names = qm_align_start_names},
     {"motion", QM_FIELD_CHOICE, QM_FIELD_AT(align.motion), .names = qm_align_motion_names},

@@ -122,7 +122,7 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     (void)is_brief;
     qm_json_add_string(out, "mode", qm_collide_mode_names[request->mode]);
     qm_json_add_count(out, "limit", request->list_limit);
-    qm_job_add_tolerance(out, request);
+    qm_job_add_gap(out, request);
     if (request->solid) qm_json_add_bool(out, "solid", true);
     if (request->penetration) qm_json_add_bool(out, "penetration", true);
 }
@@ -162,7 +162,7 @@ static void write_pairs(qm_text *out, const qm_job_request *request, const qm_jo
     qm_text_add_string(out, "]");
     qm_json_add_string(out, "mode", qm_collide_mode_names[request->mode]);
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
-    if (request->quads == QM_QUADS_BILINEAR) qm_json_add_number(out, "tolerance", result->tolerance);
+    if (request->quads == QM_QUADS_BILINEAR) qm_json_add_number(out, "gap", result->tolerance);
     qm_json_add_count(out, "tests", listed->found.tests);
 }
 
@@ -217,7 +217,7 @@ static const qm_job_array pairs = {"all_pairs", "face_a,face_b", 2};
 
 static const qm_job_field fields[] = {QM_JOB_FIELD_PAIR,
                                       QM_JOB_FIELD_QUADS,
-                                      QM_JOB_FIELDS_TOLERANCE,
+                                      QM_JOB_FIELDS_GAP,
                                       QM_JOB_FIELD_BOXES,
                                       LIST_FIELDS,
                                       {"solid", QM_FIELD_FLAG, QM_FIELD_AT(solid)},
@@ -236,7 +236,7 @@ const qm_job_hooks qm_job_kind_collision = {
 
 static const qm_job_field self_fields[] = {QM_JOB_FIELD_MESH,
                                            QM_JOB_FIELD_QUADS,
-                                           QM_JOB_FIELDS_TOLERANCE,
+                                           QM_JOB_FIELDS_GAP,
                                            QM_JOB_FIELD_BOXES,
                                            LIST_FIELDS,
                                            {"incremental", QM_FIELD_FLAG, QM_FIELD_AT(incremental)},

@@ -77,9 +77,8 @@ static bool read_worst(const cJSON *value, qm_job_request *out, qm_json_location
 static void write_request(qm_text *out, const qm_job_request *request, bool is_brief)
 {
     (void)is_brief;
-    qm_job_add_tolerance(out, request);
+    qm_job_add_gap(out, request);
     qm_json_add_number(out, "accuracy", request->accuracy);
-    qm_json_add_count(out, "pieces", request->pieces);
     qm_json_add_numbers(out, "percentiles", request->percentiles, (int)request->percentile_count);
     qm_json_add_numbers(out, "limits", request->limits, (int)request->limit_count);
     qm_sides_add_request(out, request);
@@ -115,6 +114,8 @@ static void add_worst(qm_text *out, const qm_job_request *request, const qm_job_
         qm_json_add_comma(out);
         qm_text_add_string(out, "{");
         qm_json_add_lower_upper(out, place->lower, place->upper, result->diagonal);
+        qm_job_add_of_true(out, result,
+                           (qm_interval){place->lower, place->upper}); /* as of a region (kind_sides.c) */
         qm_sides_add_points(out, request, side, &place->from, &place->to);
         qm_text_add_string(out, "}");
     }
@@ -220,7 +221,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
 static const qm_job_field fields[] = {
     QM_JOB_FIELD_PAIR,
     QM_JOB_FIELD_QUADS,
-    QM_JOB_FIELDS_TOLERANCE,
+    QM_JOB_FIELDS_GAP,
     QM_JOB_FIELD_BOXES,
     QM_JOB_FIELDS_AVERAGES,
     QM_JOB_FIELDS_SIDES,

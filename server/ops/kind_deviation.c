@@ -39,9 +39,8 @@ static void reset(qm_context *ctx, qm_job_result *result)
 static void write_request(qm_text *out, const qm_job_request *request, bool is_brief)
 {
     (void)is_brief;
-    qm_job_add_tolerance(out, request);
+    qm_job_add_gap(out, request);
     qm_json_add_number(out, "accuracy", request->accuracy);
-    qm_json_add_count(out, "pieces", request->pieces);
     qm_json_add_count(out, "bins", request->bins);
     qm_json_add_numbers(out, "percentiles", request->percentiles, (int)request->percentile_count);
     qm_sides_add_request(out, request);
@@ -75,7 +74,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     qm_json_add_count(out, "vertex_count", deviation->vertex_count);
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     qm_json_add_number(out, "accuracy", request->accuracy);
-    qm_json_add_number(out, "tolerance", result->tolerance);
+    qm_json_add_number(out, "gap", result->tolerance);
     qm_json_add_bool(out, "accurate", deviation->is_accurate);
     qm_json_add_count(out, "pieces", deviation->pieces);
     qm_json_add_count(out, "projections", deviation->projections);
@@ -86,10 +85,10 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
 static const qm_job_array distances = {"vertex_distances", "vertex,distance", 1};
 
 static const qm_job_field fields[] = {
-    QM_JOB_FIELD_PAIR,       QM_JOB_FIELD_QUADS,
-    QM_JOB_FIELDS_TOLERANCE, QM_JOB_FIELD_BOXES,
-    QM_JOB_FIELDS_AVERAGES,  {"bins", QM_FIELD_COUNT, QM_FIELD_AT(bins), .max = QM_JOB_MAX_BINS},
-    QM_JOB_FIELDS_SIDES,     {0}};
+    QM_JOB_FIELD_PAIR,      QM_JOB_FIELD_QUADS,
+    QM_JOB_FIELDS_GAP,      QM_JOB_FIELD_BOXES,
+    QM_JOB_FIELDS_AVERAGES, {"bins", QM_FIELD_COUNT, QM_FIELD_AT(bins), .max = QM_JOB_MAX_BINS},
+    QM_JOB_FIELDS_SIDES,    {0}};
 
 const qm_job_hooks qm_job_kind_deviation = {
     .type = {.name = "deviation", .mesh_field = {"a", "b"}, .is_pure = true, .is_anytime = true},

@@ -20,7 +20,7 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
 static void write_request(qm_text *out, const qm_job_request *request, bool is_brief)
 {
     (void)is_brief;
-    qm_job_add_tolerance(out, request);
+    qm_job_add_gap(out, request);
     if (!isnan(request->threshold)) qm_json_add_number(out, "limit", request->threshold);
 }
 
@@ -39,7 +39,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     else
         qm_json_add_string(out, "verdict", distance->verdict == QM_VERDICT_ABOVE ? "above" : "below");
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
-    qm_json_add_number(out, "tolerance", result->tolerance);
+    qm_json_add_number(out, "gap", result->tolerance);
     qm_json_add_bool(out, "converged", distance->is_converged);
     qm_json_add_count(out, "face_pairs", distance->pairs);
     qm_json_add_prepare_ms(out, result);
@@ -49,7 +49,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
 /* threshold is the former name of limit. */
 static const qm_job_field fields[] = {QM_JOB_FIELD_PAIR,
                                       QM_JOB_FIELD_QUADS,
-                                      QM_JOB_FIELDS_TOLERANCE,
+                                      QM_JOB_FIELDS_GAP,
                                       QM_JOB_FIELD_BOXES,
                                       {"limit", QM_FIELD_LIMIT, QM_FIELD_AT(threshold)},
                                       {"threshold", QM_FIELD_LIMIT, QM_FIELD_AT(threshold)},

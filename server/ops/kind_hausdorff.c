@@ -44,12 +44,8 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
 {
     (void)is_brief;
     qm_json_add_string(out, "direction", qm_direction_names[request->direction]);
-    qm_job_add_tolerance(out, request);
-    if (!isnan(request->threshold)) qm_json_add_number(out, "threshold", request->threshold);
-    if (request->memory_limit > 0) qm_json_add_count(out, "memory_limit", request->memory_limit);
-    qm_job_add_accelerator(out, request);
-    if (request->bounds == QM_BOUNDS_MATCHING)
-        qm_json_add_string(out, "bounds", qm_bounds_names[request->bounds]);
+    qm_job_add_gap(out, request);
+    if (!isnan(request->threshold)) qm_json_add_number(out, "limit", request->threshold);
 }
 
 static void add_witness(qm_text *out, const qm_job_request *request, const qm_job_result *result)
@@ -66,15 +62,15 @@ static void add_witness(qm_text *out, const qm_job_request *request, const qm_jo
 
 static void write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
-    static const char *const stop_names[] = {"converged", "threshold", "deadline", "canceled",
-                                             "precision", "work",      "memory"};
+    static const char *const stop_names[] = {"converged", "limit", "deadline", "canceled",
+                                             "precision", "work",  "memory"};
     const qm_hausdorff_result *h = &result->hausdorff;
     qm_json_add_lower_upper(out, h->lower, h->upper, result->diagonal);
     qm_job_add_of_true(out, result, (qm_interval){h->lower, h->upper});
     if (h->has_witness) add_witness(out, request, result);
     qm_json_add_string(out, "direction", qm_direction_names[request->direction]);
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
-    qm_json_add_number(out, "tolerance", result->tolerance);
+    qm_json_add_number(out, "gap", result->tolerance);
     qm_json_add_count(out, "iterations", h->iterations);
     qm_json_add_count(out, "projections", h->projections);
     qm_json_add_count(out, "max_queue", h->max_queue);
@@ -91,15 +87,15 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
 static const qm_job_field fields[] = {
     QM_JOB_FIELD_PAIR,
     QM_JOB_FIELD_QUADS,
-    QM_JOB_FIELDS_TOLERANCE,
+    QM_JOB_FIELDS_GAP,
     QM_JOB_FIELD_ACCELERATOR,
     {"direction", QM_FIELD_CHOICE, QM_FIELD_AT(direction), .names = qm_direction_names},
     {"limit", QM_FIELD_LIMIT, QM_FIELD_AT(threshold)},
     {"threshold", QM_FIELD_LIMIT, QM_FIELD_AT(threshold)}, /* the name of the version before */
-    {"memory_limit", QM_FIELD_COUNT, QM_FIELD_AT(memory_limit), .min = QM_JOB_MIN_MEMORY,
+    {"memory_limit", QM_FIELD_COUNT, QM_FIELD_AT(memory_limit), .is_engine = true, .min = QM_JOB_MIN_MEMORY,
      .max = QM_JOB_MAX_MEMORY},
-    {"bounds", QM_FIELD_CHOICE, QM_FIELD_AT(bounds), .names = qm_bounds_names,
-     .expected = "must be \"cover\" or \"matching\""},
+    {"bounds", QM_FIELD_CHOICE, QM_FIELD_AT(bounds), .is_engine = true, .names = qm_bounds_names,
+     .name_count = QM_BOUNDS_MATCHING + 1, .expected = "must be \"cover\" or \"matching\""},
     {0}};
 
 const qm_job_hooks qm_job_kind_hausdorff = {

@@ -34,7 +34,6 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
 {
     (void)is_brief;
     if (request->error > 0.0) qm_json_add_number(out, "error", request->error);
-    qm_json_add_count(out, "pieces", request->pieces);
 }
 
 static void write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
@@ -52,13 +51,9 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
 static const qm_job_array triangles = {
     "triangles", "x0,y0,z0,distance0,x1,y1,z1,distance1,x2,y2,z2,distance2,face,error", QM_HEATMAP_COLUMNS};
 
-static const qm_job_field fields[] = {
-    QM_JOB_FIELD_PAIR,
-    QM_JOB_FIELD_QUADS,
-    QM_JOB_FIELD_BOXES,
-    {"error", QM_FIELD_POSITIVE, QM_FIELD_AT(error)},
-    {"pieces", QM_FIELD_COUNT, QM_FIELD_AT(pieces), .max = QM_JOB_MAX_PIECES},
-    {0}};
+static const qm_job_field fields[] = {QM_JOB_FIELD_PAIR,   QM_JOB_FIELD_QUADS,
+                                      QM_JOB_FIELD_BOXES,  {"error", QM_FIELD_POSITIVE, QM_FIELD_AT(error)},
+                                      QM_JOB_FIELD_PIECES, {0}};
 
 const qm_job_hooks qm_job_kind_heatmap = {
     .type = {.name = "heatmap", .mesh_field = {"a", "b"}, .is_pure = true},

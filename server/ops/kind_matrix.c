@@ -86,6 +86,19 @@ static double *list_pairs(qm_context *ctx, const qm_matrix *matrix)
     return rows;
 }
 
+/** Keeps the uncertainties of the meshes, when one has any; false when out of memory. */
+static bool copy_uncertainty(const qm_job_call *call, qm_job_result *out)
+{
+    const double *uncertainty = call->request->set->uncertainty;
+    size_t count = call->request->mesh_count, i = 0;
+    while (uncertainty && i < count && uncertainty[i] == 0.0)
+        i++;
+    if (!uncertainty || i == count) return true;
+    out->matrix_uncertainty = qm_context_alloc(call->ctx, count, sizeof *out->matrix_uncertainty);
+    if (out->matrix_uncertainty) memcpy(out->matrix_uncertainty, uncertainty, count * sizeof *uncertainty);
+    return out->matrix_uncertainty;
+}
+
 static qm_status run(const qm_job_call *call, qm_job_result *out)
 {
     const qm_job_request *request = call->request;
@@ -113,8 +126,8 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     if (status != QM_OK) return status;
     out->is_canceled = out->matrix.stop == QM_MATRIX_CANCELED;
     out->matrix_rows = list_pairs(call->ctx, &out->matrix);
-    return out->matrix_rows ? QM_OK
-                            : qm_context_fail(call->ctx, QM_E_NO_MEMORY, "out of memory for the pairs");
+    if (out->matrix_rows && copy_uncertainty(call, out)) return QM_OK;
+    return qm_context_fail(call->ctx, QM_E_NO_MEMORY, "out of memory for the pairs");
 }
 
 static void reset(qm_context *ctx, qm_job_result *result)
@@ -122,6 +135,9 @@ static void reset(qm_context *ctx, qm_job_result *result)
     qm_context_free(ctx, result->matrix_rows, result->matrix.pair_count,
                     COLUMNS * sizeof *result->matrix_rows);
     result->matrix_rows = NULL;
+    qm_context_free(ctx, result->matrix_uncertainty, result->matrix.count,
+                    sizeof *result->matrix_uncertainty);
+    result->matrix_uncertainty = NULL;
     qm_matrix_reset(ctx, &result->matrix);
 }
 
@@ -145,8 +161,7 @@ static bool read_meshes(const cJSON *value, qm_job_request *out, qm_json_locatio
     at->depth = at->member_depth = 1;
     for (const cJSON *id = value->child; id; id = id->next, at->index[0]++) {
         qm_job_member *member = &out->meshes[out->mesh_count];
-        if (!qm_json_read_mesh(id, member->name, &member->pose, at) || strchr(member->name, ' '))
-            return false;
+        if (!qm_json_read_mesh(id, member->name, &member->pose, at)) return false;
         out->mesh_count++;
     }
     strcpy(out->a, out->meshes[0].name);
@@ -211,10 +226,25 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     else
         add_meshes(out, request);
     add_want(out, request);
-    qm_job_add_tolerance(out, request);
+    qm_job_add_gap(out, request);
 }
 
 /* ---- results ---- */
+
+/** An interval of a distance of two of the meshes, for their true surfaces. */
+static qm_interval widen(const qm_job_result *result, size_t a, size_t b, qm_interval interval)
+{
+    const double *uncertainty = result->matrix_uncertainty;
+    return uncertainty ? qm_job_widen(interval, uncertainty[a], uncertainty[b]) : interval;
+}
+
+/** Adds it, unless these two are exact. */
+static void add_of_true(qm_text *out, const qm_job_result *result, size_t a, size_t b, qm_interval interval)
+{
+    const double *uncertainty = result->matrix_uncertainty;
+    if (uncertainty && (uncertainty[a] > 0.0 || uncertainty[b] > 0.0))
+        qm_json_add_interval(out, "of_true", widen(result, a, b, interval), result->diagonal);
+}
 
 /** The lists of all meshes; a mesh is named by its index. */
 static void add_lists(qm_text *out, const qm_job_request *request, const qm_job_result *result)
@@ -237,6 +267,7 @@ static void add_lists(qm_text *out, const qm_job_request *request, const qm_job_
             qm_json_add_count(out, "mesh", near[i].item);
             qm_json_add_number(out, "lower", near[i].lower);
             qm_json_add_number(out, "upper", near[i].upper);
+            add_of_true(out, result, item, near[i].item, (qm_interval){near[i].lower, near[i].upper});
             qm_json_add_string(out, "place", places[near[i].place]);
             qm_text_add_string(out, "}");
         }
@@ -246,18 +277,48 @@ static void add_lists(qm_text *out, const qm_job_request *request, const qm_job_
     free(near);
 }
 
-static void add_verdicts(qm_text *out, const qm_job_request *request, const qm_matrix *matrix)
+/** Adds how many pairs are within the limit and beyond it; of the meshes, or of their true surfaces. */
+static void count_verdicts(qm_text *out, const qm_job_request *request, const qm_job_result *result,
+                           bool is_of_true)
 {
+    const qm_matrix *matrix = &result->matrix;
     size_t within = 0, beyond = 0;
-    for (size_t pair = 0; pair < matrix->pair_count; pair++) {
-        within += matrix->upper[pair] <= request->within;
-        beyond += matrix->lower[pair] > request->within;
-    }
-    qm_json_open(out, "verdicts", "{");
+    for (size_t a = 0; a < matrix->count; a++)
+        for (size_t b = a + 1; b < matrix->count; b++) {
+            size_t pair = qm_matrix_pair(matrix->count, a, b);
+            qm_interval interval = {matrix->lower[pair], matrix->upper[pair]};
+            if (is_of_true) interval = widen(result, a, b, interval);
+            within += interval.upper <= request->within;
+            beyond += interval.lower > request->within;
+        }
     qm_json_add_count(out, "within", within);
     qm_json_add_count(out, "beyond", beyond);
     qm_json_add_count(out, "undecided", matrix->pair_count - within - beyond);
+}
+
+static void add_verdicts(qm_text *out, const qm_job_request *request, const qm_job_result *result)
+{
+    qm_json_open(out, "verdicts", "{");
+    count_verdicts(out, request, result, false);
+    if (result->matrix_uncertainty) {
+        qm_json_open(out, "of_true", "{");
+        count_verdicts(out, request, result, true);
+        qm_text_add_string(out, "}");
+    }
     qm_text_add_string(out, "}");
+}
+
+/** The uncertainties, with which the interval of any pair becomes one of the true surfaces. */
+static void add_uncertainties(qm_text *out, const qm_job_result *result)
+{
+    if (!result->matrix_uncertainty) return;
+    qm_json_open(out, "uncertainties", "[");
+    for (size_t i = 0; i < result->matrix.count; i++) {
+        char number[QM_NUMBER_SIZE];
+        qm_json_add_comma(out);
+        qm_text_add_string(out, qm_text_number(result->matrix_uncertainty[i], number));
+    }
+    qm_text_add_string(out, "]");
 }
 
 static const char *name_stop(const qm_matrix *matrix)
@@ -280,7 +341,8 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     qm_json_add_count(out, "pivots", matrix->pivots);
     add_want(out, request);
     if (request->want == QM_MATRIX_NEAREST) add_lists(out, request, result);
-    if (request->want == QM_MATRIX_WITHIN) add_verdicts(out, request, matrix);
+    if (request->want == QM_MATRIX_WITHIN) add_verdicts(out, request, result);
+    add_uncertainties(out, result);
     qm_json_add_count(out, "open", matrix->open);
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     qm_json_add_number(out, "gap", result->tolerance);
@@ -301,7 +363,7 @@ static const qm_job_field fields[] = {
          "must be \"all\", {\"nearest\": an integer from 1 to 100} or {\"within\": a number of 0 or more}"},
     {"measure", QM_FIELD_OTHER, .read = read_measure, .expected = "must be \"hausdorff\""},
     QM_JOB_FIELD_QUADS,
-    QM_JOB_FIELDS_TOLERANCE,
+    QM_JOB_FIELDS_GAP,
     {0}};
 
 const qm_job_hooks qm_job_kind_matrix = {.type = {.name = "matrix", .is_pure = true, .is_anytime = true},

@@ -30,7 +30,6 @@ static bool read_points(const struct cJSON *value, qm_job_request *out, qm_json_
 
 static void write_request(qm_text *out, const qm_job_request *request, bool is_brief)
 {
-    qm_job_add_accelerator(out, request);
     if (is_brief) {
         qm_json_add_count(out, "point_count", request->point_count);
         return;

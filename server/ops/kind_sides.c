@@ -133,6 +133,9 @@ static void add_witness(qm_text *out, const qm_job_request *request, int side, c
     qm_text_add_string(out, "}");
 }
 
+/** Without an interval for the true surfaces: how near B is to its true surface says nothing of which side of that a point is
+ * on, however far from B. The inside of a ball's surface is that of the ball, and that of a thin shell along it the shell. So it is with
+ * the signed mean, bands and penetrations. */
 static void add_part(qm_text *out, const char *name, const qm_job_request *request,
                      const qm_job_result *result, const qm_deviation_side *part, int side)
 {
@@ -175,7 +178,10 @@ static void add_region(qm_text *out, const qm_job_request *request, const qm_job
     qm_json_add_bool(out, "surely", region->parts > 0 || region->max.lower > request->threshold);
     qm_json_add_count(out, "parts", region->parts);
     qm_json_add_range(out, "area", region->area);
-    qm_json_add_interval(out, "max", region->max, result->diagonal);
+    /* Each point of the true A that is within A's uncertainty eA of the region has a point of the region within eA, and so is
+     * no farther from the true B than that from B, plus eA and eB; and the point of the region that is at least max.lower from B
+     * has one of the true A within eA, which is no nearer than max.lower less eA and eB. */
+    qm_averages_add_greatest(out, "max", region->max, result);
     if (region->has_witness) add_witness(out, request, side, &region->from, &region->to);
     qm_json_add_numbers(out, "centroid", region->centroid, 3);
     qm_json_open(out, "box", "{");

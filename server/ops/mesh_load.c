@@ -263,7 +263,11 @@ qm_status qm_loaded_mesh_copy(qm_context *ctx, const qm_loaded_mesh *mesh, doubl
 
 void qm_loaded_mesh_move_notes(const qm_loaded_mesh *mesh, qm_notes *notes)
 {
-    const qm_transform_change *moved = &mesh->moved;
+    qm_mesh_move_notes(&mesh->moved, notes);
+}
+
+void qm_mesh_move_notes(const qm_transform_change *moved, qm_notes *notes)
+{
     if (moved->norm > 0.0 && notes->uncertainty > 0.0) /* a product and a sum, each rounded once */
         notes->uncertainty = (moved->norm * notes->uncertainty + moved->rounding) * (1.0 + 0x1p-50);
 }

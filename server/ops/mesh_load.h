@@ -111,5 +111,7 @@ const char *qm_loaded_mesh_kind(const qm_loaded_mesh *mesh);
 
 /** Brings the notes of a mesh along when it was moved: how far the true surface, which is moved with it, may be. */
 void qm_loaded_mesh_move_notes(const qm_loaded_mesh *mesh, qm_notes *notes);
+/** The same for a mesh that a change has moved. */
+void qm_mesh_move_notes(const qm_transform_change *moved, qm_notes *notes);
 
 #endif

@@ -65,7 +65,24 @@ qm_stored qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out
 
 qm_stored qm_store_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out)
 {
-    QM_STORE_RETURN_VERB(store, find_mesh_state, store, id, out);
+    qm_stored stored = qm_store_find_mesh_states(store, &id, 1, out);
+    return stored == QM_STORED && !out->is_found ? QM_STORED_NONE : stored;
+}
+
+qm_stored qm_store_find_mesh_states(qm_store *store, const char *const *ids, size_t count,
+                                    qm_store_mesh_state *out)
+{
+    for (size_t i = 0; i < count; i++)
+        out[i] = (qm_store_mesh_state){.is_found = false};
+    QM_STORE_RETURN_VERB(store, find_mesh_states, store, ids, count, out);
+}
+
+qm_stored qm_store_find_undeformed(qm_store *store, const char *const *hashes, size_t count,
+                                   char (*ids)[QM_ID_SIZE])
+{
+    for (size_t i = 0; i < count; i++)
+        ids[i][0] = '\0';
+    QM_STORE_RETURN_VERB(store, find_undeformed, store, hashes, count, ids);
 }
 
 qm_stored qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
@@ -211,6 +228,11 @@ qm_stored qm_store_find_array(qm_store *store, const char *job_id, qm_store_arra
     QM_STORE_RETURN_VERB(store, find_array, store, job_id, out);
 }
 
+qm_stored qm_store_set_job_labels(qm_store *store, const char *id, const char *labels)
+{
+    QM_STORE_RETURN_VERB(store, set_job_labels, store, id, labels);
+}
+
 void qm_store_job_reset(qm_store_job *job)
 {
     free(job->key);
@@ -220,6 +242,7 @@ void qm_store_job_reset(qm_store_job *job)
     free(job->document);
     free(job->result);
     free(job->progress);
+    free(job->labels);
     *job = (qm_store_job){0};
 }
 

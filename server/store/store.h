@@ -240,12 +240,21 @@ typedef struct qm_store_mesh {
  */
 qm_stored qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh);
 qm_stored qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
-/** What of a mesh changes the answers to questions about it. */
+/** What of a mesh changes the answers to questions about it: hash, positions and format say what it is made of. */
 typedef struct qm_store_mesh_state {
+    bool is_found;
+    char hash[QM_HASH_SIZE], positions[QM_HASH_SIZE];
+    int format;
     uint64_t revision;
     qm_notes notes;
 } qm_store_mesh_state;
 qm_stored qm_store_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out);
+/** Finds the states of several meshes in one step; QM_STORED also when some are not found. */
+qm_stored qm_store_find_mesh_states(qm_store *store, const char *const *ids, size_t count,
+                                    qm_store_mesh_state *out);
+/** Finds for each hash the newest mesh with this content that was not deformed, in one step: its id, or "" for none. */
+qm_stored qm_store_find_undeformed(qm_store *store, const char *const *hashes, size_t count,
+                                   char (*ids)[QM_ID_SIZE]);
 qm_stored qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
                                         qm_store_mesh *out);
 typedef struct qm_store_mesh_filter {
@@ -289,6 +298,7 @@ typedef struct qm_store_job {
     char *document;       /* members of the job resource as of its end but for its result; NULL before */
     char *result;         /* the result object; NULL when the job has none */
     char *progress;       /* of one that another node runs: members of its newest bounds, or NULL */
+    char *labels;         /* as those of a mesh; they may change at any time */
     qm_job_state state;
     int64_t sequence; /* order of creation; given by the store */
     int64_t restarts; /* number of times that it was claimed, and began again */
@@ -376,9 +386,12 @@ qm_stored qm_store_find_job_by_idempotency_key(qm_store *store, const char *key,
 typedef struct qm_store_job_filter {
     const char *type, *subject; /* a kind; the id of a mesh or reconstruction that the request names */
     const qm_job_state *state;  /* of an embedded store all that have not ended are QM_JOB_QUEUED */
+    const char *label;
 } qm_store_job_filter;
 qm_stored qm_store_list_jobs(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
                              qm_store_job *out, size_t *count);
+/** Sets the labels of a job. QM_STORED_NONE when there is no such job. */
+qm_stored qm_store_set_job_labels(qm_store *store, const char *id, const char *labels);
 /** Which jobs a process asks for. */
 typedef struct qm_store_wish {
     size_t free;  /* workers: jobs whose home is this node, or that have none, and those that have waited */

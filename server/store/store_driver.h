@@ -22,7 +22,10 @@ typedef struct qm_store_driver {
 
     qm_stored (*put_mesh)(qm_store *store, const qm_store_mesh *mesh);
     qm_stored (*find_mesh)(qm_store *store, const char *id, qm_store_mesh *out);
-    qm_stored (*find_mesh_state)(qm_store *store, const char *id, qm_store_mesh_state *out);
+    qm_stored (*find_mesh_states)(qm_store *store, const char *const *ids, size_t count,
+                                  qm_store_mesh_state *out);
+    qm_stored (*find_undeformed)(qm_store *store, const char *const *hashes, size_t count,
+                                 char (*ids)[QM_ID_SIZE]);
     qm_stored (*find_mesh_by_content)(qm_store *store, const char *hash, const char *options,
                                       qm_store_mesh *out);
     qm_stored (*list_meshes)(qm_store *store, const qm_store_page *page, const qm_store_mesh_filter *filter,
@@ -48,6 +51,7 @@ typedef struct qm_store_driver {
     qm_stored (*find_job_by_key)(qm_store *store, const char *key, const char *revisions, qm_job_state state,
                                  qm_store_job *out);
     qm_stored (*find_job_by_idempotency_key)(qm_store *store, const char *key, qm_store_job *out);
+    qm_stored (*set_job_labels)(qm_store *store, const char *id, const char *labels);
     qm_stored (*forget_answer)(qm_store *store, const char *id);
     qm_stored (*list_jobs)(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
                            qm_store_job *out, size_t *count);

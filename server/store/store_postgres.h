@@ -274,7 +274,8 @@ void qm_postgres_add_mesh(qm_postgres_query *query, const qm_store_mesh *mesh);
 #define QM_POSTGRES_JOB_COLUMNS                                                                              \
     "j.id, j.key, j.idempotency_key, j.body, j.created,"                                                     \
     " CASE WHEN r.sequence IS NULL THEN j.state ELSE 1 END, j.sequence, j.document,"                         \
-    " coalesce(r.epoch - 1, q.epoch, j.restarts), j.result, coalesce(r.deaths, q.deaths, 0), r.progress"
+    " coalesce(r.epoch - 1, q.epoch, j.restarts), j.result, coalesce(r.deaths, q.deaths, 0), r.progress, "   \
+    "j.labels"
 #define QM_POSTGRES_JOB_PLACES                                                                               \
     " LEFT JOIN quadmeshd.job_runs r ON r.sequence = j.sequence"                                             \
     " LEFT JOIN quadmeshd.job_queue q ON q.sequence = j.sequence"
@@ -325,7 +326,10 @@ void qm_postgres_end_claiming(qm_store *store);
 
 qm_stored qm_postgres_put_mesh(qm_store *store, const qm_store_mesh *mesh);
 qm_stored qm_postgres_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
-qm_stored qm_postgres_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out);
+qm_stored qm_postgres_find_mesh_states(qm_store *store, const char *const *ids, size_t count,
+                                       qm_store_mesh_state *out);
+qm_stored qm_postgres_find_undeformed(qm_store *store, const char *const *hashes, size_t count,
+                                      char (*ids)[QM_ID_SIZE]);
 qm_stored qm_postgres_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
                                            qm_store_mesh *out);
 qm_stored qm_postgres_list_meshes(qm_store *store, const qm_store_page *page,
@@ -351,6 +355,7 @@ qm_stored qm_postgres_find_job(qm_store *store, const char *id, qm_store_job *ou
 qm_stored qm_postgres_find_job_by_key(qm_store *store, const char *key, const char *revisions,
                                       qm_job_state state, qm_store_job *out);
 qm_stored qm_postgres_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
+qm_stored qm_postgres_set_job_labels(qm_store *store, const char *id, const char *labels);
 qm_stored qm_postgres_forget_answer(qm_store *store, const char *id);
 qm_stored qm_postgres_list_jobs(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
                                 qm_store_job *out, size_t *count);

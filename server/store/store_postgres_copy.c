@@ -13,11 +13,11 @@
 static bool read_job_copy(const qm_postgres_rows *rows, int row, void *out)
 {
     qm_store_job_copy *copy = out;
-    *copy = (qm_store_job_copy){.claims = qm_postgres_integer(rows, row, 14)};
+    *copy = (qm_store_job_copy){.claims = qm_postgres_integer(rows, row, 15)};
     if (!qm_postgres_read_job(rows, row, &copy->job)) return false;
-    copy->job.is_canceled = !copy->job.document && qm_postgres_bool(rows, row, 16);
-    if (qm_postgres_copy(rows, row, 12, &copy->type) && qm_postgres_copy(rows, row, 13, &copy->revisions) &&
-        qm_postgres_copy(rows, row, 15, &copy->subjects))
+    copy->job.is_canceled = !copy->job.document && qm_postgres_bool(rows, row, 17);
+    if (qm_postgres_copy(rows, row, 13, &copy->type) && qm_postgres_copy(rows, row, 14, &copy->revisions) &&
+        qm_postgres_copy(rows, row, 16, &copy->subjects))
         return true;
     qm_store_job_copy_reset(copy);
     return false;
@@ -74,9 +74,9 @@ qm_stored qm_postgres_put_job_copy(qm_store *store, const qm_store_job_copy *cop
             "WITH " QM_POSTGRES_RELAXED ","
             " blob AS (UPDATE quadmeshd.blobs SET unneeded = NULL WHERE hash = $21 AND unneeded IS NOT NULL),"
             " made AS (INSERT INTO quadmeshd.jobs (id, key, idempotency_key, body, created, type, document,"
-            "     result, revisions, state, restarts, submitted, owners, kept, cancel)"
+            "     result, revisions, state, restarts, submitted, owners, kept, cancel, labels)"
             "   SELECT $1::text, $2::text, $3::text, $4::text, $5::text, $6::text, $7::text, $8::text,"
-            "     $9::text, $10::smallint, $11::int, " SUBMITTED ", 0, true, $22::boolean"
+            "     $9::text, $10::smallint, $11::int, " SUBMITTED ", 0, true, $22::boolean, $23::text"
             "   FROM relaxed WHERE mode = 'off' ON CONFLICT DO NOTHING RETURNING sequence),"
             " queued AS (INSERT INTO quadmeshd.job_queue (sequence, home, epoch, deaths)"
             "   SELECT sequence, '', $13::int, $14::int FROM made WHERE $7::text IS NULL),"
@@ -101,6 +101,7 @@ qm_stored qm_postgres_put_job_copy(qm_store *store, const qm_store_job_copy *cop
                           array ? qm_store_array_blocks(array->count) * sizeof *array->sums : 0);
     qm_postgres_add_text(&query, array ? array->hash : NULL);
     qm_postgres_add_bool(&query, copy->job.is_canceled);
+    qm_postgres_add_text(&query, copy->job.labels ? copy->job.labels : "");
     qm_stored status =
         qm_postgres_create_row(store, &query, "SELECT 1 FROM quadmeshd.jobs WHERE id = $1", copy->job.id);
     qm_text_reset(&subjects);

@@ -22,7 +22,7 @@ bool qm_postgres_read_job(const qm_postgres_rows *rows, int row, void *out)
     if (qm_postgres_copy(rows, row, 1, &job->key) && qm_postgres_copy(rows, row, 2, &job->idempotency_key) &&
         qm_postgres_copy(rows, row, 3, &job->body) && qm_postgres_copy(rows, row, 4, &job->created) &&
         qm_postgres_copy(rows, row, 7, &job->document) && qm_postgres_copy(rows, row, 9, &job->result) &&
-        qm_postgres_copy(rows, row, 11, &job->progress))
+        qm_postgres_copy(rows, row, 11, &job->progress) && qm_postgres_copy(rows, row, 12, &job->labels))
         return true;
     qm_store_job_reset(job);
     return false;
@@ -68,7 +68,10 @@ qm_stored qm_postgres_list_jobs(qm_store *store, const qm_store_page *page, cons
     static const char *const conditions[] = {"q.sequence IS NOT NULL", "r.sequence IS NOT NULL",
                                              "j.state = 2", "j.state = 3", "j.state = 4"};
     qm_postgres_listing listing = {
-        .select = SELECT, .sequence = "j.sequence", .conditions = {"j.type = $"}, .values = {filter->type}};
+        .select = SELECT,
+        .sequence = "j.sequence",
+        .conditions = {"j.type = $", NULL, "strpos(j.labels, chr(10) || $ || chr(10)) > 0"},
+        .values = {filter->type, NULL, filter->label}};
     if (filter->subject) { /* in the order of its index */
         listing.select = "SELECT " QM_POSTGRES_JOB_COLUMNS " FROM quadmeshd.job_subjects s"
                          " JOIN quadmeshd.jobs j ON j.sequence = s.sequence" QM_POSTGRES_JOB_PLACES;
@@ -78,6 +81,14 @@ qm_stored qm_postgres_list_jobs(qm_store *store, const qm_store_page *page, cons
     }
     if (filter->state) listing.condition = conditions[*filter->state];
     return qm_postgres_list_rows(store, &listing, page, &table, out, count);
+}
+
+qm_stored qm_postgres_set_job_labels(qm_store *store, const char *id, const char *labels)
+{
+    qm_postgres_query query = {.sql = "UPDATE quadmeshd.jobs SET labels = $2 WHERE id = $1 RETURNING 1"};
+    qm_postgres_add_text(&query, id);
+    qm_postgres_add_text(&query, labels);
+    return qm_postgres_change_row(store, &query);
 }
 
 qm_stored qm_postgres_forget_answer(qm_store *store, const char *id)

@@ -76,20 +76,58 @@ qm_stored qm_postgres_find_mesh(qm_store *store, const char *id, qm_store_mesh *
                                    &table, out);
 }
 
-static bool read_state(const qm_postgres_rows *rows, int row, void *out)
+/** Asks about an array of texts. The first column of the rows is the place of one, from 1. */
+static qm_stored ask_for_all(qm_store *store, const char *sql, const char *const *texts, size_t count,
+                             qm_postgres_rows *rows)
 {
-    qm_store_mesh_state *state = out;
-    *state = (qm_store_mesh_state){.revision = (uint64_t)qm_postgres_integer(rows, row, 0),
-                                   .notes.uncertainty = qm_postgres_real(rows, row, 2)};
-    qm_postgres_read(rows, row, 1, state->notes.unit, sizeof state->notes.unit);
-    return true;
+    qm_postgres_query query = {.sql = sql};
+    qm_text array = {0};
+    for (size_t i = 0; i < count; i++)
+        qm_postgres_write_text(&array, texts[i]);
+    qm_postgres_add_array(&query, &array);
+    qm_stored status = qm_postgres_run(store, &query, rows);
+    qm_text_reset(&array);
+    return status;
 }
 
-qm_stored qm_postgres_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out)
+qm_stored qm_postgres_find_mesh_states(qm_store *store, const char *const *ids, size_t count,
+                                       qm_store_mesh_state *out)
 {
-    static const qm_postgres_table states = {sizeof *out, read_state, NULL};
-    return qm_postgres_find_row_by(
-        store, "SELECT revision, unit, uncertainty FROM quadmeshd.meshes WHERE id = $1", id, &states, out);
+    qm_postgres_rows rows;
+    qm_stored status =
+        ask_for_all(store,
+                    "SELECT a.n, m.revision, m.uncertainty, m.format, m.unit, m.hash, m.positions"
+                    " FROM unnest($1::text[]) WITH ORDINALITY AS a(id, n)"
+                    " JOIN quadmeshd.meshes m ON m.id = a.id",
+                    ids, count, &rows);
+    for (int row = 0; row < rows.count; row++) {
+        qm_store_mesh_state *state = &out[qm_postgres_integer(&rows, row, 0) - 1];
+        *state = (qm_store_mesh_state){.is_found = true,
+                                       .revision = (uint64_t)qm_postgres_integer(&rows, row, 1),
+                                       .notes.uncertainty = qm_postgres_real(&rows, row, 2),
+                                       .format = (int)qm_postgres_integer(&rows, row, 3)};
+        qm_postgres_read(&rows, row, 4, state->notes.unit, sizeof state->notes.unit);
+        qm_postgres_read(&rows, row, 5, state->hash, sizeof state->hash);
+        qm_postgres_read(&rows, row, 6, state->positions, sizeof state->positions);
+    }
+    qm_postgres_free(&rows);
+    return status;
+}
+
+qm_stored qm_postgres_find_undeformed(qm_store *store, const char *const *hashes, size_t count,
+                                      char (*ids)[QM_ID_SIZE])
+{
+    qm_postgres_rows rows;
+    qm_stored status = ask_for_all(store,
+                                   "SELECT DISTINCT ON (a.n) a.n, m.id"
+                                   " FROM unnest($1::text[]) WITH ORDINALITY AS a(hash, n)"
+                                   " JOIN quadmeshd.meshes m ON m.hash = a.hash WHERE m.revision = 0"
+                                   " ORDER BY a.n, m.sequence DESC",
+                                   hashes, count, &rows);
+    for (int row = 0; row < rows.count; row++)
+        qm_postgres_read(&rows, row, 1, ids[qm_postgres_integer(&rows, row, 0) - 1], QM_ID_SIZE);
+    qm_postgres_free(&rows);
+    return status;
 }
 
 qm_stored qm_postgres_find_mesh_by_content(qm_store *store, const char *hash, const char *options,

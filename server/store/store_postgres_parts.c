@@ -242,7 +242,8 @@ qm_stored qm_postgres_find_split_job(qm_store *store, const char (*except)[QM_ID
     qm_postgres_query query = {
         .sql =
             "SELECT j.id, j.key, j.idempotency_key, j.body, j.created, 1, j.sequence, j.document, j.restarts,"
-            "   j.result, 0, NULL FROM quadmeshd.job_bounds b JOIN quadmeshd.jobs j USING (sequence)"
+            "   j.result, 0, NULL, j.labels FROM quadmeshd.job_bounds b JOIN quadmeshd.jobs j USING "
+            "(sequence)"
             " WHERE j.id <> ALL ($2::text[]) AND NOT EXISTS"
             "   (SELECT FROM quadmeshd.job_runs r WHERE r.sequence = b.sequence AND r.node = $1)"
             " AND EXISTS (SELECT FROM quadmeshd.job_parts p WHERE p.sequence = b.sequence AND " IS_FREE(

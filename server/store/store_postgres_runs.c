@@ -74,9 +74,9 @@ static qm_stored submit(qm_store *store, const qm_store_submission *submission)
                " room AS (SELECT WHERE CASE WHEN $10::bool THEN EXISTS (SELECT FROM me) ELSE $9::bigint >"
                "   (SELECT count(*) FROM (SELECT FROM quadmeshd.job_queue LIMIT $9::bigint) waiting) END),"
                " made AS (INSERT INTO quadmeshd.jobs (id, key, idempotency_key, body, created, type, owners, "
-               "kept)"
+               "kept, labels)"
                "   SELECT $1::text, $2::text, $3::text, $4::text, $5::text, $6::text,"
-               "     CASE WHEN $11::bool THEN 0 ELSE 1 END, $11::bool FROM room"
+               "     CASE WHEN $11::bool THEN 0 ELSE 1 END, $11::bool, $13::text FROM room"
                "   ON CONFLICT DO NOTHING RETURNING sequence),"
                " queued AS (INSERT INTO quadmeshd.job_queue (sequence, home)"
                "   SELECT sequence, $8::text FROM made WHERE NOT $10::bool),"
@@ -101,6 +101,7 @@ static qm_stored submit(qm_store *store, const qm_store_submission *submission)
     qm_postgres_add_bool(&query, submission->is_claimed);
     qm_postgres_add_bool(&query, submission->is_kept);
     qm_postgres_add_array(&query, &subjects);
+    qm_postgres_add_text(&query, job->labels ? job->labels : "");
     qm_stored status = qm_postgres_change_row(store, &query);
     qm_text_reset(&subjects);
     return status == QM_STORED_NONE ? explain_submission(store, submission) : status;
@@ -157,7 +158,7 @@ qm_stored qm_postgres_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_
                                 "epoch, deaths, progress, false)"
                                 " SELECT j.id, j.key, j.idempotency_key, j.body, j.created, 1, j.sequence, "
                                 "j.document, r.epoch - 1,"
-                                "   j.result, r.deaths, r.progress, CASE WHEN r.epoch > 1 THEN 0"
+                                "   j.result, r.deaths, r.progress, j.labels, CASE WHEN r.epoch > 1 THEN 0"
                                 "     ELSE extract(epoch FROM clock_timestamp() - j.submitted) END::float8,"
                                 "   r.is_unheard"
                                 " FROM (SELECT * FROM unheard UNION ALL SELECT * FROM made) "
@@ -180,14 +181,14 @@ qm_stored qm_postgres_claim_jobs(qm_store *store, const qm_store_wish *wish, qm_
     qm_stored status = qm_postgres_run(store, &query, &rows);
     for (int i = 0; i < rows.count && status == QM_STORED; i++) {
         qm_store_job *job = &out[*count];
-        bool is_unheard = qm_postgres_bool(&rows, i, 13);
+        bool is_unheard = qm_postgres_bool(&rows, i, 14);
         /* A job that does not fit into memory stays claimed, and is found by the next claim. */
         if (!qm_postgres_read_job(&rows, i, job)) {
             status = QM_STORED_NO_MEMORY;
         } else if (is_unheard && qm_postgres_has_claim(store, job->id)) {
             qm_store_job_reset(job); /* it was submitted while this was under way */
         } else if (qm_postgres_add_claim(store, job->id)) {
-            job->waited_s = qm_postgres_real(&rows, i, 12);
+            job->waited_s = qm_postgres_real(&rows, i, 13);
             ++*count;
         } else {
             qm_store_job_reset(job);

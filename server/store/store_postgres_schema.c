@@ -144,12 +144,16 @@ static const char third[] =
     "  ADD COLUMN uncertainty double precision NOT NULL DEFAULT 0,"
     "  ADD COLUMN labels text NOT NULL DEFAULT '' COLLATE \"C\"";
 
+/** Labels of jobs, as of meshes. */
+static const char fourth[] =
+    "ALTER TABLE quadmeshd.jobs ADD COLUMN labels text NOT NULL DEFAULT '' COLLATE \"C\"";
+
 /**
  * Each brings the tables to the next version, the first one to version 1. A step only adds to the tables, so that
  * daemons of the version before go on with them; what it replaces is dropped by the step after it. One that was released is never
  * changed.
  */
-static const char *const steps[] = {first, second, third};
+static const char *const steps[] = {first, second, third, fourth};
 enum { VERSION = sizeof steps / sizeof steps[0] }; /* of these tables */
 
 /** What the database is. */

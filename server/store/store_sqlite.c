@@ -17,7 +17,7 @@
 #define BUSY_TIMEOUT_MS 5000
 #define OLDEST_SCHEMA 7
 #define FIRST_SUMMED 10 /* schema whose pages have checksums */
-#define SCHEMA 15
+#define SCHEMA 16
 
 static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON;";
 
@@ -58,6 +58,8 @@ static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = 
     "ALTER TABLE meshes ADD COLUMN uncertainty REAL NOT NULL DEFAULT 0;"                                     \
     "ALTER TABLE meshes ADD COLUMN labels TEXT NOT NULL DEFAULT '';"
 
+#define ADD_JOB_LABELS "ALTER TABLE jobs ADD COLUMN labels TEXT NOT NULL DEFAULT '';"
+
 /** Of a new database. */
 static const char schema[] =
     "CREATE TABLE meshes ("
@@ -89,7 +91,8 @@ static const char schema[] =
     "  layout_id TEXT NOT NULL, mesh TEXT NOT NULL, layout TEXT NOT NULL, document TEXT NOT NULL,"
     "  steps TEXT NOT NULL, records TEXT NOT NULL, state TEXT NOT NULL, revision INTEGER NOT NULL,"
     "  cover_share REAL NOT NULL, pull_curves INTEGER NOT NULL, idempotency_key TEXT UNIQUE,"
-    "  request TEXT NOT NULL);" CREATE_ARRAYS CREATE_FILTERS CREATE_EXPIRY CREATE_PARTS ADD_NOTES;
+    "  request TEXT NOT NULL);" CREATE_ARRAYS CREATE_FILTERS CREATE_EXPIRY CREATE_PARTS ADD_NOTES
+        ADD_JOB_LABELS;
 
 /** The step from a version of the schema to the next one; the task runs after the statements, in the same
  * transaction. */
@@ -120,7 +123,8 @@ static const migration migrations[SCHEMA - OLDEST_SCHEMA] = {
     {"ALTER TABLE jobs ADD COLUMN cancel INTEGER NOT NULL DEFAULT 0;"
      "DROP TABLE job_parts; DROP TABLE job_bounds;" CREATE_PARTS,
      NULL},
-    {ADD_NOTES, NULL}, /* 14 to 15 */
+    {ADD_NOTES, NULL},      /* 14 to 15 */
+    {ADD_JOB_LABELS, NULL}, /* 15 to 16 */
 };
 
 /** Writes the value of a pragma; false, and "", after a fault. */
@@ -316,7 +320,8 @@ const qm_store_driver qm_sqlite_driver = {
     .close = close_store,
     .put_mesh = qm_sqlite_put_mesh,
     .find_mesh = qm_sqlite_find_mesh,
-    .find_mesh_state = qm_sqlite_find_mesh_state,
+    .find_mesh_states = qm_sqlite_find_mesh_states,
+    .find_undeformed = qm_sqlite_find_undeformed,
     .find_mesh_by_content = qm_sqlite_find_mesh_by_content,
     .list_meshes = qm_sqlite_list_meshes,
     .revise_mesh = qm_sqlite_revise_mesh,
@@ -335,6 +340,7 @@ const qm_store_driver qm_sqlite_driver = {
     .find_job = qm_sqlite_find_job,
     .find_job_by_key = qm_sqlite_find_job_by_key,
     .find_job_by_idempotency_key = qm_sqlite_find_job_by_idempotency_key,
+    .set_job_labels = qm_sqlite_set_job_labels,
     .forget_answer = qm_sqlite_forget_answer,
     .list_jobs = qm_sqlite_list_jobs,
     .drop_old_jobs = qm_sqlite_drop_old_jobs,
@@ -535,6 +541,16 @@ qm_stored qm_sqlite_find_row_by(qm_store *store, const char *sql, const char *te
     sqlite3_stmt *statement = qm_sqlite_begin(store, sql);
     if (statement) qm_sqlite_bind_text(statement, 1, text);
     return qm_sqlite_find_row(store, statement, table, out);
+}
+
+qm_stored qm_sqlite_change_row(qm_store *store, sqlite3_stmt *statement)
+{
+    int step = sqlite3_step(statement);
+    bool is_found = step == SQLITE_ROW;
+    if (is_found) step = sqlite3_step(statement);
+    qm_sqlite_end(store, statement);
+    if (step != SQLITE_DONE) return QM_STORED_FAULT;
+    return is_found ? QM_STORED : QM_STORED_NONE;
 }
 
 /** Prepares the query for a page; NULL after a fault. */

@@ -77,8 +77,8 @@ qm_stored qm_sqlite_find_row_by(qm_store *store, const char *sql, const char *te
                                 const qm_sqlite_table *table, void *out);
 
 /** A query for pages: SELECT ... FROM ..., its column of sequence numbers, and conditions with a parameter each.
- * Those whose value is NULL are left out; there is an index for each. */
-#define QM_STORE_CONDITIONS 3
+ * Those whose value is NULL are left out; there is an index for each but labels. */
+#define QM_STORE_CONDITIONS 4
 typedef struct qm_sqlite_listing {
     const char *select, *sequence;
     const char *conditions[QM_STORE_CONDITIONS];
@@ -91,6 +91,9 @@ qm_stored qm_sqlite_list_rows(qm_store *store, const qm_sqlite_listing *listing,
 
 /** Runs a statement that deletes the row of an id. */
 qm_stored qm_sqlite_delete_row(qm_store *store, const char *sql, const char *id);
+
+/** Runs a statement that returns a row if it has changed one, and ends it; QM_STORED_NONE when it has not. */
+qm_stored qm_sqlite_change_row(qm_store *store, sqlite3_stmt *statement);
 
 /** Steps to the next row. False after the last one, and after a fault, which is logged. */
 bool qm_sqlite_step(qm_store *store, sqlite3_stmt *statement);
@@ -127,7 +130,8 @@ bool qm_sqlite_add_subjects(qm_store *store, const char *job_id, const char *sub
 
 /** The columns of a job, and how they are read into a qm_store_job. */
 #define QM_SQLITE_JOB_COLUMNS                                                                                \
-    "id, key, idempotency_key, body, created, state, sequence, document, restarts, result, begun, cancel"
+    "id, key, idempotency_key, body, created, state, sequence, document, restarts, result, begun, cancel, "  \
+    "labels"
 bool qm_sqlite_read_job(sqlite3_stmt *statement, void *row);
 
 /** The columns of a layout l at its revision r, and how they are read into a qm_store_layout. */
@@ -156,7 +160,10 @@ void qm_sqlite_bind_text(sqlite3_stmt *statement, int index, const char *text);
 /* The verbs of the driver (store_driver.h). */
 qm_stored qm_sqlite_put_mesh(qm_store *store, const qm_store_mesh *mesh);
 qm_stored qm_sqlite_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
-qm_stored qm_sqlite_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out);
+qm_stored qm_sqlite_find_mesh_states(qm_store *store, const char *const *ids, size_t count,
+                                     qm_store_mesh_state *out);
+qm_stored qm_sqlite_find_undeformed(qm_store *store, const char *const *hashes, size_t count,
+                                    char (*ids)[QM_ID_SIZE]);
 qm_stored qm_sqlite_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
                                          qm_store_mesh *out);
 qm_stored qm_sqlite_list_meshes(qm_store *store, const qm_store_page *page,
@@ -181,6 +188,7 @@ qm_stored qm_sqlite_find_job(qm_store *store, const char *id, qm_store_job *out)
 qm_stored qm_sqlite_find_job_by_key(qm_store *store, const char *key, const char *revisions,
                                     qm_job_state state, qm_store_job *out);
 qm_stored qm_sqlite_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
+qm_stored qm_sqlite_set_job_labels(qm_store *store, const char *id, const char *labels);
 qm_stored qm_sqlite_forget_answer(qm_store *store, const char *id);
 qm_stored qm_sqlite_list_jobs(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
                               qm_store_job *out, size_t *count);

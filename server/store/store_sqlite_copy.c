@@ -16,9 +16,9 @@ static bool read_job_copy(sqlite3_stmt *statement, void *row)
     if (!qm_sqlite_read_job(statement, &out->job)) return false;
     /* What the next process counts when it takes the job over (qm_sqlite_read_job). */
     out->job.deaths = out->job.document ? 0 : 1 + sqlite3_column_int64(statement, 10);
-    if (qm_sqlite_copy_text(statement, 12, &out->type) &&
-        qm_sqlite_copy_text(statement, 13, &out->revisions) &&
-        qm_sqlite_copy_text(statement, 14, &out->subjects))
+    if (qm_sqlite_copy_text(statement, 13, &out->type) &&
+        qm_sqlite_copy_text(statement, 14, &out->revisions) &&
+        qm_sqlite_copy_text(statement, 15, &out->subjects))
         return true;
     qm_store_job_copy_reset(out);
     return false;
@@ -47,7 +47,8 @@ static qm_stored add_job(qm_store *store, const qm_store_job_copy *copy)
     const qm_store_job *job = &copy->job;
     sqlite3_stmt *row = qm_sqlite_prepare(
         store, "INSERT INTO jobs (id, key, idempotency_key, body, created, document, result, state,"
-               "  revisions, restarts, begun, type, cancel) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+               "  revisions, restarts, begun, type, cancel, labels) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, "
+               "?, ?, ?)"
                " ON CONFLICT DO NOTHING");
     if (!row) return QM_STORED_FAULT;
     const char *const texts[] = {job->id,      job->key,      job->idempotency_key, job->body,
@@ -61,6 +62,7 @@ static qm_stored add_job(qm_store *store, const qm_store_job_copy *copy)
     sqlite3_bind_int64(row, 11, job->deaths - 1);
     qm_sqlite_bind_text(row, 12, copy->type);
     sqlite3_bind_int(row, 13, job->is_canceled && !job->document);
+    qm_sqlite_bind_text(row, 14, job->labels ? job->labels : "");
     if (!qm_sqlite_run(store, row)) return QM_STORED_FAULT;
     if (qm_sqlite_has_changed(store)) return QM_STORED;
     return QM_STORED_TAKEN;

@@ -28,8 +28,8 @@ bool qm_sqlite_add_subjects(qm_store *store, const char *job_id, const char *sub
 static qm_stored submit(qm_store *store, const qm_store_job *job)
 {
     sqlite3_stmt *row = qm_sqlite_prepare(
-        store, "INSERT INTO jobs (id, key, idempotency_key, body, created, state, revisions, type)"
-               " VALUES (?, ?, ?, ?, ?, ?, '', ?) ON CONFLICT DO NOTHING");
+        store, "INSERT INTO jobs (id, key, idempotency_key, body, created, state, revisions, type, labels)"
+               " VALUES (?, ?, ?, ?, ?, ?, '', ?, ?) ON CONFLICT DO NOTHING");
     if (!row) return QM_STORED_FAULT;
     qm_sqlite_bind_text(row, 1, job->id);
     qm_sqlite_bind_text(row, 2, job->key);
@@ -38,6 +38,7 @@ static qm_stored submit(qm_store *store, const qm_store_job *job)
     qm_sqlite_bind_text(row, 5, job->created);
     sqlite3_bind_int(row, 6, (int)job->state);
     qm_sqlite_bind_text(row, 7, job->type ? job->type : "");
+    qm_sqlite_bind_text(row, 8, job->labels ? job->labels : "");
     if (!qm_sqlite_run(store, row)) return QM_STORED_FAULT;
     if (!qm_sqlite_has_changed(store))
         return qm_sqlite_has_row(store, has_job, job->id) ? QM_STORED : QM_STORED_TAKEN;
@@ -154,7 +155,8 @@ bool qm_sqlite_read_job(sqlite3_stmt *statement, void *row)
         qm_sqlite_copy_text(statement, 1, &out->key) &&
         qm_sqlite_copy_text(statement, 2, &out->idempotency_key) &&
         qm_sqlite_copy_text(statement, 3, &out->body) && qm_sqlite_copy_text(statement, 4, &out->created) &&
-        qm_sqlite_copy_text(statement, 7, &out->document) && qm_sqlite_copy_text(statement, 9, &out->result))
+        qm_sqlite_copy_text(statement, 7, &out->document) &&
+        qm_sqlite_copy_text(statement, 9, &out->result) && qm_sqlite_copy_text(statement, 12, &out->labels))
         return true;
     qm_store_job_reset(out);
     return false;
@@ -196,10 +198,11 @@ qm_stored qm_sqlite_list_jobs(qm_store *store, const qm_store_page *page, const 
                               qm_store_job *out, size_t *count)
 {
     static const char *const states[] = {"0", "0", "2", "3", "4"}; /* one that runs is stored as queued */
-    qm_sqlite_listing listing = {"SELECT " QM_SQLITE_JOB_COLUMNS " FROM jobs",
-                                 "sequence",
-                                 {"type = ?", "state = ?", NULL},
-                                 {filter->type, filter->state ? states[*filter->state] : NULL, NULL}};
+    qm_sqlite_listing listing = {
+        "SELECT " QM_SQLITE_JOB_COLUMNS " FROM jobs",
+        "sequence",
+        {"type = ?", "state = ?", NULL, "instr(labels, char(10) || ? || char(10)) > 0"},
+        {filter->type, filter->state ? states[*filter->state] : NULL, NULL, filter->label}};
     if (filter->subject) { /* in the order of its index */
         listing.select =
             "SELECT " QM_SQLITE_JOB_COLUMNS " FROM job_subjects CROSS JOIN jobs ON sequence = job";
@@ -266,6 +269,15 @@ qm_stored qm_sqlite_leave_jobs(qm_store *store)
 {
     sqlite3_stmt *statement = qm_sqlite_begin(store, "UPDATE jobs SET begun = -1 WHERE document IS NULL");
     return statement ? qm_sqlite_execute(store, statement) : QM_STORED_FAULT;
+}
+
+qm_stored qm_sqlite_set_job_labels(qm_store *store, const char *id, const char *labels)
+{
+    sqlite3_stmt *statement = qm_sqlite_begin(store, "UPDATE jobs SET labels = ? WHERE id = ? RETURNING 1");
+    if (!statement) return QM_STORED_FAULT;
+    qm_sqlite_bind_text(statement, 1, labels);
+    qm_sqlite_bind_text(statement, 2, id);
+    return qm_sqlite_change_row(store, statement);
 }
 
 qm_stored qm_sqlite_forget_answer(qm_store *store, const char *id)

@@ -81,16 +81,47 @@ qm_stored qm_sqlite_find_mesh(qm_store *store, const char *id, qm_store_mesh *ou
 static bool read_state(sqlite3_stmt *statement, void *row)
 {
     qm_store_mesh_state *out = row;
-    *out = (qm_store_mesh_state){.revision = (uint64_t)sqlite3_column_int64(statement, 0),
-                                 .notes.uncertainty = sqlite3_column_double(statement, 2)};
-    return qm_sqlite_read_text(statement, 1, out->notes.unit, sizeof out->notes.unit);
+    *out = (qm_store_mesh_state){.is_found = true,
+                                 .revision = (uint64_t)sqlite3_column_int64(statement, 0),
+                                 .notes.uncertainty = sqlite3_column_double(statement, 2),
+                                 .format = sqlite3_column_int(statement, 5)};
+    return qm_sqlite_read_text(statement, 1, out->notes.unit, sizeof out->notes.unit) &&
+           qm_sqlite_read_text(statement, 3, out->hash, sizeof out->hash) &&
+           qm_sqlite_read_text(statement, 4, out->positions, sizeof out->positions);
 }
 
-qm_stored qm_sqlite_find_mesh_state(qm_store *store, const char *id, qm_store_mesh_state *out)
+/** The database is in this process: a statement for each costs no trip. */
+qm_stored qm_sqlite_find_mesh_states(qm_store *store, const char *const *ids, size_t count,
+                                     qm_store_mesh_state *out)
 {
     static const qm_sqlite_table states = {sizeof *out, read_state, NULL};
-    return qm_sqlite_find_row_by(store, "SELECT revision, unit, uncertainty FROM meshes WHERE id = ?", id,
-                                 &states, out);
+    qm_stored stored = QM_STORED;
+    for (size_t i = 0; stored == QM_STORED && i < count; i++) {
+        stored = qm_sqlite_find_row_by(
+            store, "SELECT revision, unit, uncertainty, hash, positions, format FROM meshes WHERE id = ?",
+            ids[i], &states, &out[i]);
+        if (stored == QM_STORED_NONE) stored = QM_STORED;
+    }
+    return stored;
+}
+
+static bool read_id(sqlite3_stmt *statement, void *row)
+{
+    return qm_sqlite_read_text(statement, 0, row, QM_ID_SIZE);
+}
+
+qm_stored qm_sqlite_find_undeformed(qm_store *store, const char *const *hashes, size_t count,
+                                    char (*ids)[QM_ID_SIZE])
+{
+    static const qm_sqlite_table names = {QM_ID_SIZE, read_id, NULL};
+    qm_stored stored = QM_STORED;
+    for (size_t i = 0; stored == QM_STORED && i < count; i++) {
+        stored = qm_sqlite_find_row_by(
+            store, "SELECT id FROM meshes WHERE hash = ? AND revision = 0 ORDER BY sequence DESC LIMIT 1",
+            hashes[i], &names, ids[i]);
+        if (stored == QM_STORED_NONE) stored = QM_STORED;
+    }
+    return stored;
 }
 
 qm_stored qm_sqlite_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
@@ -114,17 +145,6 @@ qm_stored qm_sqlite_list_meshes(qm_store *store, const qm_store_page *page,
     return qm_sqlite_list_rows(store, &listing, page, &table, out, count);
 }
 
-/** Runs a statement that returns a row if it has changed one; QM_STORED_NONE when it has not. */
-static qm_stored change_row(qm_store *store, sqlite3_stmt *statement)
-{
-    int step = sqlite3_step(statement);
-    bool is_found = step == SQLITE_ROW;
-    if (is_found) step = sqlite3_step(statement);
-    qm_sqlite_end(store, statement);
-    if (step != SQLITE_DONE) return QM_STORED_FAULT;
-    return is_found ? QM_STORED : QM_STORED_NONE;
-}
-
 qm_stored qm_sqlite_set_notes(qm_store *store, const qm_store_mesh *mesh)
 {
     sqlite3_stmt *statement = qm_sqlite_begin(
@@ -136,7 +156,7 @@ qm_stored qm_sqlite_set_notes(qm_store *store, const qm_store_mesh *mesh)
     qm_sqlite_bind_text(statement, 3, mesh->labels ? mesh->labels : "");
     qm_sqlite_bind_text(statement, 4, mesh->options);
     qm_sqlite_bind_text(statement, 5, mesh->id);
-    return change_row(store, statement);
+    return qm_sqlite_change_row(store, statement);
 }
 
 qm_stored qm_sqlite_set_expiry(qm_store *store, const char *id, const char *expires)
@@ -146,7 +166,7 @@ qm_stored qm_sqlite_set_expiry(qm_store *store, const char *id, const char *expi
     if (!statement) return QM_STORED_FAULT;
     qm_sqlite_bind_text(statement, 1, expires);
     qm_sqlite_bind_text(statement, 2, id);
-    return change_row(store, statement);
+    return qm_sqlite_change_row(store, statement);
 }
 
 qm_stored qm_sqlite_find_expired_mesh(qm_store *store, const char *before, qm_store_mesh *out)
@@ -206,7 +226,7 @@ static qm_stored update_revision(qm_store *store, const qm_store_mesh *mesh)
     qm_sqlite_bind_text(statement, 4, mesh->document);
     qm_sqlite_bind_text(statement, 5, mesh->id);
     sqlite3_bind_int64(statement, 6, (sqlite3_int64)mesh->revision - 1);
-    qm_stored stored = change_row(store, statement);
+    qm_stored stored = qm_sqlite_change_row(store, statement);
     return stored == QM_STORED_NONE ? QM_STORED_LATE : stored;
 }
 

@@ -22,7 +22,7 @@ def test_awkward_files(client, name, expected):
         mesh = reply.json()["id"]
         for reading in ("triangles", "bilinear"):
             result = client.hausdorff(mesh, mesh, quads=reading, deadline_ms=2000)["result"]
-            assert result["lower"] <= result["upper"] and result["lower"] <= result["tolerance"]
+            assert result["lower"] <= result["upper"] and result["lower"] <= result["gap"]
     else:
         assert expected in ("bad", "either"), reply.text
         problem = check_problem(reply, 422)

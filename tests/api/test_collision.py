@@ -47,7 +47,7 @@ def test_a_wall_meets_the_floor(client, pair, quads):
     assert found["contact"] == ("segment" if quads == "triangles" else "point")
     for point in found["points"]:
         assert point[0] == pytest.approx(1) and point[2] == pytest.approx(0, abs=1e-5) and 0 <= point[1] <= 2
-    assert ("tolerance" in result) == (quads == "bilinear")
+    assert ("gap" in result) == (quads == "bilinear")
 
 
 @pytest.mark.parametrize("mode", ["first", "any"])

@@ -80,7 +80,7 @@ def test_the_witness_lies_on_its_face(client, spheres, reading):
 def test_a_surface_against_itself(client, spheres, direction, reading):
     job = client.hausdorff(spheres[0], spheres[0], direction=direction, quads=reading)
     assert job["result"]["lower"] <= 1e-15
-    assert job["result"]["upper"] <= job["result"]["tolerance"]
+    assert job["result"]["upper"] <= job["result"]["gap"]
     assert job["result"]["converged"]
 
 
@@ -89,14 +89,14 @@ def test_the_same_surface_cut_differently(client):
     cut = client.upload(shapes.triangles(shapes.cube()))["id"]
     for reading in READINGS:
         result = client.hausdorff(quads, cut, quads=reading)["result"]
-        assert result["lower"] == 0 and result["upper"] <= result["tolerance"]
+        assert result["lower"] == 0 and result["upper"] <= result["gap"]
 
 
 @pytest.mark.parametrize("steps", [(1, 4), (4, 1), (3, 7)])
 def test_saddles_are_one_bilinear_surface(client, steps):
     a, b = (client.upload(shapes.saddle(n))["id"] for n in steps)
     curved = client.hausdorff(a, b, quads="bilinear")["result"]
-    assert curved["lower"] <= 1e-12 and curved["upper"] <= curved["tolerance"]
+    assert curved["lower"] <= 1e-12 and curved["upper"] <= curved["gap"]
     flat = client.hausdorff(a, b, quads="triangles")["result"]
     assert flat["lower"] > 1e-3
 
@@ -138,7 +138,7 @@ def test_two_points(client):
 
 def test_absolute_tolerance(client, spheres):
     result = client.hausdorff(*spheres, tolerance=1e-3, tolerance_unit="absolute", direction="a_to_b")["result"]
-    assert result["tolerance"] == 1e-3
+    assert result["gap"] == 1e-3
     assert result["upper"] - result["lower"] <= 1e-3
 
 
@@ -194,8 +194,11 @@ def test_scales(client):
 def test_each_choice_gives_the_distance(client, spheres, accelerator, bounds):
     job = client.hausdorff(*spheres, accelerator=accelerator, bounds=bounds, tolerance=1e-6)
     result = job["result"]
-    assert job["request"].get("bounds", "cover") == ("matching" if bounds == "matching" else "cover")
-    assert job["request"].get("accelerator", "auto") == accelerator
+    engine = job["request"].get("engine", {})
+    assert engine.get("bounds", "cover") == ("matching" if bounds == "matching" else "cover")
+    assert engine.get("accelerator", "auto") == accelerator
+    same = client.hausdorff(*spheres, engine={"accelerator": accelerator, "bounds": bounds}, gap=1e-6)
+    assert same["cached"] and same["request"] == job["request"]
     assert result["converged"]
     assert result["lower"] <= shapes.SPHERE_DISTANCE <= result["upper"]
 

@@ -16,7 +16,7 @@ def test_a_job_is_accepted_then_done(client, spheres):
     assert job["type"] == "hausdorff" and job["state"] in ("queued", "running")
     done = client.wait(job["id"])
     assert done["state"] == "succeeded" and done["id"] == job["id"]
-    assert done["request"]["tolerance"] == 3e-6
+    assert done["request"]["gap"] == 3e-6
     assert done["created"] <= done["started"] <= done["ended"]
     check_bounds(client.events(job["id"]), done["result"])
     assert client.get(f"/v1/jobs/{job['id']}").json() == done

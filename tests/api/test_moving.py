@@ -145,7 +145,7 @@ def check_keys(running, layouts):
     """Requests with the keys of before find what these have made."""
     with running.client() as client:
         jobs = client.get("/v1/jobs", params={"limit": 1000}).json()["jobs"]
-        (first,) = [job for job in jobs if job["type"] == "hausdorff" and job["request"].get("tolerance") == 1e-2]
+        (first,) = [job for job in jobs if job["type"] == "hausdorff" and job["request"].get("gap") == 1e-2]
         request = {key: first["request"][key] for key in ("type", "a", "b", "tolerance")}
         reply = client.post("/v1/jobs", json=request, headers={"Idempotency-Key": f"key {1e-2}", "Prefer": WAIT})
         assert reply.json()["id"] == first["id"], reply.text

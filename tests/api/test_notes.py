@@ -165,8 +165,30 @@ def test_meshes_are_named_by_their_content(client):
     other = client.upload(data[0], format="obj")["id"]
     assert run(client, type="distance", a=names[0], b=names[1])["request"]["a"] == other
     for bad in ("sha256:", names[0].upper(), names[0] + "0", "sha256:" + "g" * 64, "md5:" + "0" * 32):
-        check_problem(client.post("/v1/jobs", json={"type": "distance", "a": bad, "b": ids[1]}),
-                      404 if len(bad) < 40 else 400)
+        problem = check_problem(client.post("/v1/jobs", json={"type": "distance", "a": bad, "b": ids[1]}), 400, "invalid_field")
+        assert problem["errors"][0]["pointer"] == "/a"
+
+
+def test_a_mesh_is_found_by_its_content(client):
+    text = shapes.ply_little(box(11))
+    name = "/v1/meshes/sha256:" + hashlib.sha256(text).hexdigest()
+    assert client.head(name).status_code == 404
+    check_problem(client.get(name), 404, "mesh_not_found")
+    old, mesh = (client.upload(text, name=label) for label in ("old", "new"))
+    reply = client.head(name)
+    assert reply.status_code == 200 and reply.headers["location"] == f"/v1/meshes/{mesh['id']}" and not reply.content
+    assert client.get(name).json() == mesh
+    assert client.get(name, headers={"Accept": "text/plain"}).text == mesh["id"] + "\n"
+    assert client.get(name, headers={"If-None-Match": reply.headers["etag"]}).status_code == 304
+    client.patch(f"/v1/meshes/{mesh['id']}/vertices", json={"indices": [0], "positions": [[0, 0, 0]]})
+    assert client.get(name).json() == old
+    client.delete(f"/v1/meshes/{old['id']}")
+    check_problem(client.get(name), 404, "mesh_not_found")
+    for bad in ("zz", name[-64:].upper(), "f" * 63, "g" * 64):
+        check_problem(client.get("/v1/meshes/sha256:" + bad), 400, "invalid_parameter")
+    check_problem(client.get(name + "0"), 404, "not_found")
+    check_problem(client.delete(name), 405)
+    check_problem(client.get(f"/v1/meshes/{'f' * 64}"), 404, "not_found")
 
 
 def test_a_restart_knows_what_a_hash_meant(make_daemon):
@@ -218,3 +240,57 @@ def test_the_uncertainty_is_moved_with_a_mesh(client):
     assert reply.status_code == 201, reply.text
     assert 0.5 <= reply.json()["uncertainty"] <= 0.5 + 1e-9
     assert not client.post(f"/v1/meshes/{exact}/copies", json={"transform": twice}).json().get("uncertainty")
+
+
+def holds(outer, value):
+    return outer["lower"] <= value["upper"] and value["lower"] <= outer["upper"]
+
+
+def test_true_surfaces_of_a_matrix(client):
+    """Boxes that are moved by less than their uncertainty are true surfaces that they may have."""
+    chance = random.Random(SEED)
+    vague = [0.05, 0.0, 0.02, 0.2]
+
+    def boxes(moves):
+        return [shapes.ply_little(shapes.cube(side=1 + 0.1 * i, origin=move)) for i, move in enumerate(moves)]
+
+    ids = [client.upload(text, **({"uncertainty": e} if e else {}))["id"] for text, e in zip(boxes([(0, 0, 0)] * 4), vague)]
+    asked = {"type": "matrix", "meshes": ids, "gap": 1e-9}
+    result = run(client, **asked, want={"nearest": 3})["result"]
+    assert result["uncertainties"] == vague
+    limit = run(client, **asked, want={"within": 0.2})["result"]["verdicts"]
+    assert limit["of_true"]["undecided"] >= limit["undecided"] and sum(limit["of_true"].values()) == 6
+    assert limit["of_true"]["within"] <= limit["within"] and limit["of_true"]["beyond"] <= limit["beyond"]
+    for _ in range(5):
+        moves = [[e * chance.uniform(-1, 1) / 3 ** 0.5 for _ in range(3)] for e in vague]
+        true = [client.upload(text)["id"] for text in boxes(moves)]
+        exact = run(client, type="matrix", meshes=true, want={"nearest": 3}, gap=1e-9)["result"]
+        assert "uncertainties" not in exact and "of_true" not in str(exact)
+        for a in range(4):
+            found = {near["mesh"]: near for near in exact["nearest"][a]}
+            for near in result["nearest"][a]:
+                assert holds(near["of_true"], found[near["mesh"]])
+    # The notes are part of the question: an answer of exact meshes is none of vague ones.
+    client.patch(f"/v1/meshes/{ids[1]}", json={"uncertainty": 0.5})
+    again = run(client, **asked, want={"nearest": 3})
+    assert "cached" not in again and again["result"]["uncertainties"][1] == 0.5
+    moved = run(client, type="matrix", meshes=[ids[1], {"mesh": ids[0], "transform": [2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 1]}])
+    assert moved["result"]["uncertainties"][1] == pytest.approx(0.1)
+
+
+def test_true_surfaces_of_places_and_regions(client):
+    a = client.upload(shapes.ply_little(shapes.cube(side=2)), uncertainty=0.1)["id"]
+    b = client.upload(shapes.ply_little(shapes.cube(side=1)), uncertainty=0.2)["id"]
+    result = run(client, type="comparison", a=a, b=b, limit=0.5, regions=True, sign="outside", worst={"count": 2})["result"]
+    for direction in ("a_to_b", "b_to_a"):
+        for place in result[direction]["worst"]:
+            assert place["of_true"]["upper"] - place["upper"] == pytest.approx(0.3)
+        assert "of_true" not in str(result[direction]["signed"])
+    (region,) = result["a_to_b"]["regions"]
+    assert region["max"]["of_true"]["lower"] == pytest.approx(region["max"]["lower"] - 0.3)
+    assert region["max"]["of_true"]["upper"] == pytest.approx(region["max"]["upper"] + 0.3)
+    found = run(client, type="alignment", a=a, b=b, motion="rigid_scale")["result"]
+    assert found["scale"] == pytest.approx(0.5)
+    assert found["hausdorff"]["of_true"]["upper"] - found["hausdorff"]["upper"] == pytest.approx(0.05 + 0.2)
+    penetration = run(client, type="collision", a=a, b=b, penetration=True)["result"]["penetration"]
+    assert "of_true" not in str(penetration)

@@ -82,7 +82,7 @@ def test_each_accelerator_finds_the_same_feet(client, spheres, quads):
     feet = ask(client, spheres[0], points, quads=quads)["result"]["points"]
     for accelerator in ("boxes", "tetra", "grid"):
         job = ask(client, spheres[0], points, quads=quads, accelerator=accelerator)
-        assert job["request"]["accelerator"] == accelerator
+        assert job["request"]["engine"] == {"accelerator": accelerator}
         assert job["result"]["points"] == feet
         answer = project(client, spheres[0], floats(points), params={"quads": quads, "accelerator": accelerator})
         assert rows(answer) == [as_row(foot) for foot in feet]

@@ -7,13 +7,14 @@ import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
 import { Browser, finish, waitForView } from "./support/page.js";
-import { SPHERE_TURN, off, roundedBox, roundedBoxLayout, sphere } from "./support/shapes.js";
+import { SPHERE_TURN, moved, off, roundedBox, roundedBoxLayout, sphere } from "./support/shapes.js";
 
 const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 let daemon;
 let browser;
 let ids;
 let box;
+let beside;
 before(async () => {
   daemon = await Daemon.start();
   browser = await Browser.launch();
@@ -22,7 +23,8 @@ before(async () => {
     ids.push((await daemon.client().meshes.create(off(sphere(turn, 10, 20)), { name: `sphere_${turn.toFixed(2)}.off` })).mesh.id);
   }
   await daemon.client().jobs.create({ type: "hausdorff", a: ids[0], b: ids[1] }, { wait: 30 });
-  box = (await daemon.client().meshes.create(off(roundedBox(12)), { name: "box.off" })).mesh.id;
+  box = (await daemon.client().meshes.create(off(roundedBox(12)), { name: "box.off", labels: ["lot-7"] })).mesh.id;
+  beside = (await daemon.client().meshes.create(off(moved(roundedBox(6), [0.6, 0.2, 0.1])), { name: "beside.off" })).mesh.id;
   // One curve too few: something is missing of it, and four patches are whole.
   const { nodes, curves } = roundedBoxLayout();
   const layout = await daemon.client().layouts.create({ mesh: box, nodes, curves: curves.slice(1) });
@@ -60,29 +62,65 @@ const VIEWS = {
       await page.locator("#landmarks", { hasText: "Click a place of A" }).waitFor();
       await page.getByRole("button", { name: "Map the distances" }).click();
       await page.locator("#deviation").waitFor();
+      await page.locator(".range").getByRole("button", { name: "Bands" }).click();
+      await page.getByRole("button", { name: "By the normals" }).click(); // the link's sign is refused
+      await page.locator("#signed tr", { hasText: "Share from" }).waitFor();
+      await page.getByRole("button", { name: "Align A onto B" }).click();
+      await page.locator("#reach:not([hidden])").waitFor();
+      await page.getByRole("button", { name: "Map the distances" }).click();
+      await page.locator("#deviation").waitFor();
+      await page.locator(".stage-tools").getByRole("button", { name: "Section" }).click();
     } },
   collide: {
-    hash: () => `#collide?a=${ids[0]}&b=${ids[1]}`, act: async (page) => {
+    hash: () => `#collide?a=${box}&b=${beside}&limit=0.1`, act: async (page) => {
       await page.getByRole("button", { name: "Find collisions" }).click();
       await page.locator("#contact").waitFor();
+      await page.locator("#penetration td").first().waitFor();
+      await page.locator("#clearance:not([hidden])").waitFor();
     } },
   deform: { hash: () => `#deform?a=${ids[0]}`, act: waitForView },
   sketch: { hash: () => `#sketch?a=${box}`, act: (page) => page.locator(".issues li").first().waitFor() },
   remesh: { hash: () => `#remesh?a=${box}`, act: (page) => page.locator("tbody tr").nth(1).waitFor() },
   jobs: { hash: () => "#jobs", act: (page) => page.locator("tbody tr").nth(3).waitFor() },
 };
-for (const [name, width, colorScheme] of [["light and large", 1300, "light"], ["dark and narrow", 360, "dark"]]) {
-  test(`no view has a violation, ${name}`, async () => {
-    const page = await browser.open(`${daemon.url}/#jobs`, { viewport: { width, height: 740 }, colorScheme });
+
+/** Looks at the page in both themes. */
+async function look(page, what) {
+  for (let theme = 0; theme < 2; theme++) {
+    assert.deepEqual(await violations(page), [], what);
+    await page.evaluate(() => document.getElementById("theme").click()); // also where a dialog lies over it
+  }
+  const overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+  assert(overflow <= 0, `${what} is ${overflow} px too wide`);
+}
+
+for (const width of [1300, 320]) {
+  test(`no view and no dialog has a violation, light and dark, ${width} px wide`, async () => {
+    const page = await browser.open(`${daemon.url}/#jobs`, { viewport: { width, height: 740 }, reducedMotion: "reduce" }); // colours that fade have other contrasts
     await page.locator(".connection.open").waitFor();
     for (const [view, { hash, act }] of Object.entries(VIEWS)) {
       await page.evaluate((to) => { location.hash = to; }, hash());
       await page.locator(`body[data-page="${view}"]`).waitFor();
       await act(page);
-      assert.deepEqual(await violations(page), [], view);
-      const overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
-      assert(overflow <= 0, `${view} is ${overflow} px too wide`);
+      await look(page, view);
     }
+    await page.getByRole("button", { name: /^Details/ }).first().click();
+    await page.locator("dialog pre").first().waitFor();
+    await look(page, "the details of a job");
+    await page.keyboard.press("Escape");
+    await page.locator("dialog").waitFor({ state: "detached" });
+    await page.getByRole("button", { name: "Token" }).click();
+    await page.locator("#token-input").fill("secret");
+    await look(page, "the dialog for the token");
+    await page.getByRole("button", { name: "Cancel" }).click();
+    await page.getByRole("button", { name: /^Delete the record/ }).first().click();
+    await page.getByRole("button", { name: "Undo" }).waitFor();
+    await look(page, "a message");
+    await page.getByRole("button", { name: "Undo" }).click();
+    await page.locator("input[name=label]").fill("none-such");
+    await page.locator("input[name=label]").press("Enter");
+    await page.getByText("There are no such jobs").waitFor();
+    await look(page, "an empty list");
     await finish(page);
   });
 }

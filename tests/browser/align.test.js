@@ -88,6 +88,54 @@ test("A is aligned onto B by a button; the view, the questions and a link have i
   await finish(page);
 });
 
+test("fit, motion, start, trim and mirror are the user's; floor and runner-up are told, and that no motion meets a limit", async () => {
+  const { length } = await import("../../clients/dashboard/core/format.js");
+  const mirrored = { ...wedge(), vertices: wedge().vertices.map(([x, y, z]) => [-x, 1.2 * y, z]), faces: wedge().faces.map((corners) => [...corners].reverse()) };
+  const other = (await daemon.client().meshes.create(off(mirrored), { name: "mirrored.off" })).mesh.id;
+  const page = await browser.open(`${daemon.url}/#compare?a=${other}&b=${b}`, { viewport: { width: 1300, height: 900 } });
+  await waitForView(page);
+  /** Aligns from where A lies by what is chosen, and compares what is shown with the daemon's answer. */
+  async function align(choices, question) {
+    const back = page.getByRole("button", { name: "Back to where A lies" });
+    if (await back.isVisible()) await back.click();
+    for (const [name, value] of Object.entries(choices)) {
+      const field = page.locator(`[name=${name}]`);
+      if (name === "mirror") await field.setChecked(value);
+      else if (name === "trim") await field.fill(value);
+      else await field.selectOption(value);
+    }
+    await page.getByRole("button", { name: "Align A onto B" }).click();
+    await page.locator("#alignment .figures").waitFor();
+    const { result } = await daemon.client().jobs.create({ type: "alignment", a: other, b, ...question }, { wait: 60 });
+    assert.equal(await figure(page, "RMS of the distances"), length(result.rms, 4));
+    const second = result.certainty.runner_up_rms;
+    assert.equal(await figure(page, "RMS of the runner-up"), second === null ? "none: all starts ended here" : length(second, 4));
+    assert.equal(await figure(page, "No motion gets below"), result.floor === null ? "not known with a scale" : length(result.floor, 4));
+    assert.equal(await page.getByText("Mirror image", { exact: true }).count(), result.mirrored ? 1 : 0);
+    return result;
+  }
+  const plain = await align({ start: "centroids" }, { start: "centroids" });
+  const turned = await align({ start: "principal", mirror: true, trim: "20" }, { mirror: true, trim: 0.2 });
+  assert(turned.mirrored && turned.rms < plain.rms);
+  await align({ motion: "rigid_scale", mirror: false, trim: "0" }, { motion: "rigid_scale" });
+  const best = await align({ fit: "min_max", motion: "rigid", start: "identity" }, { fit: "min_max", start: "identity" });
+  assert(await page.locator("[name=trim]").isDisabled());
+  assert(best.floor > 1e-3 && best.hausdorff.upper > 2 * best.floor);
+
+  const limit = page.locator("input[name=limit]");
+  for (const [value, words] of [[best.floor / 2, "No motion brings A within"], [2 * best.hausdorff.upper, "A is within"], [(best.floor + best.hausdorff.lower) / 2, "A is not within"]]) {
+    await limit.fill(String(Number(value.toPrecision(3))));
+    await page.locator("#reach", { hasText: words }).waitFor();
+  }
+  await page.waitForFunction(() => location.hash.includes("alignment="));
+  const fresh = await browser.open(page.url());
+  await fresh.locator("#reach", { hasText: "A is not within" }).waitFor();
+  assert.equal(await fresh.locator("#alignment").innerText(), await page.locator("#alignment").innerText());
+  assert.equal(await fresh.locator("[name=fit]").inputValue(), "min_max");
+  await finish(fresh);
+  await finish(page);
+});
+
 test("the moved mesh is kept as a copy, which takes the place of A", async () => {
   const page = await open();
   await waitForView(page);
@@ -134,6 +182,10 @@ test("pairs of places that are clicked bring A onto B, from where it is", async 
     await page.locator("#landmarks", { hasText: place < 2 ? `${place + 1} are there` : `by the ${place + 1} pairs` }).waitFor();
   }
   assert.equal(await page.locator(".pins span.pin").count(), 4);
+  await page.getByRole("button", { name: "Take the middle of the view" }).click(); // without a pointer
+  await page.locator("#landmarks", { hasText: "Click the same place of B." }).waitFor();
+  await page.getByRole("button", { name: "Take the last back" }).click();
+  await page.locator("#landmarks", { hasText: "by the 4 pairs" }).waitFor();
   await page.getByRole("button", { name: "Align by these" }).click();
   await page.locator("#alignment .figures").waitFor();
   assert(Number(await figure(page, "RMS of the distances")) < BOUND);

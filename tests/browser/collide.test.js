@@ -4,8 +4,8 @@ import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 
 import { Daemon, until } from "./support/daemon.js";
-import { Browser, finish, waitForView } from "./support/page.js";
-import { ball, box, moved, off } from "./support/shapes.js";
+import { Browser, finish, fly, rest, waitForView } from "./support/page.js";
+import { ball, box, moved, off, sphere } from "./support/shapes.js";
 
 let daemon;
 let browser;
@@ -14,7 +14,10 @@ before(async () => {
   daemon = await Daemon.start();
   browser = await Browser.launch();
   ids = {};
-  for (const [name, mesh] of Object.entries({ one: box(4), near: moved(box(4), [0.75, 0.3, 0.3]), far: moved(box(4), [3, 0, 0]), ball: ball(16) })) {
+  const inner = { ...box(2), vertices: box(2).vertices.map((point) => point.map((x) => 0.3 + 0.4 * x)) };
+  const open = { ...box(2), faces: box(2).faces.slice(1) };
+  for (const [name, mesh] of Object.entries({ one: box(4), near: moved(box(4), [0.75, 0.3, 0.3]), far: moved(box(4), [3, 0, 0]), ball: ball(16), inner, open,
+    beside: moved(box(4), [1, 0, 0]), small: moved(sphere(0, 8, 16), [0.2, 0.1, 0]) })) {
     ids[name] = (await daemon.client().meshes.create(off(mesh), { name })).mesh.id;
   }
 });
@@ -46,6 +49,99 @@ test("contacts are counted, stepped through and flown to; apart, the least dista
   await page.locator("select[name=b]").selectOption("");
   await page.getByRole("button", { name: "Find collisions" }).click();
   await page.locator("#collisions", { hasText: "No faces meet that should not" }).waitFor();
+  await finish(page);
+});
+
+const pair = (page) => page.evaluate(async () => {
+  const { eye: { controls, camera }, frame, pair: { from, to, group } } = (await import("/dashboard/view/view.js")).currentStage();
+  const place = (vector) => vector.toArray().map((x, k) => x / frame.scale + frame.centre[k]);
+  return { target: place(controls.target), camera: place(camera.position), from: place(from), to: place(to), isShown: group.visible };
+});
+const near = (one, other, by = 1e-6) => Math.hypot(...one.map((x, k) => x - other[k])) < by;
+
+test("solids: the relation, how deep each reaches into the other, and the deepest places to fly to", async () => {
+  const page = await browser.open(`${daemon.url}/#collide?a=${ids.one}&b=${ids.near}`);
+  await waitForView(page);
+  const find = () => page.getByRole("button", { name: "Find collisions" }).click();
+  await find();
+  await page.locator("#relation", { hasText: "The solids reach into each other." }).waitFor();
+  const job = await daemon.client().jobs.create({ type: "collision", a: ids.one, b: ids.near, mode: "any", penetration: true }, { wait: 30 });
+  const { a_in_b: there, b_in_a: back } = job.result.penetration;
+  const cells = await page.locator("#penetration td.number").allInnerTexts();
+  for (const [place, { lower, upper }] of [there, back].entries()) {
+    const [middle, half] = cells[place].split(" ± ").map(Number);
+    assert(middle - half <= lower && middle + half >= upper && 2 * half < 3 * (upper - lower), `${cells} ${lower} ${upper}`);
+  }
+  await page.waitForFunction(() => document.querySelector("#contact").textContent.startsWith("1 of"));
+  for (const [place, { witness }] of [there, back].entries()) {
+    await fly(page, () => page.getByRole("list", { name: "Deepest places" }).getByRole("button").nth(place).click());
+    const { target, from, to, isShown } = await pair(page);
+    assert(isShown && near(from, witness.from.point) && near(to, witness.to.point), `${from} ${to}`);
+    assert(near(target, witness.from.point.map((x, k) => (x + witness.to.point[k]) / 2)), target.join());
+  }
+
+  // Where they meet, the normals of both faces are told and drawn.
+  const [first] = (await daemon.client().jobs.create({ type: "collision", a: ids.one, b: ids.near }, { wait: 30 })).result.pairs;
+  const normals = await page.locator("#normals dd").allInnerTexts();
+  assert.deepEqual(normals.slice(0, 2).map((text) => text.split(", ").map(Number)), first.normals.map((normal) => normal.map((x) => x + 0)));
+  assert.equal(normals[2], "90.0°");
+  const drawn = await page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage().layers.get("marks").ribbons.slice(-2)
+    .map(({ points: [foot, tip] }) => tip.clone().sub(foot).normalize().toArray()));
+  assert(drawn.every((way, place) => near(way, first.normals[place])), JSON.stringify(drawn));
+
+  for (const [b, words] of [[ids.far, "The solids are apart."], [ids.inner, "B is inside of A."], [ids.beside, "The solids touch, or reach into each other by no more than 0.03125: more is not known."],
+    [ids.open, "They are not taken as solids: "]]) {
+    await page.locator("select[name=b]").selectOption(b);
+    await find();
+    await page.locator("#relation", { hasText: words }).waitFor();
+  }
+  await page.locator("select[name=a]").selectOption(ids.inner);
+  await page.locator("select[name=b]").selectOption(ids.one);
+  await find();
+  await page.locator("#relation", { hasText: "A is inside of B." }).waitFor();
+  await page.getByRole("checkbox", { name: "As solids" }).uncheck();
+  await find();
+  await page.locator("#collisions", { hasText: "The two do not meet" }).waitFor();
+  assert(await page.locator("#relation").isHidden());
+  await finish(page);
+});
+
+test("the clearance gets its verdict and its nearest points; a link opens the same view", async () => {
+  const page = await browser.open(`${daemon.url}/#collide?a=${ids.one}&b=${ids.far}`);
+  await waitForView(page);
+  const verdict = page.locator("#clearance");
+  for (const [limit, words] of [["1.5", "The clearance is above the 1.5 wanted."], ["2.5", "The clearance is not above the 2.5 wanted."]]) {
+    await page.getByLabel("Clearance wanted").fill(limit);
+    await fly(page, () => page.getByRole("button", { name: "Find collisions" }).click());
+    assert.equal(await verdict.innerText(), words);
+    const { result } = await daemon.client().jobs.create({ type: "distance", a: ids.one, b: ids.far }, { wait: 30 });
+    const [lower, upper] = (await page.getByText(/ to 2\.00000/).innerText()).split(" to ").map(Number);
+    assert(Math.abs(lower - result.lower) < 1e-6 && Math.abs(upper - result.upper) < 1e-6);
+    const { target, from, to } = await pair(page);
+    assert(near(from, result.witness.from.point) && near(to, result.witness.to.point));
+    assert(near(target, from.map((x, k) => (x + to[k]) / 2), 1e-4), target.join());
+  }
+  await page.waitForFunction(() => location.hash.includes("eye=") && location.hash.includes("found=1"));
+  await rest(page);
+  const other = await browser.open(page.url());
+  await other.locator("#clearance", { hasText: "not above the 2.5 wanted" }).waitFor();
+  await other.getByText(/ to 2\.00000/).waitFor();
+  await rest(other);
+  const [here, there] = [await pair(page), await pair(other)];
+  assert(["camera", "target", "from", "to"].every((name) => near(here[name], there[name], 1e-5)), JSON.stringify([here, there]));
+  await finish(other);
+
+  // Of what meets, the clearance is 0.
+  await page.locator("select[name=b]").selectOption(ids.near);
+  await page.getByRole("button", { name: "Find collisions" }).click();
+  await verdict.filter({ hasText: "The clearance is not above the 2.5 wanted." }).waitFor();
+  await page.getByText("0 to 0", { exact: true }).waitFor();
+  await page.locator("#relation", { hasText: "reach into" }).waitFor();
+  await page.getByRole("button", { name: "Next contact" }).click();
+  await page.waitForFunction(() => location.hash.includes("contact=2"));
+  const third = await browser.open(page.url());
+  await third.waitForFunction(() => document.querySelector("#contact")?.textContent.startsWith("2 of"));
+  await finish(third);
   await finish(page);
 });
 

@@ -150,6 +150,53 @@ test("signed distances distinguish inside from outside; a link restores the view
   await finish(other);
 });
 
+test("bands of signed distances: the daemon's shares of both directions, their colours, and a link that brings them back", async () => {
+  const { shareBetween } = await import("../../clients/dashboard/core/format.js");
+  const [near, whole] = await Promise.all([moved(ball(8), [0.3, 0, 0]), ball(16)].map(async (mesh, place) =>
+    (await daemon.client().meshes.create(off(mesh), { name: `banded_${place}.off` })).mesh.id));
+  const page = await browser.open(`${daemon.url}/#compare?a=${near}&b=${whole}&heat=1&signed=1`, { viewport: { width: 1300, height: 900 } });
+  await page.locator(".legend", { hasText: "sides proven" }).waitFor();
+  await page.locator(".range").getByRole("button", { name: "Bands" }).click();
+  await page.locator("input[name=limit-in]").fill("-0.1");
+  await page.locator("input[name=limit-in]").press("Tab");
+  await page.locator("input[name=limit-out]").fill("0.2");
+  await page.locator("input[name=limit-out]").press("Tab");
+  const bands = [[null, -0.1], [-0.1, 0.2], [0.2, null]];
+  const names = ["Share below -0.1", "Share from -0.1 to 0.2", "Share above 0.2"];
+  await page.locator("#signed tr", { hasText: names[1] }).waitFor();
+  const ask = (request) => daemon.client().jobs.create({ a: near, b: whole, sign: "outside", bands, ...request }, { wait: 30 }).then(({ result }) => result);
+  const { signed } = await ask({ type: "deviation", accuracy: 0.02, pieces: 262144 });
+  const shown = async (table, where = page) => Promise.all(names.map((name) => where.locator(`${table} tr`, { hasText: name }).locator("td").allInnerTexts()));
+  assert.deepEqual(await shown("#signed"), signed.bands.map((share) => [shareBetween(share)]));
+  await page.locator(".legend .band", { hasText: "more than 0.100 inside" }).waitFor();
+  await page.getByRole("button", { name: "Compare both ways" }).click();
+  await page.locator("#comparison", { hasText: "The sides are proven." }).waitFor();
+  const both = await ask({ type: "comparison" });
+  const cells = await shown("#comparison");
+  assert.deepEqual(cells, both.a_to_b.signed.bands.map((_, place) => ["", ...[both.a_to_b, both.b_to_a].map(({ signed: { bands: all } }) => shareBetween(all[place]))]));
+  const other = await browser.open(page.url());
+  await other.locator("#comparison", { hasText: "The sides are proven." }).waitFor();
+  await other.locator(".legend .band", { hasText: "more than 0.200 outside" }).waitFor();
+  assert.deepEqual([await shown("#signed", other), await shown("#comparison", other)], [await shown("#signed"), cells]);
+  await finish(other);
+  await finish(page);
+});
+
+test("shares are written so that they hold what they stand for", async () => {
+  const { shareBetween } = await import("../../clients/dashboard/core/format.js");
+  assert.equal(shareBetween({ lower: 0.25, upper: 0.25 }), "25.0 %");
+  assert.equal(shareBetween({ lower: 0, upper: 0.0123456 }), "0 to 1.24 %");
+  assert.equal(shareBetween({ lower: 0.99994, upper: 1 }), "99.9 to 100 %");
+  assert.equal(shareBetween({ lower: 0, upper: 6.85e-13 }), "0 to 0.0001 %");
+  const random = chance(11);
+  for (let n = 0; n < 5000; n++) {
+    const lower = 10 ** (-9 * random());
+    const upper = Math.min(1, lower * (1 + random() * 10 ** (-6 * random())));
+    const [low, high] = shareBetween({ lower, upper }).replace(" %", "").split(" to ").map((text) => Number(text) / 100);
+    assert(upper === lower || (low <= lower * (1 + 1e-12) && high >= upper * (1 - 1e-12) && low > 0.98 * lower - 1e-6 && high < 1.02 * upper + 1e-6), `seed 11: ${lower} ${upper}`);
+  }
+});
+
 test("of a mesh that is inside out the inside is the same", async () => {
   const whole = ball(16);
   const turned = { ...whole, faces: whole.faces.map((corners) => [...corners].reverse()) };
@@ -376,7 +423,7 @@ test("both ways in one table, and the worst places as pins in a list that flies 
   const [both, there] = await row("Maximum");
   assert.equal(both, there);
   assert(Math.abs(Number(both.split(" ")[0]) - 0.3) < 1e-6, both);
-  assert.match((await row("Share within 0.1")).join(), /^,\d+\.\d %( to \d+\.\d %)?,\d+\.\d %/);
+  assert.match((await row("Share within 0.1")).join(), /^,\d+\.\d( to \d+\.\d)? %,\d+\.\d( to \d+\.\d)? %$/);
   const places = page.getByRole("list", { name: "Worst places" }).getByRole("button");
   const count = await places.count();
   assert(count >= 5 && count <= 10, `${count} places`);

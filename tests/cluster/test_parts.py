@@ -41,7 +41,7 @@ def check_end(cluster, job):
         assert document["state"] == "succeeded", document
         result, events = document["result"], client.events(job)
     assert result["converged"] and result["lower"] <= SLOW_DISTANCE <= result["upper"], result
-    assert result["upper"] - result["lower"] <= result["tolerance"]
+    assert result["upper"] - result["lower"] <= result["gap"]
     check_bounds(events, result)
     for event in events:
         if event["event"] == "bounds" and event["upper"] is not None:

@@ -32,7 +32,7 @@ def test_real_pairs_converge(a, b, reading):
     result = json.loads(done.stdout)
     assert done.returncode == 0, result
     assert result["converged"] is True and 0 <= result["lower"] <= result["upper"]
-    assert result["upper"] - result["lower"] <= result["tolerance"] * (1 + 1e-9)
+    assert result["upper"] - result["lower"] <= result["gap"] * (1 + 1e-9)
     # Some thousands as a rule: facets that are ranked badly for small pieces have taken a pair to half a million.
     assert result["iterations"] < 60000
 

@@ -11,6 +11,7 @@
 #include "base/json.h"
 #include "check.h"
 #include "folder.h"
+#include "job/former_names.h"
 #include "job/json_in.h"
 #include "ops/json_out.h"
 #include "random.h"
@@ -154,6 +155,57 @@ static void every_field_is_read(void **state)
     assert_true(request.detach);
 }
 
+static void what_is_the_engines_own_is_an_object(void **state)
+{
+    (void)state;
+    qm_job_request request;
+    qm_problem problem;
+    assert_true(read_job("{\"type\":\"hausdorff\",\"a\":\"m\",\"b\":\"n\",\"gap\":1e-3,\"limit\":2,"
+                         "\"engine\":{\"accelerator\":\"grid\",\"bounds\":\"cells\",\"memory_limit\":65536}}",
+                         &request, &problem));
+    assert_int_equal(request.accelerator, QM_ACCELERATOR_GRID);
+    assert_int_equal(request.bounds, QM_BOUNDS_COVER); /* whose former name that is */
+    assert_int_equal(request.memory_limit, 65536);
+    qm_text text = {0};
+    qm_json_write_request_briefly(&text, &request);
+    assert_string_equal(text.data,
+                        "{\"type\":\"hausdorff\",\"a\":\"m\",\"b\":\"n\",\"quads\":\"triangles\","
+                        "\"direction\":\"two_sided\",\"gap\":0.001,\"gap_unit\":\"relative\",\"limit\":2,"
+                        "\"engine\":{\"accelerator\":\"grid\",\"memory_limit\":65536}}");
+    qm_text_reset(&text);
+    assert_true(read_job("{\"type\":\"heatmap\",\"a\":\"m\",\"b\":\"n\",\"engine\":{\"pieces\":0}}", &request,
+                         &problem));
+    assert_int_equal(request.pieces, 0);
+    qm_json_write_request_briefly(&text, &request);
+    assert_non_null(strstr(text.data, ",\"engine\":{\"pieces\":0}}"));
+    qm_text_reset(&text);
+    assert_false(
+        read_job("{\"type\":\"alignment\",\"a\":\"m\",\"b\":\"n\",\"engine\":{}}", &request, &problem));
+    assert_string_equal(problem.errors[0].pointer, "/engine");
+}
+
+static void former_names_are_replaced(void **state)
+{
+    (void)state;
+    static const char *const cases[][2] = {
+        {"", ""},
+        {"\"tolerance\":1", "\"gap\":1"},
+        {"{\"request\":{\"tolerance\":1e-06,\"tolerance_unit\":\"relative\",\"threshold\":0.5},\"x\":1}",
+         "{\"request\":{\"gap\":1e-06,\"gap_unit\":\"relative\",\"limit\":0.5},\"x\":1}"},
+        {"{\"stopped_by\":\"threshold\"}", "{\"stopped_by\":\"limit\"}"},
+        {"{\"stopped_by\":\"work\",\"name\":\"threshold\",\"list\":[\"tolerance\",\"threshold\"]}",
+         "{\"stopped_by\":\"work\",\"name\":\"threshold\",\"list\":[\"tolerance\",\"threshold\"]}"},
+        {"{\"detail\":\"a \\\"tolerance\\\": 1\"}", "{\"detail\":\"a \\\"tolerance\\\": 1\"}"},
+    };
+    qm_former_names_replace(NULL);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char *text = strdup(cases[i][0]);
+        qm_former_names_replace(text);
+        assert_string_equal(text, cases[i][1]);
+        free(text);
+    }
+}
+
 static void absent_fields_have_defaults(void **state)
 {
     (void)state;
@@ -211,6 +263,21 @@ static void bad_members_are_pointed_at(void **state)
         {"\"accelerator\":\"octree\"", QM_PROBLEM_INVALID_FIELD, "/accelerator"},
         {"\"bounds\":\"loose\"", QM_PROBLEM_INVALID_FIELD, "/bounds"},
         {"\"accelerator\":\"octree\",\"threads\":0", QM_PROBLEM_INVALID_FIELD, "/accelerator"},
+        {"\"engine\":1", QM_PROBLEM_INVALID_FIELD, "/engine"},
+        {"\"engine\":null", QM_PROBLEM_INVALID_FIELD, "/engine"},
+        {"\"engine\":[]", QM_PROBLEM_INVALID_FIELD, "/engine"},
+        {"\"engine\":{\"bounds\":\"loose\"}", QM_PROBLEM_INVALID_FIELD, "/engine/bounds"},
+        {"\"engine\":{\"memory_limit\":1}", QM_PROBLEM_INVALID_FIELD, "/engine/memory_limit"},
+        {"\"engine\":{\"threads\":1}", QM_PROBLEM_INVALID_FIELD, "/engine/threads"},
+        {"\"engine\":{\"gap\":1}", QM_PROBLEM_INVALID_FIELD, "/engine/gap"},
+        {"\"engine\":{\"pieces\":1}", QM_PROBLEM_INVALID_FIELD, "/engine/pieces"},
+        {"\"engine\":{\"a/b\\u00e9\":1}", QM_PROBLEM_INVALID_FIELD, "/engine/a~1b??"},
+        {"\"engine\":{\"bounds\":\"cover\",\"bounds\":\"cover\"}", QM_PROBLEM_INVALID_FIELD,
+         "/engine/bounds"},
+        {"\"engine\":{},\"engine\":{}", QM_PROBLEM_INVALID_FIELD, "/engine"},
+        {"\"engine\":{\"bounds\":\"cover\"},\"bounds\":\"cover\"", QM_PROBLEM_INVALID_FIELD, "/bounds"},
+        {"\"accelerator\":\"grid\",\"engine\":{\"accelerator\":\"grid\"}", QM_PROBLEM_INVALID_FIELD,
+         "/engine/accelerator"},
         {"\"colour\":\"red\"", QM_PROBLEM_INVALID_FIELD, "/colour"},
         {"\"a/b~c\":1", QM_PROBLEM_INVALID_FIELD, "/a~1b~0c"},
         {"\"\":1", QM_PROBLEM_INVALID_FIELD, "/"},
@@ -488,13 +555,12 @@ static void a_result_is_a_document(void **state)
                                              .stop = QM_STOP_DEADLINE};
     qm_text text = {0};
     qm_json_write_result(&text, &request, &result);
-    check_text(&text,
-               "{\"lower\":0,\"upper\":null,\"lower_relative\":0,\"upper_relative\":null,\"witness\":"
-               "{\"from\":{\"mesh\":\"b\",\"id\":\"m2\",\"face\":7,\"uv\":[0,0],\"point\":[0,0,0]},"
-               "\"to\":{\"mesh\":\"a\",\"face\":0,\"uv\":[0,0],\"point\":[0,0,0]}},"
-               "\"direction\":\"two_sided\",\"quads\":\"triangles\",\"tolerance\":0.5,\"iterations\":5,"
-               "\"projections\":6,\"max_queue\":4,\"prepare_ms\":{\"a\":1,\"b\":2},\"elapsed_ms\":3,"
-               "\"converged\":false,\"stopped_by\":\"deadline\",\"verdict\":null}");
+    check_text(&text, "{\"lower\":0,\"upper\":null,\"lower_relative\":0,\"upper_relative\":null,\"witness\":"
+                      "{\"from\":{\"mesh\":\"b\",\"id\":\"m2\",\"face\":7,\"uv\":[0,0],\"point\":[0,0,0]},"
+                      "\"to\":{\"mesh\":\"a\",\"face\":0,\"uv\":[0,0],\"point\":[0,0,0]}},"
+                      "\"direction\":\"two_sided\",\"quads\":\"triangles\",\"gap\":0.5,\"iterations\":5,"
+                      "\"projections\":6,\"max_queue\":4,\"prepare_ms\":{\"a\":1,\"b\":2},\"elapsed_ms\":3,"
+                      "\"converged\":false,\"stopped_by\":\"deadline\",\"verdict\":null}");
 }
 
 static void a_result_without_witness_leaves_it_out(void **state)
@@ -506,7 +572,7 @@ static void a_result_without_witness_leaves_it_out(void **state)
     qm_json_write_result(&text, &request, &result);
     assert_non_null(strstr(text.data, "\"lower_relative\":null,\"upper_relative\":null,\"direction\":"));
     assert_null(strstr(text.data, "witness"));
-    assert_non_null(strstr(text.data, "\"stopped_by\":\"threshold\",\"verdict\":\"below\"}"));
+    assert_non_null(strstr(text.data, "\"stopped_by\":\"limit\",\"verdict\":\"below\"}"));
     qm_text_reset(&text);
 }
 
@@ -606,6 +672,8 @@ int main(void)
         cmocka_unit_test(not_finite_is_null),
         cmocka_unit_test(a_decimal_comma_stays_out),
         cmocka_unit_test(every_field_is_read),
+        cmocka_unit_test(what_is_the_engines_own_is_an_object),
+        cmocka_unit_test(former_names_are_replaced),
         cmocka_unit_test(absent_fields_have_defaults),
         cmocka_unit_test(bad_members_are_pointed_at),
         cmocka_unit_test(what_is_missing_is_named),

@@ -1227,7 +1227,8 @@ static void test_searches_of_schema_13_begin_anew(void **state)
         "INSERT INTO job_bounds SELECT sequence, 'e', 1, '', 0, 0, 0 FROM jobs;"
         "INSERT INTO job_parts (job, upper, entries, tries) SELECT sequence, 2, x'00', 0 FROM jobs;"
         "ALTER TABLE meshes DROP COLUMN unit; ALTER TABLE meshes DROP COLUMN uncertainty;"
-        "ALTER TABLE meshes DROP COLUMN labels; PRAGMA user_version = 13";
+        "ALTER TABLE meshes DROP COLUMN labels; ALTER TABLE jobs DROP COLUMN labels;"
+        "PRAGMA user_version = 13";
     fixture *f = *state;
     const qm_store_job job = {.id = "j_1", .key = "k", .body = "{}", .created = "c", .state = QM_JOB_QUEUED};
     qm_store_bounds bounds;

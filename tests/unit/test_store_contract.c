@@ -86,6 +86,39 @@ static void check_mesh(qm_store *store, const qm_store_mesh *expected)
     assert_true(state.notes.uncertainty == expected->notes.uncertainty);
 }
 
+/** States of many, and the newest meshes of contents, come in the order that was asked for, with gaps. */
+static void test_many_at_once(void **state)
+{
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
+    qm_store_mesh one = make_mesh(store, "m_1", "content"), two = make_mesh(store, "m_2", "other");
+    qm_store_mesh again = make_mesh(store, "m_3", "content");
+    again.options = "another name";
+    assert_int_equal(qm_store_put_mesh(store, &one), QM_STORED);
+    assert_int_equal(qm_store_put_mesh(store, &two), QM_STORED);
+    assert_int_equal(qm_store_put_mesh(store, &again), QM_STORED);
+    const char *const ids[] = {"m_2", "none", "m_1", "m_2", "{a,\"b\\", ""};
+    enum { IDS = sizeof ids / sizeof *ids };
+    qm_store_mesh_state states[IDS];
+    assert_int_equal(qm_store_find_mesh_states(store, ids, IDS, states), QM_STORED);
+    for (int i = 0; i < IDS; i++)
+        assert_int_equal(states[i].is_found, i == 0 || i == 2 || i == 3);
+    assert_string_equal(states[0].hash, two.hash);
+    assert_string_equal(states[2].hash, one.hash);
+    assert_string_equal(states[2].positions, "");
+    assert_int_equal(states[3].format, two.format);
+    assert_int_equal(qm_store_find_mesh_states(store, ids, 0, states), QM_STORED);
+    const char *const hashes[] = {two.hash, "none", one.hash};
+    char found[3][QM_ID_SIZE];
+    assert_int_equal(qm_store_find_undeformed(store, hashes, 3, found), QM_STORED);
+    assert_string_equal(found[0], "m_2");
+    assert_string_equal(found[1], "");
+    assert_string_equal(found[2], "m_3");
+    again.revision = 1;
+    assert_int_equal(qm_store_revise_mesh(store, &again), QM_STORED);
+    assert_int_equal(qm_store_find_undeformed(store, hashes, 3, found), QM_STORED);
+    assert_string_equal(found[2], "m_1");
+}
+
 /** Notes come with a new row, are changed by themselves, and stay through a revision; labels find meshes. */
 static void test_notes(void **state)
 {
@@ -440,6 +473,7 @@ static void test_lists_of_jobs(void **state)
         qm_store_job job = make_job(id, NULL);
         job.type = i % 3 ? "distance" : "collision";
         job.subjects = i % 2 ? "m_odd m_all" : "m_even m_all";
+        job.labels = i % 2 ? "\nnight\nci\n" : NULL;
         assert_int_equal(submit(store, &job), QM_STORED);
         if (i < 5) end_job(store, id, "");
     }
@@ -449,9 +483,17 @@ static void test_lists_of_jobs(void **state)
         qm_store_job_filter filter;
         size_t count;
         const char *first;
-    } cases[] = {{{NULL, NULL, NULL}, 9, "j_8"},        {{"collision", NULL, NULL}, 3, "j_6"},
-                 {{NULL, "m_odd", NULL}, 4, "j_7"},     {{NULL, NULL, &succeeded}, 5, "j_4"},
-                 {{NULL, NULL, &unfinished}, 4, "j_8"}, {{"distance", "m_all", &succeeded}, 3, "j_4"}};
+    } cases[] = {{{NULL, NULL, NULL, NULL}, 9, "j_8"},
+                 {{"collision", NULL, NULL, NULL}, 3, "j_6"},
+                 {{NULL, "m_odd", NULL, NULL}, 4, "j_7"},
+                 {{NULL, NULL, &succeeded, NULL}, 5, "j_4"},
+                 {{NULL, NULL, &unfinished, NULL}, 4, "j_8"},
+                 {{"distance", "m_all", &succeeded, NULL}, 3, "j_4"},
+                 {{NULL, NULL, NULL, "ci"}, 4, "j_7"},
+                 {{NULL, NULL, NULL, "late"}, 1, "j_0"},
+                 {{"distance", "m_all", &unfinished, "ci"}, 2, "j_7"}};
+    assert_int_equal(qm_store_set_job_labels(store, "j_0", "\nlate\nci/x\n"), QM_STORED);
+    assert_int_equal(qm_store_set_job_labels(store, "none", ""), QM_STORED_NONE);
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         qm_store_job rows[9];
         size_t count;
@@ -903,6 +945,7 @@ static void test_parts_by_threads(void **state)
             cmocka_unit_test_setup_teardown(test_one_row_of_a_content, set_up, qm_stored_tear_down),         \
             cmocka_unit_test_setup_teardown(test_revisions, set_up, qm_stored_tear_down),                    \
             cmocka_unit_test_setup_teardown(test_revisions_by_threads, set_up, qm_stored_tear_down),         \
+            cmocka_unit_test_setup_teardown(test_many_at_once, set_up, qm_stored_tear_down),                 \
             cmocka_unit_test_setup_teardown(test_notes, set_up, qm_stored_tear_down),                        \
             cmocka_unit_test_setup_teardown(test_expiry, set_up, qm_stored_tear_down),                       \
             cmocka_unit_test_setup_teardown(test_submissions, set_up, qm_stored_tear_down),                  \

@@ -25,6 +25,7 @@ static qm_store_job_copy make_ended(const char *id, const char *key)
                                       .created = "2026-01-02T03:04:05.678Z",
                                       .document = "\"state\":\"failed\",\"a\":\"\\\\ {}\"",
                                       .result = "{\"lower\":1}",
+                                      .labels = "\nci/1\nnight\n",
                                       .state = QM_JOB_FAILED},
                               .type = "distance",
                               .subjects = "m_a m_b m_c",
@@ -62,6 +63,7 @@ static void check_copy(const qm_store_job_copy *found, const qm_store_job_copy *
     check_text(found->job.created, expected->job.created);
     check_text(found->job.document, expected->job.document);
     check_text(found->job.result, expected->job.result);
+    check_text(found->job.labels, expected->job.labels);
     check_text(found->type, expected->type);
     check_text(found->revisions, expected->revisions);
     check_text(found->subjects, expected->subjects);

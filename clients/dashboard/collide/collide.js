@@ -1,158 +1,155 @@
-// The page of collisions: which faces of A and B, or of A itself, meet; else how far apart the two are.
+// The page of collisions: which faces of A and B, or of A itself, meet; how the solids lie and how deep they reach into each other; and
+// how far apart the two are.
 
-import { client } from "../core/connection.js";
 import { choiceKey, meshChoice } from "../core/choice.js";
-import { figures, h, select } from "../core/dom.js";
-import { count, duration, length } from "../core/format.js";
+import { NUMBER, h, select } from "../core/dom.js";
 import { run } from "../core/messages.js";
-import { parameter } from "../core/route.js";
-import { Search } from "../core/search.js";
+import { parameter, setParameters } from "../core/route.js";
 import { meshOf, on, state } from "../core/state.js";
+import { forgetEye, hasEye, keepLook, placeEye } from "../view/link.js";
 import { drawTools } from "../view/tools.js";
-import { currentStage, lookAt, setLook, show } from "../view/view.js";
+import { setLook, show } from "../view/view.js";
+import { Clearance } from "./clearance.js";
+import { Contacts } from "./contacts.js";
+import { Solids } from "./solids.js";
 
-/** @import { CollisionResult, DistanceResult } from "../../js/types.js" */
 /** @import { Wish } from "../view/stage.js" */
 
-/** The reading of quads, as it was left. */
-let reading = "triangles";
+/** The reading of quads, and whether the meshes are taken for solids, as it was left. */
+const settings = { quads: "triangles", isSolid: true, limit: "" };
 
 /** @param {HTMLElement} panel */
 export function showCollide(panel) {
-  /** @type {{ result: CollisionResult, pairs: Float64Array, isSelf: boolean } | null} */
-  let found = null;
-  let place = 0;
-  let asked = 0;
-  if (["triangles", "bilinear"].includes(parameter("quads") ?? "")) reading = /** @type {string} */ (parameter("quads"));
-  const sides = h("div", { className: "form whole" });
-  const quads = select("quads", [["triangles", "two triangles"], ["bilinear", "a bilinear patch"]], reading);
-  const find = h("button", { type: "submit", className: "primary" }, "Find collisions");
-  const outcome = h("p", { className: "outcome muted", id: "collisions", role: "status" });
-  const details = h("div", { className: "section" });
-  const searching = new Search();
-  const form = h("form", { className: "form", "aria-label": "Collision" }, sides, h("label", {}, "A quad is", quads),
-    h("div", { className: "row whole" }, find));
-  panel.append(h("section", { className: "section", "aria-labelledby": "collide-title" },
-    h("header", {}, h("h2", { id: "collide-title" }, "Collide")), form, outcome, searching.element, details));
-  quads.addEventListener("change", () => {
-    reading = quads.value;
-    forget();
-    drawView();
-  });
-  form.addEventListener("submit", (event) => {
-    event.preventDefault();
-    run(search);
-  });
+  const page = new Collide(panel);
+  return () => page.leave();
+}
 
-  async function search() {
-    const mine = ++asked;
-    const isSelf = state.b === null || state.b === state.a;
-    const common = { quads: /** @type {any} */ (reading), limit: 10000 };
-    const [a, b] = [/** @type {string} */ (state.a), /** @type {string} */ (state.b)];
-    outcome.textContent = "";
-    find.disabled = true;
+class Collide {
+  /** @param {HTMLElement} panel */
+  constructor(panel) {
+    const reading = parameter("quads") ?? "";
+    if (["triangles", "bilinear"].includes(reading)) settings.quads = reading;
+    settings.limit = parameter("limit") ?? settings.limit;
+    if (parameter("solid")) settings.isSolid = parameter("solid") !== "0";
+    this.sides = h("div", { className: "form whole" });
+    this.quads = select("quads", [["triangles", "two triangles"], ["bilinear", "a bilinear patch"]], settings.quads);
+    this.limit = h("input", { name: "limit", inputMode: "decimal", value: settings.limit, placeholder: "none", autocomplete: "off", pattern: NUMBER, title: "a number" });
+    this.solid = h("input", { name: "solid", type: "checkbox", checked: settings.isSolid });
+    this.find = h("button", { type: "submit", className: "primary" }, "Find collisions");
+    this.limitField = h("label", {}, "Clearance wanted, in the meshes' unit", this.limit);
+    this.solidField = h("label", { className: "check whole" }, this.solid, "As solids: is one inside of the other, and how deep?");
+    this.form = h("form", { className: "form", "aria-label": "Collision" }, this.sides, h("label", {}, "A quad is", this.quads), this.limitField, this.solidField,
+      h("div", { className: "row whole" }, this.find));
+    const ways = { quads: () => /** @type {any} */ (settings.quads) };
+    this.contacts = new Contacts(ways);
+    this.solids = new Solids(ways);
+    this.clearance = new Clearance(ways);
+    this.view = "nothing yet";
+    this.drawn = this.pair = "";
+    this.asked = 0;
+    panel.append(h("section", { className: "section", "aria-labelledby": "collide-title" },
+      h("header", {}, h("h2", { id: "collide-title" }, "Collide")), this.form, this.contacts.element), this.solids.element, this.clearance.element);
+    this.form.addEventListener("change", () => this.onForm());
+    this.form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.forgetAll();
+      run(() => this.search());
+    });
+    setLook({ heat: false, structure: false });
+    this.stopLook = keepLook();
+    this.isRestoring = parameter("found") !== null;
+    this.draw();
+    this.off = on(["meshes", "choice"], () => this.draw());
+  }
+
+  /** Is A asked about itself? */
+  get isSelf() {
+    return state.b === null || state.b === state.a;
+  }
+
+  onForm() {
+    const reading = settings.quads;
+    Object.assign(settings, { quads: this.quads.value, isSolid: this.solid.checked, limit: this.limit.value.trim() });
+    setParameters({ quads: settings.quads, solid: settings.isSolid ? null : 0, limit: settings.limit });
+    if (settings.quads === reading) return;
+    this.forgetAll();
+    this.drawView();
+  }
+
+  /** Faces that meet first, which is soon known; then the solids, and the clearance. */
+  async search() {
+    const { a, b } = state;
+    if (a === null) return;
+    const mine = ++this.asked;
+    this.solids.forget();
+    this.clearance.forget();
+    this.find.disabled = true;
     try {
-      const { id, result: answer, isStopped } = await searching.run(isSelf ? { type: "self_collision", mesh: a, ...common } : { type: "collision", a, b, ...common });
-      const result = /** @type {CollisionResult} */ (answer);
-      const pairs = await client.jobs.pairs(id);
-      if (mine !== asked) return;
-      found = { result, pairs, isSelf };
-      place = 0;
-      outcome.textContent = isStopped ? `Stopped: ${meeting(result.count)} so far` : result.collides ? meeting(result.count)
-        : isSelf ? "No faces meet that should not" : "The two do not meet";
-      details.replaceChildren(figures([["Search", duration(result.elapsed_ms)], ["Exact tests", count(result.tests)]]));
-      if (result.collides) details.prepend(stepper(result));
-      else if (!isSelf && !isStopped) await measure(a, b);
-      await step(0);
-    } catch (error) {
-      outcome.textContent = "";
-      throw error;
+      const isFlight = !hasEye();
+      const result = await this.contacts.search(a, this.isSelf ? null : b, isFlight);
+      if (mine !== this.asked || !result) return;
+      setParameters({ found: 1 });
+      if (this.isSelf || b === null) return;
+      const limit = settings.limit === "" ? null : Number(settings.limit);
+      await Promise.all([
+        settings.isSolid ? this.solids.search(a, b) : null,
+        limit !== null || !result.collides ? this.clearance.search(a, b, limit, isFlight && !result.collides) : null]);
     } finally {
-      find.disabled = state.a === null;
+      if (mine === this.asked) this.find.disabled = state.a === null;
     }
   }
 
-  /** How far apart they are. @param {string} a @param {string} b */
-  async function measure(a, b) {
-    const { result: answer } = await searching.run({ type: "distance", a, b, quads: /** @type {any} */ (reading) });
-    const result = /** @type {DistanceResult} */ (answer);
-    details.prepend(figures([["Least distance", `${length(result.lower, 7)} to ${length(result.upper, 7)}`]], "figures single"));
-    const [from, to] = [result.witness.from.point, result.witness.to.point];
-    currentStage()?.setPair({ from, to });
-    await lookAt([from, to], "the nearest points");
+  /** Another question: a link says nothing of what was found before. */
+  forgetAll() {
+    this.forget();
+    this.isRestoring = false;
+    forgetEye();
+    setParameters({ found: null, contact: null });
   }
 
-  const where = h("output", { className: "number", id: "contact" });
-  /** @param {CollisionResult} result */
-  function stepper({ count: all, pairs }) {
-    const button = (/** @type {string} */ words, /** @type {string} */ label, /** @type {number} */ by) =>
-      h("button", { type: "button", "aria-label": label, onclick: () => run(() => step(by)) }, words);
-    const left = all > pairs.length && h("span", { className: "muted small" }, `The first ${count(pairs.length)} of ${count(all)} can be stepped through.`);
-    return h("div", { className: "row", role: "group", "aria-label": "Contacts" }, button("◀", "Previous contact", -1), where, button("▶", "Next contact", 1), left);
-  }
-
-  /** @param {number} by */
-  async function step(by) {
-    const stage = currentStage();
-    const pairs = found?.result.pairs ?? [];
-    if (pairs.length > 0) place = (place + by + pairs.length) % pairs.length;
-    const pair = pairs[place] ?? null;
-    if (pair) where.textContent = `${count(place + 1)} of ${count(pairs.length)}: faces ${pair.faces[0]} and ${pair.faces[1]}, ${article(pair.contact)}`;
-    if (!stage || !found) return;
-    const { drawContacts } = await import("./contacts.js");
-    await drawContacts(stage, { ...found, current: pair });
-    if (pair) await lookAt(pair.points, "the contact", 0.35);
-  }
-
-  function forget() {
-    asked++;
-    searching.leave();
-    found = null;
-    outcome.textContent = "";
-    details.replaceChildren(h("p", { className: "muted" }, "Faces that have a point in common: of A and B, or of A alone when B is A itself."));
-    currentStage()?.setOverlay();
-    currentStage()?.setPair(null);
+  forget() {
+    this.asked++;
+    for (const part of [this.contacts, this.solids, this.clearance]) part.forget();
     setLook({ through: false });
   }
 
-  let view = "nothing yet";
-  function drawView() {
+  drawView() {
     /** @type {Wish[]} */
     const wishes = [];
     for (const role of /** @type {const} */ (["a", "b"])) {
       const mesh = meshOf(state[role]);
       const isTwice = role === "b" && state.b === state.a;
-      if (mesh && !isTwice) wishes.push({ mesh, role, isBilinear: reading === "bilinear", isGhost: role === "b" });
+      if (mesh && !isTwice) wishes.push({ mesh, role, isBilinear: settings.quads === "bilinear", isGhost: role === "b" });
     }
     const key = wishes.map(({ mesh, isBilinear }) => `${mesh.id} ${mesh.revision} ${isBilinear}`).join();
-    if (key === view) return;
-    view = key;
+    if (key === this.view) return;
+    this.view = key;
     drawTools(wishes.map(({ mesh }) => mesh));
-    show(wishes, "Choose a mesh to search for collisions.").then((isWhole) => { if (isWhole && found) run(() => step(0)); });
+    show(wishes, "Choose a mesh to search for collisions.").then((isWhole) => { if (isWhole) this.onWhole(); });
   }
 
-  let drawn = "";
-  function draw() {
-    if (choiceKey() !== drawn) {
-      sides.replaceChildren(meshChoice("a"), meshChoice("b", { none: "A itself" }));
-      forget();
-    }
-    drawn = choiceKey();
-    find.disabled = state.a === null;
-    drawView();
+  /** What is to be shown has come. */
+  onWhole() {
+    placeEye();
+    if (this.isRestoring) run(() => this.search());
+    else run(() => this.contacts.paint());
+    this.isRestoring = false;
   }
 
-  setLook({ heat: false, structure: false });
-  draw();
-  const off = on(["meshes", "choice"], draw);
-  return () => {
-    off();
-    forget();
-  };
+  draw() {
+    if (choiceKey() !== this.drawn) this.sides.replaceChildren(meshChoice("a"), meshChoice("b", { none: "A itself" }));
+    this.drawn = choiceKey();
+    const pair = `${state.a} ${state.b}`;
+    if (this.pair !== "" && pair !== this.pair) this.forgetAll();
+    this.pair = pair;
+    this.find.disabled = state.a === null;
+    this.limitField.hidden = this.solidField.hidden = this.isSelf;
+    this.drawView();
+  }
+
+  leave() {
+    this.off();
+    this.stopLook();
+    this.forget();
+  }
 }
-
-/** @param {number} number of pairs */
-const meeting = (number) => `${count(number)} pair${number === 1 ? "" : "s"} of faces meet`;
-
-/** @param {string} contact */
-const article = (contact) => `${contact === "area" ? "an" : "a"} ${contact}`;

@@ -4,11 +4,12 @@ import { h } from "../core/dom.js";
 import { run } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { changed, meshOf, on, state } from "../core/state.js";
+import { forgetEye, hasEye, keepLook, placeEye } from "../view/link.js";
 import { drawTools, toggle } from "../view/tools.js";
-import { currentStage, look, lookAt, setLook, show } from "../view/view.js";
+import { currentStage, lookAt, setLook, show } from "../view/view.js";
 import { AlignSection } from "./align.js";
 import { copyLink, saveBounds, saveDistances, savePicture } from "./exports.js";
-import { limitOf, makeForm, readRequest, settings } from "./form.js";
+import { limitOf, makeForm, readRequest, readSettings, settings } from "./form.js";
 import { ComparisonSection } from "./comparison.js";
 import { DeviationMap } from "./map.js";
 import { Measurement } from "./measurement.js";
@@ -22,7 +23,7 @@ import { aFirst } from "./witness.js";
 /** @import { Role, Wish } from "../view/stage.js" */
 
 /** What a link says of another pair, or of A elsewhere. */
-const NOTHING_MEASURED = { heat: null, eye: null, pins: null, comparison: null };
+const NOTHING_MEASURED = { heat: null, accuracy: null, back: null, region: null, pins: null, comparison: null, place: null, alignment: null };
 
 /** @param {HTMLElement} panel */
 export function showCompare(panel) {
@@ -33,7 +34,7 @@ export function showCompare(panel) {
 class Compare {
   /** @param {HTMLElement} panel */
   constructor(panel) {
-    for (const name of /** @type {const} */ (["direction", "quads", "gap", "limit"])) settings[name] = parameter(name) ?? settings[name];
+    readSettings();
     readWanted();
     readPose();
     const hidden = (parameter("hide") ?? "").split("");
@@ -46,17 +47,18 @@ class Compare {
     this.view = "nothing yet";
     this.pair = "";
     this.isWaiting = false;
-    setLook({ structure: false, ...(parameter("edges") ? { wire: true } : {}) });
+    setLook({ structure: false });
+    this.stopLook = keepLook();
     this.measurement = new Measurement(() => this.requestDraw());
     this.outcome = makeOutcome();
-    this.form = makeForm({ onMeasure: () => this.measure(), onStop: () => run(() => this.measurement.stop()), onReading: () => this.onReading(), onSwap: () => swap() });
+    this.form = makeForm({ onMeasure: () => this.measure(), onStop: () => run(() => this.measurement.stop()), onInput: () => this.requestDraw(), onReading: () => this.onReading(), onSwap: () => swap() });
     this.map = new DeviationMap({
       quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings),
       onChange: () => this.requestDraw(), onMeasured: () => this.clearForMap() });
     this.comparison = new ComparisonSection({
-      quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings), onChosen: (points) => this.showPlace(points) });
+      quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings), sign: this.map.sign, onChosen: (points) => this.showPlace(points) });
     this.alignment = new AlignSection({
-      quads: () => /** @type {any} */ (settings.quads), onPose: (transform) => this.move(transform), onTurn: (turn) => this.showTurn(turn) });
+      quads: () => /** @type {any} */ (settings.quads), limit: () => limitOf(settings), onPose: (transform) => this.move(transform), onTurn: (turn) => this.showTurn(turn) });
     this.section = new Section();
     this.fly = h("button", { type: "button", disabled: true, onclick: () => run(() => this.flyToPair()) }, "Show the farthest points");
     this.csv = h("button", { type: "button", disabled: true, onclick: () => saveBounds(this.measurement) }, "Bounds, CSV");
@@ -79,7 +81,7 @@ class Compare {
       this.map.element, this.comparison.element, this.alignment.element,
       h("section", { className: "section", "aria-labelledby": "export-title" },
         h("h2", { id: "export-title" }, "Export"),
-        h("div", { className: "row" }, h("button", { type: "button", onclick: () => run(() => copyLink(this.lookOfLink())) }, "Copy link"),
+        h("div", { className: "row" }, h("button", { type: "button", onclick: () => run(copyLink) }, "Copy link"),
           h("button", { type: "button", onclick: () => run(() => savePicture(this.map, this.comparison.labels)) }, "Picture, PNG"), this.csv, this.distancesCsv)));
   }
 
@@ -97,7 +99,7 @@ class Compare {
     const { measurement, map } = this;
     this.form.draw(measurement.isRunning);
     const request = measurement.job?.request;
-    this.outcome.draw(measurement, request?.threshold ?? limitOf(settings));
+    this.outcome.draw(measurement, request?.limit ?? limitOf(settings));
     this.csv.disabled = measurement.samples.length === 0;
     this.distancesCsv.disabled = !map.deviation?.distances.length;
     map.button.disabled = state.a === null || state.b === null || map.search.isRunning;
@@ -105,12 +107,6 @@ class Compare {
     this.alignment.draw();
     this.comparison.button.disabled = map.button.disabled || this.comparison.search.isRunning;
     this.showPair();
-  }
-
-  /** What a link says of the look. @returns {Record<string, string>} */
-  lookOfLink() {
-    const away = (this.shown.a ? "" : "a") + (this.shown.b ? "" : "b");
-    return { ...(look.wire ? { edges: "1" } : {}), ...(away ? { hide: away } : {}) };
   }
 
   /** The farthest points of what is shown, that on A before that on B. */
@@ -131,7 +127,7 @@ class Compare {
     this.pairKey = key;
     if (!witness || this.isFollowed || !stage?.models.get("a")?.isWhole) return;
     this.isFollowed = true;
-    if (!parameter("eye")) run(() => this.flyToPair());
+    if (!hasEye()) run(() => this.flyToPair());
   }
 
   /** A place of the comparison, which takes the place of the farthest points. @param {{ from: number[], to: number[] }} points */
@@ -155,6 +151,7 @@ class Compare {
       const mesh = meshOf(state[role]);
       if (mesh) wishes.push({ mesh, role, isBilinear, isHidden: !shown[role], isGhost: role === "b" && shown.a, transform: role === "a" ? pose.transform : null });
     }
+    setParameters({ hide: ["a", "b"].filter((role) => !shown[/** @type {Role} */ (role)]).join("") });
     const key = wishes.map((wish) => `${wish.role} ${wish.mesh.id} ${wish.mesh.revision} ${isBilinear} ${wish.isHidden} ${wish.isGhost} ${wish.transform}`).join();
     if (key === this.view) return;
     this.view = key;
@@ -166,24 +163,25 @@ class Compare {
 
   /** What is to be shown has come. */
   onWhole() {
-    const eye = parameter("eye");
-    if (eye) currentStage()?.eye.fromText(eye);
+    placeEye();
     this.showPair();
     run(() => this.section.draw());
     if (this.map.deviation) run(() => this.map.paint());
-    else if (parameter("heat") && !this.map.search.isRunning) run(() => this.map.measure());
+    else run(() => this.map.restore());
+    run(() => this.alignment.restore());
     run(() => (this.comparison.found ? this.comparison.pin() : this.comparison.restore()));
   }
 
   measure() {
     this.isFollowed = false;
-    setParameters({ ...settings, a: state.a, b: state.b, job: null, eye: null });
+    forgetEye();
+    setParameters({ a: state.a, b: state.b, job: null });
     this.measurement.ask(readRequest()).then(() => setParameters({ job: this.measurement.job?.id }));
   }
 
   /** A ghost of B would dull the colours. */
   clearForMap() {
-    if (this.shown.a && !parameter("eye")) this.shown.b = false;
+    if (this.shown.a && !hasEye()) this.shown.b = false;
     this.drawView();
   }
 
@@ -205,6 +203,7 @@ class Compare {
     this.forget();
     this.measurement.clear();
     setPose(transform);
+    forgetEye();
     setParameters({ ...NOTHING_MEASURED, job: null });
     this.drawView();
     this.draw();
@@ -221,6 +220,7 @@ class Compare {
     const pair = `${state.a} ${state.b}`;
     if (pair !== this.pair) {
       if (this.pair !== "") {
+        forgetEye();
         setParameters({ a: state.a, b: state.b, ...NOTHING_MEASURED });
         setPose(null);
       }
@@ -234,7 +234,7 @@ class Compare {
   /** The job of a link. @param {string | null} id */
   openJob(id) {
     if (!id) return;
-    this.isFollowed = parameter("eye") !== null;
+    this.isFollowed = hasEye();
     this.measurement.open(id).then((opened) => {
       if (!opened || opened.type !== "hausdorff") return;
       this.form.fill(opened.request);
@@ -250,6 +250,7 @@ class Compare {
   leave() {
     this.off.forEach((off) => off());
     this.sizes.disconnect();
+    this.stopLook();
     this.measurement.leave();
     this.forget();
     this.section.leave();

@@ -2,7 +2,7 @@
 
 import { client } from "../core/connection.js";
 import { colour, download, h } from "../core/dom.js";
-import { ENOUGH, intervals, percent } from "../core/format.js";
+import { ENOUGH, intervals, shareBetween } from "../core/format.js";
 import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { Search } from "../core/search.js";
@@ -10,14 +10,20 @@ import { meshOf, state } from "../core/state.js";
 import { makeTable, writeRows } from "../core/table.js";
 import { makePlaces } from "../view/places.js";
 import { currentStage, lookAt } from "../view/view.js";
+import { bandRows, bandsOf } from "./bands.js";
 import { moved } from "./pose.js";
+import { wanted } from "./range.js";
 import { aFirst } from "./witness.js";
 
-/** @import { ComparisonResult, Interval, LengthInterval, QuadReading, Witness } from "../../js/types.js" */
+/** @import { ComparisonResult, LengthInterval, QuadReading, Witness } from "../../js/types.js" */
 /** @import { Labels } from "../view/labels.js" */
+/** @import { SignChoice } from "./sign.js" */
 /** @typedef {LengthInterval & Witness & { side: "A" | "B" }} WorstPlace */
 
 const WORST_COUNT = 5;
+/** Why B has no sides against A. */
+const UNSIGNED = { empty: "A has no faces", open: "A is open", turned: "faces of A are turned against one another", crossing: "A meets itself",
+  canceled: "it was stopped before that was known" };
 /** Of the diagonal. */
 const RADIUS_SHARE = 0.05;
 
@@ -26,11 +32,13 @@ export class ComparisonSection {
    * @param {object} options
    * @param {() => QuadReading} options.quads
    * @param {() => number | null} options.limit the permitted distance
+   * @param {SignChoice} options.sign whether and how sides are told
    * @param {(points: { from: number[], to: number[] }) => void} options.onChosen a place is looked at
    */
-  constructor({ quads, limit, onChosen }) {
+  constructor({ quads, limit, sign, onChosen }) {
     this.quads = quads;
     this.limit = limit;
+    this.sign = sign;
     this.onChosen = onChosen;
     this.search = new Search(() => "");
     /** @type {{ id: string, result: ComparisonResult, places: WorstPlace[] } | null} */
@@ -51,14 +59,22 @@ export class ComparisonSection {
     return RADIUS_SHARE * (meshOf(state.a)?.bounding_box.diagonal ?? 0);
   }
 
+  /** The place of a link. */
+  get chosen() {
+    return Number(parameter("place") ?? 0) - 1;
+  }
+
   /** @param {string} b */
   question(b) {
-    const limit = this.limit();
-    return { type: /** @type {const} */ ("comparison"), a: moved(), b, quads: this.quads(), worst: { count: WORST_COUNT, radius: this.radius }, limits: limit === null ? [] : [limit] };
+    const limits = [this.limit(), wanted.limits?.[1] ?? null].filter((limit) => limit !== null && limit >= 0);
+    return { type: /** @type {const} */ ("comparison"), a: moved(), b, quads: this.quads(), worst: { count: WORST_COUNT, radius: this.radius },
+      limits: /** @type {number[]} */ ([...new Set(limits)]), ...bandsOf(this.sign.sign) };
   }
 
   async measure() {
-    if (state.a !== null && state.b !== null) await this.take(this.search.run(this.question(state.b)));
+    const { b } = state;
+    setParameters({ place: null });
+    if (state.a !== null && b !== null) await this.take(this.sign.ask(() => this.search.run(this.question(b))));
   }
 
   /** The comparison of a link. */
@@ -77,6 +93,7 @@ export class ComparisonSection {
       this.found = { id, result, places: worstOf(result, this.radius) };
       setParameters({ comparison: id });
       this.draw();
+      if (this.chosen >= 0) this.choose(this.chosen);
       await this.pin();
     } catch (error) {
       this.explain();
@@ -90,7 +107,7 @@ export class ComparisonSection {
     const written = intervals(places, ENOUGH);
     this.figures.replaceChildren(drawFigures(result), makePlaces("Worst places", places.map(({ side, from, to }, place) => ({
       words: `${place + 1}: ${written[place]}, on ${side}`,
-      points: aFirst({ from, to }), what: `place ${place + 1}` })), (place) => this.choose(place)), h("div", { className: "row" }, this.report));
+      points: aFirst({ from, to }), what: `place ${place + 1}` })), (place) => this.choose(place), this.chosen), h("div", { className: "row" }, this.report));
   }
 
   /** Numbers at the worst places. */
@@ -119,7 +136,9 @@ export class ComparisonSection {
   /** @param {number} place */
   choose(place) {
     const chosen = this.found?.places[place];
-    if (chosen) this.onChosen({ from: chosen.from.point, to: chosen.to.point });
+    if (!chosen) return;
+    setParameters({ place: place + 1 });
+    this.onChosen({ from: chosen.from.point, to: chosen.to.point });
   }
 
   /** The comparison as a page to hand on. */
@@ -157,7 +176,7 @@ function worstOf({ a_to_b: there, b_to_a: back }, radius) {
   /** @type {WorstPlace[]} */
   const all = [...(there.worst ?? []).map((place) => ({ ...place, side: /** @type {const} */ ("A") })),
     ...(back.worst ?? []).map((place) => ({ ...place, side: /** @type {const} */ ("B") }))].sort((one, other) => other.lower - one.lower);
-  return all.filter((place, at) => !all.slice(0, at).some((before) => isBeside(before, place, radius)));
+  return all.reduce((kept, place) => (kept.some((before) => isBeside(before, place, radius)) ? kept : [...kept, place]), /** @type {WorstPlace[]} */ ([]));
 }
 
 /** Are two places of the two meshes one, as both are ends of nearly the same way? @param {WorstPlace} one @param {WorstPlace} other @param {number} radius */
@@ -174,12 +193,13 @@ function drawFigures({ a_to_b: there, b_to_a: back, symmetric: both, accurate })
     ["Mean", [both.mean, there.mean, back.mean]], ["RMS", [both.rms, there.rms, back.rms]],
     ["Standard dev.", [null, there.std, back.std]], ["Chamfer, sum", [both.chamfer.l1, null, null]]], ENOUGH);
   const shares = there.shares.map(({ limit, ...share }, place) => /** @type {[string, string[]]} */ ([`Share within ${limit}`,
-    ["", writeShare(share), writeShare(back.shares[place])]]));
-  const scores = both.f_score.map(({ limit, f }) => /** @type {[string, string[]]} */ ([`F-score at ${limit}`, [writeShare(f), "", ""]]));
+    ["", shareBetween(share), shareBetween(back.shares[place])]]));
+  const scores = both.f_score.map(({ limit, f }) => /** @type {[string, string[]]} */ ([`F-score at ${limit}`, [shareBetween(f), "", ""]]));
+  const bands = bandRows([there.signed, back.signed]).map(([name, cells]) => /** @type {[string, string[]]} */ ([name, ["", ...cells]]));
+  const signed = there.signed && writeRows([["Signed mean", [null, there.signed.mean, back.signed?.mean ?? null]]], ENOUGH);
   return h("div", { className: "section", id: "comparison" },
-    makeTable("Figures of both directions", ["Both", "A from B", "B from A"], [...rows, ...shares, ...scores]),
+    makeTable("Figures of both directions", ["Both", "A from B", "B from A"], [...rows, ...signed ?? [], ...shares, ...bands, ...scores]),
+    there.signed && h("p", { className: "muted small" }, there.signed.proven ? "The sides are proven." : "The sides are those of the normals of the nearest faces: not proven.",
+      back.unsigned ? ` B has no sides against A: ${UNSIGNED[back.unsigned]}.` : ""),
     h("p", { className: "muted small" }, `Each figure is proven, with ± what is not known of it.${accurate ? "" : " It ended before they were as narrow as wanted."}`));
 }
-
-/** @param {Interval} share */
-const writeShare = ({ lower, upper }) => (lower === upper ? percent(lower) : `${percent(lower)} to ${percent(upper)}`);

@@ -6,6 +6,7 @@ import { colour, h } from "../core/dom.js";
 import { count, intervals, length } from "../core/format.js";
 import { makeTable, writeRows } from "../core/table.js";
 import { colourOf } from "../view/scale.js";
+import { bandRows } from "./bands.js";
 
 /** @import { Search } from "../core/search.js" */
 /** @import { DeviationRequest, DeviationResult, Interval, SignedDeviation } from "../../js/types.js" */
@@ -22,7 +23,7 @@ const FIRST_PIECES = 262144;
  * @returns {Promise<Deviation>}
  */
 export async function measureDeviation(search, question) {
-  const found = await search.run({ type: "deviation", accuracy: FIRST_ACCURACY, pieces: FIRST_PIECES, ...question });
+  const found = await search.run({ type: "deviation", accuracy: FIRST_ACCURACY, engine: { pieces: FIRST_PIECES }, ...question });
   const result = /** @type {DeviationResult} */ (found.result);
   const distances = result.vertex_count > 0 ? await client.jobs.distances(found.id, { signal: search.reader.signal }) : new Float64Array(0);
   return { ...found, result, distances };
@@ -46,10 +47,12 @@ export function drawDeviation(there, back, names) {
 }
 
 /** The figures of each side. @param {SignedDeviation} signed @param {DeviationResult["over"]} over */
-function drawSigned({ proven, mean, outside, inside }, over) {
+function drawSigned(signed, over) {
+  const { proven, mean, outside, inside } = signed;
   const [farthest, sizes] = [writeRows([["Farthest", [outside.max, inside.max]]]), writeRows([[over === "area" ? "Area" : "Count", [outside.size, inside.size]]])];
   return h("div", { className: "section", id: "signed" },
     makeTable("Figures of both sides", ["Outside B", "Inside B"], [...farthest, ...sizes]),
+    signed.bands.length > 0 && makeTable("Bands", ["A from B"], bandRows([signed])),
     h("p", { className: "muted small" }, `Mean with the sign, positive outside: ${intervals([mean])[0]}. ${proven ? "The sides are proven."
       : "The sides are those of the normals of B's nearest faces: not proven."}`));
 }

@@ -2,7 +2,7 @@
 
 import { download, h } from "../core/dom.js";
 import { say } from "../core/messages.js";
-import { address } from "../core/route.js";
+import { writeLook } from "../view/link.js";
 import { currentStage } from "../view/view.js";
 import { drawLegend } from "./legend.js";
 
@@ -18,10 +18,13 @@ export function saveBounds(measurement) {
   download(new Blob([`${lines.join("\n")}\n`], { type: "text/csv" }), "bounds.csv");
 }
 
+/** Words for sides from -1 to 1. */
+const SIDES = ["inside", "neither", "outside"];
+
 /** The distances at A's vertices, with their sides where these are known. @param {Heat} heat */
 export function saveDistances({ deviation, sides }) {
   const lines = [sides ? "vertex,distance,side" : "vertex,distance"];
-  deviation?.distances.forEach((distance, vertex) => lines.push(sides ? `${vertex},${distance},${sides[vertex] < 0 ? "inside" : "outside"}` : `${vertex},${distance}`));
+  deviation?.distances.forEach((distance, vertex) => lines.push(sides ? `${vertex},${distance},${SIDES[sides[vertex] + 1]}` : `${vertex},${distance}`));
   download(new Blob([`${lines.join("\n")}\n`], { type: "text/csv" }), "distances.csv");
 }
 
@@ -44,13 +47,11 @@ export async function savePicture(map, places) {
   canvas.toBlob((blob) => { if (blob) download(blob, "view.png"); }, "image/png");
 }
 
-/** Copies an address that brings others to the same view. @param {Record<string, string>} look how it is drawn */
-export async function copyLink(look) {
-  const stage = currentStage();
-  const link = new URL(address({ ...look, ...(stage ? { eye: stage.eye.toText() } : {}) }), location.href).href;
-  history.replaceState(null, "", link);
+/** Copies the address, which brings others to the same view. */
+export async function copyLink() {
+  writeLook();
   try {
-    await navigator.clipboard.writeText(link);
+    await navigator.clipboard.writeText(location.href);
     say("The link to this view is copied.");
   } catch {
     say("The link to this view is in the address bar; the browser does not let the page copy it.");

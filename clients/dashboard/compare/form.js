@@ -1,18 +1,31 @@
 // What to compare and how: the two meshes, direction, reading of quads, gap, limit.
 
 import { choiceKey, meshChoice } from "../core/choice.js";
-import { h, select } from "../core/dom.js";
+import { NUMBER, h, select } from "../core/dom.js";
+import { parameter, setParameters } from "../core/route.js";
 import { state } from "../core/state.js";
 import { moved } from "./pose.js";
 
 /** @import { HausdorffRequest } from "../../js/types.js" */
 /** @typedef {{ direction: string, quads: string, gap: string, limit: string }} Settings */
 
-/** @type {Settings} as they were left */
-export const settings = { direction: "two_sided", quads: "triangles", gap: "1e-6", limit: "" };
+/** @type {Settings} */
+const FIRST = { direction: "two_sided", quads: "triangles", gap: "1e-6", limit: "" };
+/** As they were left. */
+export const settings = { ...FIRST };
+const NAMES = /** @type {(keyof Settings)[]} */ (Object.keys(FIRST));
 
-/** @param {{ onMeasure: () => void, onStop: () => void, onReading: () => void, onSwap: () => void }} options */
-export function makeForm({ onMeasure, onStop, onReading, onSwap }) {
+/** Takes up what the address says. */
+export function readSettings() {
+  for (const name of NAMES) settings[name] = parameter(name) ?? settings[name];
+  writeSettings();
+}
+
+/** A link has what is not as at first. */
+const writeSettings = () => setParameters(Object.fromEntries(NAMES.map((name) => [name, settings[name] === FIRST[name] ? null : settings[name]])));
+
+/** @param {{ onMeasure: () => void, onStop: () => void, onInput: () => void, onReading: () => void, onSwap: () => void }} options */
+export function makeForm({ onMeasure, onStop, onInput, onReading, onSwap }) {
   const sides = h("div", { className: "form whole" });
   const direction = select("direction", [["two_sided", "both ways"], ["a_to_b", "from A to B"], ["b_to_a", "from B to A"]], settings.direction);
   const quads = select("quads", [["triangles", "two triangles"], ["bilinear", "a bilinear patch"]], settings.quads);
@@ -28,6 +41,8 @@ export function makeForm({ onMeasure, onStop, onReading, onSwap }) {
   form.addEventListener("input", () => {
     const before = settings.quads;
     Object.assign(settings, { direction: direction.value, quads: quads.value, gap: gap.value, limit: limit.value });
+    writeSettings();
+    onInput();
     if (settings.quads !== before) onReading();
   });
   form.addEventListener("submit", (event) => {
@@ -45,18 +60,16 @@ export function makeForm({ onMeasure, onStop, onReading, onSwap }) {
     swap.disabled = state.a === null && state.b === null;
   }
 
-  /** Shows the settings of a request, which comes back with the former names of gap and limit. @param {Record<string, any>} request */
+  /** Shows the settings of a request. @param {Record<string, any>} request */
   function fill(request) {
     direction.value = request.direction;
     quads.value = request.quads;
-    gap.value = String(request.tolerance_unit === "absolute" ? settings.gap : request.tolerance);
-    limit.value = String(request.threshold ?? "");
+    gap.value = String(request.gap_unit === "absolute" ? settings.gap : request.gap);
+    limit.value = String(request.limit ?? "");
     form.dispatchEvent(new Event("input"));
   }
   return { form, draw, fill };
 }
-
-const NUMBER = "\\s*[0-9]*\\.?[0-9]+([eE][\\-+]?[0-9]+)?\\s*";
 
 /** The permitted distance; null for none. @param {Settings} settings */
 export const limitOf = ({ limit }) => (limit.trim() === "" ? null : Number(limit));

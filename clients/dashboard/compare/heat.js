@@ -5,7 +5,7 @@ import { heat } from "../view/loader.js";
 import { currentStage, setLook } from "../view/view.js";
 import { makeLegend } from "./legend.js";
 
-/** @import { Turn } from "../view/against.js" */
+/** @import { Telling } from "../view/against.js" */
 /** @import { Model } from "../view/model.js" */
 /** @import { Scale } from "../view/scale.js" */
 /** @import { Deviation } from "./deviation.js" */
@@ -20,7 +20,7 @@ export class Heat {
     this.wanted = wanted;
     /** @type {Deviation | null} */
     this.deviation = null;
-    /** 1 outside B, -1 inside, a vertex each. @type {Int8Array | null} */
+    /** 1 outside B, -1 inside, 0 neither for certain, a vertex each. @type {Int8Array | null} */
     this.sides = null;
     /** How far the colours may be off between A's vertices. */
     this.error = 0;
@@ -31,7 +31,7 @@ export class Heat {
   /** What the colours stand for; null without a map. @returns {Scale | null} */
   get scale() {
     if (!this.deviation) return null;
-    const isSigned = this.turn !== 0 && this.sides !== null;
+    const isSigned = this.telling !== "none" && this.sides !== null;
     const most = this.deviation.result.max.upper || 1;
     const { range, limits } = this.wanted;
     const [low, high] = range ?? [0, most];
@@ -50,16 +50,10 @@ export class Heat {
     return this.deviation !== null && b !== undefined && b.mesh.kind !== "points";
   }
 
-  /**
-   * What sign the side has that B's normals point to, as the deviation has it. Where the daemon proves the sides, a B that is inside
-   * out has the same inside: the volume that its faces go round is below 0 then.
-   * @returns {Turn}
-   */
-  get turn() {
+  /** How the page tells sides, as the deviation has them: where the daemon has proven that B bounds a solid, they are proven here, too. @returns {Telling} */
+  get telling() {
     const signed = this.deviation?.result.signed;
-    if (!signed || !this.hasSides) return 0;
-    const volume = currentStage()?.models.get("b")?.mesh.volume;
-    return signed.proven && (volume?.upper ?? 0) < 0 ? -1 : 1;
+    return !signed || !this.hasSides ? "none" : signed.proven ? "solid" : "normal";
   }
 
   /** Takes up what was measured. @param {Deviation} deviation */
@@ -79,10 +73,10 @@ export class Heat {
     const { deviation } = this;
     const [a, b] = [currentStage()?.models.get("a"), currentStage()?.models.get("b")];
     if (!deviation || !a?.isWhole || !b?.isWhole) return;
-    const { turn } = this;
+    const { telling } = this;
     const key = `${deviation.id} ${this.target}`;
     if (this.painted?.model !== a || this.painted.other !== b || this.painted.key !== key) {
-      const { error, sides } = await heat(a, b, { quads: deviation.result.quads, turn, target: this.target });
+      const { error, sides } = await heat(a, b, { quads: deviation.result.quads, telling, target: this.target });
       if (deviation !== this.deviation || currentStage()?.models.get("a") !== a) return;
       Object.assign(this, { error, sides: sides ?? this.sides, painted: { model: a, other: b, key } });
     }

@@ -46,6 +46,13 @@ export class Landmarks {
     this.next();
   }
 
+  /** Without a pointer. */
+  async takeMiddle() {
+    const before = this.places.length;
+    await this.take(this.stage.canvas.clientWidth / 2, this.stage.canvas.clientHeight / 2);
+    if (this.places.length === before) throw new Error("There is no surface in the middle of the view.");
+  }
+
   takeBack() {
     this.places.pop();
     this.next();

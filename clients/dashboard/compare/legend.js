@@ -22,7 +22,9 @@ function ticks({ low, high, isSigned }, isClamped) {
 /** The bands in words, with their colours. @param {Scale} scale @returns {[string, string][]} */
 function bandsOf({ limits, isSigned }) {
   const [low, high] = /** @type {[number, number]} */ (limits);
-  const words = isSigned ? [`more than ${length(-low, 3)} inside`, "within both limits", `more than ${length(high, 3)} outside`, "not known for certain here"]
+  const beyond = (/** @type {number} */ limit) => `more than ${length(Math.abs(limit), 3)} ${limit < 0 ? "inside" : "outside"}`;
+  const words = isSigned ? [low < 0 ? beyond(low) : `less than ${length(low, 3)} outside, or inside`, "within both limits",
+    high > 0 ? beyond(high) : `less than ${length(-high, 3)} inside, or outside`, "not known for certain here"]
     : ["", `within ${length(high, 3)}`, `beyond ${length(high, 3)}`, "not known for certain here"];
   return /** @type {[string, string][]} */ (words.map((word, place) => [css(BANDS[place]), word])).filter(([, word]) => word !== "");
 }

@@ -1,12 +1,12 @@
 // The section of the deviation: asks for it, shows figures and histogram, colours A, answers what is pointed at.
 
-import { ProblemError } from "../js/index.js";
 import { h } from "../core/dom.js";
 import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { Search } from "../core/search.js";
 import { meshOf, nameOf, state } from "../core/state.js";
 import { currentStage } from "../view/view.js";
+import { bandsOf } from "./bands.js";
 import { FIRST_ACCURACY, drawDeviation, drawHistogram, makeHistogram, measureDeviation } from "./deviation.js";
 import { Heat } from "./heat.js";
 import { moved } from "./pose.js";
@@ -46,6 +46,8 @@ export class DeviationMap {
     this.probe = null;
     /** Of what the parts beyond the limit are listed. @type {Deviation | null} */
     this.listed = null;
+    /** The limits whose bands were asked for. @type {[number, number] | null} */
+    this.askedLimits = null;
     this.accuracy = FIRST_ACCURACY;
     this.button = h("button", { type: "button", onclick: () => run(() => this.measure()) }, "Map the distances");
     this.more = h("button", { type: "button", title: "Search for tighter figures", onclick: () => run(() => this.measure(this.accuracy / FINER)) }, "More exactly");
@@ -72,14 +74,13 @@ export class DeviationMap {
 
   /** @param {MeshName} a @param {MeshName} b */
   question(a, b) {
-    return { a, b, quads: this.quads(), ...(this.accuracy < FIRST_ACCURACY ? { accuracy: this.accuracy, pieces: MORE_PIECES } : {}) };
+    return { a, b, quads: this.quads(), ...(this.accuracy < FIRST_ACCURACY ? { accuracy: this.accuracy, engine: { pieces: MORE_PIECES } } : {}) };
   }
 
   /** What is asked of A from B alone: its sides, and its parts beyond the limit. */
   extras() {
     const limit = this.limit();
-    const { sign } = this.sign;
-    return { ...(sign === "none" ? {} : { sign }), ...(limit === null ? {} : { limit, regions: meshOf(state.a)?.kind !== "points" }) };
+    return { ...bandsOf(this.sign.sign), ...(limit === null ? {} : { limit, regions: meshOf(state.a)?.kind !== "points" }) };
   }
 
   async measure(accuracy = FIRST_ACCURACY) {
@@ -88,10 +89,11 @@ export class DeviationMap {
     this.words.textContent = "";
     try {
       const deviation = await this.ask(moved(), state.b);
+      const isFirst = this.deviation === null;
       this.heat.take(deviation);
       this.draw();
-      setParameters({ heat: 1 });
-      this.onMeasured();
+      setParameters({ heat: 1, accuracy: accuracy < FIRST_ACCURACY ? accuracy : null });
+      if (isFirst) this.onMeasured();
       await this.paint();
     } catch (error) {
       this.explain();
@@ -101,15 +103,20 @@ export class DeviationMap {
     }
   }
 
-  /** Without the sign where the daemon does not prove it. @param {MeshName} a @param {MeshName} b */
-  async ask(a, b) {
-    try {
-      return await measureDeviation(this.search, { ...this.question(a, b), ...this.extras() });
-    } catch (error) {
-      if (!(error instanceof ProblemError) || error.code !== "not_closed") throw error;
-      this.sign.refuse(error.detail);
+  /** The map of a link. */
+  async restore() {
+    if (!parameter("heat") || this.search.isRunning) return;
+    const isTwoSided = parameter("back") !== null;
+    await this.measure(Math.max(FINEST, Math.min(FIRST_ACCURACY, Number(parameter("accuracy")) || FIRST_ACCURACY)));
+    if (isTwoSided && this.deviation && !this.back) await this.measureBack();
+  }
+
+  /** @param {MeshName} a @param {MeshName} b */
+  ask(a, b) {
+    return this.sign.ask(() => {
+      this.askedLimits = wanted.limits;
       return measureDeviation(this.search, { ...this.question(a, b), ...this.extras() });
-    }
+    });
   }
 
   /** B from A, beside A from B. */
@@ -118,6 +125,7 @@ export class DeviationMap {
     const back = await measureDeviation(this.search, this.question(/** @type {string} */ (state.b), moved()));
     if (deviation !== this.deviation) return;
     this.back = back;
+    setParameters({ back: 1 });
     this.draw();
   }
 
@@ -140,7 +148,7 @@ export class DeviationMap {
     if (!this.heat.painted) return;
     this.probe?.dispose();
     this.probe = new Probe(stage, {
-      quads: /** @type {any} */ (this.deviation?.result.quads), turn: () => this.heat.turn, onPins: () => setParameters({ pins: this.probe?.toText() || null }) });
+      quads: /** @type {any} */ (this.deviation?.result.quads), telling: () => this.heat.telling, onPins: () => setParameters({ pins: this.probe?.toText() || null }) });
     this.probed = this.heat.painted?.model;
     await this.probe.restore(parameter("pins"));
   }
@@ -159,11 +167,12 @@ export class DeviationMap {
     await this.probe?.again();
   }
 
-  /** The range is another one: at once, and finer if it wants that. */
+  /** The range or the limits are others: at once, and finer if it wants that; the daemon has the shares of other bands. */
   rescale() {
     this.heat.show(this.names);
     this.draw();
-    run(() => this.heat.paint(this.names));
+    if (this.deviation?.result.signed && wanted.limits && `${wanted.limits}` !== `${this.askedLimits}`) run(() => this.measure(this.accuracy));
+    else run(() => this.heat.paint(this.names));
   }
 
   draw() {

@@ -117,7 +117,7 @@ export class Measurement {
 
 /** @param {HausdorffResult} result */
 function ending({ stopped_by, converged }) {
-  if (stopped_by === "threshold") return "Stopped: the side of the limit is certain";
+  if (stopped_by === "limit") return "Stopped: the side of the limit is certain";
   if (converged) return "Done: the gap is as small as asked for";
   const reasons = /** @type {Record<string, string>} */ ({
     canceled: "Stopped; the bounds hold", deadline: "Stopped at the deadline; the bounds hold",

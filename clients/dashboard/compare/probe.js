@@ -8,9 +8,9 @@ import { Labels } from "../view/labels.js";
 import { probe } from "../view/loader.js";
 import { pick, prepare } from "../view/pick.js";
 
-/** @import { Turn } from "../view/against.js" */
+/** @import { Telling } from "../view/against.js" */
 /** @import { Stage } from "../view/stage.js" */
-/** @typedef {{ point: number[], distance: number, side: number, label: HTMLElement }} Pin side: 1 outside B, -1 inside, 0 not asked for */
+/** @typedef {{ point: number[], distance: number, side: number, label: HTMLElement }} Pin side: 1 outside B, -1 inside, 0 not asked for or not known */
 
 /** Of a place that was picked with the numbers of the graphics card more digits are not known. */
 const DIGITS = 4;
@@ -18,12 +18,12 @@ const DIGITS = 4;
 export class Probe {
   /**
    * @param {Stage} stage
-   * @param {{ quads: "triangles" | "bilinear", turn: () => Turn, onPins: () => void }} options
+   * @param {{ quads: "triangles" | "bilinear", telling: () => Telling, onPins: () => void }} options
    */
-  constructor(stage, { quads, turn, onPins }) {
+  constructor(stage, { quads, telling, onPins }) {
     this.stage = stage;
     this.quads = quads;
-    this.turn = turn;
+    this.telling = telling;
     this.onPins = onPins;
     /** @type {Pin[]} */
     this.pins = [];
@@ -100,7 +100,7 @@ export class Probe {
   async measure(point) {
     const b = this.stage.models.get("b");
     if (!b) return null;
-    const { distance, side } = await probe(b, point, this.quads, this.turn());
+    const { distance, side } = await probe(b, point, this.quads, this.telling());
     return { point, distance, side };
   }
 
@@ -109,7 +109,8 @@ export class Probe {
     // What is nearer than the numbers of the graphics card tell apart is at distance 0 as far as they know.
     const unknown = 2 ** -22 / (this.model?.frame.scale ?? 1);
     if (distance < unknown) return `under ${length(unknown, 1)}`;
-    return `${length(distance, DIGITS)}${side === 0 ? "" : side < 0 ? " inside" : " outside"}`;
+    const unproven = this.telling() === "none" ? "" : ", side not known";
+    return `${length(distance, DIGITS)}${side === 0 ? unproven : side < 0 ? " inside" : " outside"}`;
   }
 
   /** Pins a label. @param {number} x @param {number} y */

@@ -19,7 +19,10 @@ export const wanted = { range: null, limits: null };
 export function readWanted() {
   wanted.range = pairOf(parameter("range")) ?? wanted.range;
   wanted.limits = pairOf(parameter("limits")) ?? wanted.limits;
+  writeWanted();
 }
+
+const writeWanted = () => setParameters({ range: wanted.range?.join(), limits: wanted.limits?.join() });
 
 /** @param {string | null} text @returns {[number, number] | null} */
 function pairOf(text) {
@@ -48,7 +51,7 @@ export function makeRange({ onChange, firstLimit }) {
   /** @param {Partial<Wanted>} change */
   function set(change) {
     Object.assign(wanted, change);
-    setParameters({ range: wanted.range?.join(), limits: wanted.limits?.join() });
+    writeWanted();
     onChange();
   }
   /** Two fields as a pair, or a word of what is wrong. @param {HTMLInputElement} one @param {HTMLInputElement} other @returns {[number, number] | null} */

@@ -3,6 +3,7 @@
 import { colour, h } from "../core/dom.js";
 import { ENOUGH, count, intervals } from "../core/format.js";
 import { run } from "../core/messages.js";
+import { parameter, setParameters } from "../core/route.js";
 import { outline } from "../view/loader.js";
 import { makePlaces } from "../view/places.js";
 import { currentStage } from "../view/view.js";
@@ -24,13 +25,14 @@ export class Regions {
   /** @param {DeviationResult} result @param {number | null} limit that was asked for */
   draw({ regions, region_count: all = 0, verdict }, limit) {
     this.listed = (regions ?? []).slice(0, MOST_LISTED);
-    this.chosen = null;
+    const chosen = Number(parameter("region") ?? 0) - 1;
+    this.chosen = this.listed[chosen] ?? null;
     this.element.replaceChildren();
     if (limit === null || regions === undefined) return;
     const words = all === 0 ? `No part of A is beyond ${limit}.` : `${count(all)} part${all === 1 ? "" : "s"} of A ${verdict === "above" ? "" : "may be "}beyond ${limit}`
       + `${all > MOST_LISTED ? `; the farthest ${MOST_LISTED}` : ""}:`;
     this.element.append(h("p", {}, words));
-    if (all > 0) this.element.append(makePlaces("Parts beyond the limit", this.places(), (place) => run(() => this.choose(place))));
+    if (all > 0) this.element.append(makePlaces("Parts beyond the limit", this.places(), (place) => run(() => this.choose(place)), chosen));
   }
 
   places() {
@@ -44,6 +46,7 @@ export class Regions {
   /** @param {number} place */
   async choose(place) {
     this.chosen = this.listed[place];
+    setParameters({ region: place + 1 });
     await this.paint();
   }
 

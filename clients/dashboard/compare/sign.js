@@ -1,6 +1,7 @@
 // The sign of distances: on which side of B the places of A lie. The daemon proves it where B bounds a solid; where it does not,
 // the page has the daemon's reason, and the side of the nearest face's normal is to be had, which nothing proves.
 
+import { ProblemError } from "../js/index.js";
 import { h } from "../core/dom.js";
 import { parameter, setParameters } from "../core/route.js";
 import { toggle } from "../view/tools.js";
@@ -31,10 +32,20 @@ export class SignChoice {
     setParameters({ signed: { none: null, outside: 1, normal: "normal" }[sign] });
   }
 
-  /** The daemon does not prove it. @param {string} reason */
-  refuse(reason) {
-    this.refusal = reason;
-    this.set("none");
+  /**
+   * Asks with the sign that is wanted; without one where the daemon does not prove it, for its reason.
+   * @template T
+   * @param {() => Promise<T>} question
+   */
+  async ask(question) {
+    try {
+      return await question();
+    } catch (error) {
+      if (!(error instanceof ProblemError) || error.code !== "not_closed") throw error;
+      this.refusal = error.detail;
+      this.set("none");
+      return question();
+    }
   }
 
   /** B is another one. */

@@ -54,6 +54,9 @@ export function select(name, options, chosen) {
   return h("select", { name }, ...options.map(([value, words]) => h("option", { value, selected: value === chosen }, words)));
 }
 
+/** What a field for a number that is 0 or more takes. */
+export const NUMBER = "\\s*[0-9]*\\.?[0-9]+([eE][\\-+]?[0-9]+)?\\s*";
+
 /**
  * Hands bytes to the browser as a download.
  * @param {Blob} blob

@@ -52,6 +52,26 @@ export const small = (value) => (value === null || value === undefined ? NONE : 
 /** @param {number | null | undefined} share */
 export const percent = (share) => (share === null || share === undefined ? NONE : `${(share * 100).toPrecision(3)} %`);
 
+/** Digits of a share that is not known exactly. */
+const SHARE_DIGITS = 3;
+/** Behind the point of a share in percent. */
+const MOST_SHARE_DIGITS = 4;
+
+/**
+ * A share that is only known to lie between two others; what is written holds them.
+ * @param {{ lower: number, upper: number }} share
+ */
+export function shareBetween({ lower, upper }) {
+  if (lower === upper) return percent(lower);
+  const outward = (/** @type {number} */ share, /** @type {(x: number) => number} */ round) => {
+    const value = 100 * share;
+    if (value <= 0) return "0";
+    const digits = Math.max(0, Math.min(MOST_SHARE_DIGITS, SHARE_DIGITS - 1 - Math.floor(Math.log10(value))));
+    return (round(value * 10 ** digits) / 10 ** digits).toFixed(digits);
+  };
+  return `${outward(lower, Math.floor)} to ${outward(Math.min(1, upper), Math.ceil)} %`;
+}
+
 /** @param {number} power of ten */
 export const percentOfPower = (power) => (power >= -5 ? `${Number(`1e${power + 2}`)} %` : `1e${power + 2} %`);
 

@@ -35,10 +35,8 @@ export function setParameters(choices) {
   history.replaceState(null, "", address());
 }
 
-/** The address of what is on the page now, with more choices. @param {Record<string, string>} [more] */
-export function address(more = {}) {
-  const all = new URLSearchParams(parameters);
-  for (const [name, value] of Object.entries(more)) all.set(name, value);
-  const query = all.toString().replaceAll("%2C", ",");
+/** The address of what is on the page now. */
+function address() {
+  const query = parameters.toString().replaceAll("%2C", ",");
   return `${location.pathname}#${state.page}${query ? `?${query}` : ""}`;
 }

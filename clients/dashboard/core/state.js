@@ -1,7 +1,7 @@
 // What the page knows, in one plain object, and who wants to be told of changes.
 
 /** @import { Info, Mesh } from "../js/types.js" */
-/** @typedef {"meshes" | "choice" | "info" | "page" | "connection" | "theme" | "through"} Topic */
+/** @typedef {"meshes" | "choice" | "info" | "page" | "connection" | "theme" | "through" | "eye" | "look"} Topic */
 
 export const state = {
   /** @type {Mesh[]} in order of creation */

@@ -5,7 +5,7 @@ import { sayFault } from "../core/messages.js";
 import { state } from "../core/state.js";
 
 /** @import { Job } from "../../js/types.js" */
-/** @typedef {{ state: string, type: string }} Filter "": all */
+/** @typedef {{ state: string, type: string, mesh: string, label: string }} Filter "": all */
 
 const PAGE = 25;
 const OPEN_MS = 1500;
@@ -41,8 +41,8 @@ export class History {
 
   /** @param {number} pageSize */
   list(pageSize) {
-    const { state: wanted, type } = this.filter;
-    return client.jobs.list({ order: "newest", pageSize, state: wanted || undefined, type: type || undefined, signal: this.reader.signal });
+    const chosen = Object.fromEntries(Object.entries(this.filter).filter(([, value]) => value !== ""));
+    return client.jobs.list({ order: "newest", pageSize, ...chosen, signal: this.reader.signal });
   }
 
   /** Older ones. */

@@ -6,7 +6,7 @@ import { h, select } from "../core/dom.js";
 import { duration, time } from "../core/format.js";
 import { run } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
-import { on } from "../core/state.js";
+import { on, state } from "../core/state.js";
 import { showDetails } from "./details.js";
 import { History, isOpen } from "./history.js";
 import { KINDS, answerOf, meshesOf, questionOf, viewOf } from "./words.js";
@@ -35,19 +35,38 @@ class JobsPage {
     this.older = h("button", { type: "button", hidden: true, onclick: () => run(() => this.history.more()) }, "Older jobs");
     this.kind = select("type", [["", "all kinds"], ...Object.entries(KINDS)], parameter("type") ?? "");
     this.state = select("state", [["", "all states"], ...STATES.map((name) => /** @type {[string, string]} */ ([name, name]))], parameter("state") ?? "");
-    for (const choice of [this.kind, this.state]) choice.addEventListener("change", () => this.filter());
+    this.mesh = h("select", { name: "mesh" });
+    this.label = h("input", { type: "search", name: "label", placeholder: "any", autocomplete: "off", value: parameter("label") ?? "" });
+    for (const choice of [this.kind, this.state, this.mesh, this.label]) choice.addEventListener("change", () => this.filter());
     panel.append(h("section", { className: "section", "aria-labelledby": "jobs-title" },
-      h("header", {}, this.title, h("label", { className: "inline" }, "Kind", this.kind), h("label", { className: "inline" }, "State", this.state)),
+      h("header", {}, this.title, h("label", { className: "inline" }, "Kind", this.kind), h("label", { className: "inline" }, "State", this.state),
+        h("label", { className: "inline" }, "Of", this.mesh), h("label", { className: "inline" }, "Label", this.label)),
       h("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "Jobs, the newest first" }, this.table), this.empty, h("div", { className: "row" }, this.older)));
     /** The rows as they are, with what they show. @type {Map<string, { key: string, row: HTMLElement }>} */
     this.rows = new Map();
-    this.history = new History({ state: this.state.value, type: this.kind.value }, () => this.draw());
-    this.off = on("meshes", () => this.draw());
+    this.drawMeshes(parameter("mesh") ?? "");
+    this.history = new History(this.wanted, () => this.draw());
+    this.off = on("meshes", () => {
+      this.drawMeshes(this.mesh.value);
+      this.draw();
+    });
     this.draw();
   }
 
+  /** What the daemon is to list. */
+  get wanted() {
+    return { state: this.state.value, type: this.kind.value, mesh: this.mesh.value, label: this.label.value.trim() };
+  }
+
+  /** The meshes to choose from. @param {string} chosen also when it is gone */
+  drawMeshes(chosen) {
+    const options = /** @type {[string, string][]} */ ([["", "all meshes"], ...state.meshes.map(({ id, name }) => [id, name || id])]);
+    if (chosen !== "" && !options.some(([id]) => id === chosen)) options.push([chosen, chosen]);
+    this.mesh.replaceChildren(...options.map(([value, words]) => h("option", { value, selected: value === chosen }, words)));
+  }
+
   filter() {
-    this.history.filter = { state: this.state.value, type: this.kind.value };
+    this.history.filter = this.wanted;
     setParameters(this.history.filter);
     run(() => this.history.start());
   }
@@ -66,13 +85,14 @@ class JobsPage {
     table.hidden = jobs.length === 0;
     this.older.hidden = !history.hasMore;
     empty.hidden = jobs.length > 0;
-    const isFiltered = this.kind.value !== "" || this.state.value !== "";
+    const isFiltered = Object.values(this.wanted).some((value) => value !== "");
     empty.textContent = !history.isRead ? "Asking the daemon." : isFiltered ? "There are no such jobs." : "No jobs yet. Choose two meshes and compare them.";
   }
 
   /** The row of a job: the one that is there, unless something of it has changed. @param {Job} job @param {{ key: string, row: HTMLElement } | undefined} before */
   rowOf(job, before) {
-    const cells = [time(job.created), questionOf(job), meshesOf(job), job.state, answerOf(job), elapsed(job)];
+    const labels = job.labels ?? [];
+    const cells = [time(job.created), `${questionOf(job)}${labels.length > 0 ? ` · ${labels.join(", ")}` : ""}`, meshesOf(job), job.state, answerOf(job), elapsed(job)];
     const key = cells.join("\n");
     if (before?.key === key) return before;
     const focused = before?.row.contains(document.activeElement) ? document.activeElement?.getAttribute("data-key") : null;
@@ -97,7 +117,7 @@ class JobsPage {
         await this.history.refresh();
       }),
       view !== null && h("a", { className: "button", href: view, "aria-label": `Show the result ${about}`, "data-key": "Show" }, "Show"),
-      button("Details", "Details", () => showDetails(job.id)),
+      button("Details", "Details", () => showDetails(job.id, () => run(() => this.history.start()))),
       !isOpen(job) && button("Delete", "Delete the record", async () => deleteLater({
         id: job.id, words: "The job is deleted, and its answer with it.", commit: () => client.jobs.delete(job.id), onChange: () => this.draw() })));
   }

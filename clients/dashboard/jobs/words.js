@@ -58,7 +58,7 @@ export function answerOf(job) {
   }
   const bounds = job.result ?? job.progress;
   if (!bounds || !("lower" in bounds)) return "";
-  const verdict = "verdict" in bounds && bounds.verdict ? `, ${bounds.verdict} the limit ${job.request.threshold ?? job.request.limit}` : "";
+  const verdict = "verdict" in bounds && bounds.verdict ? `, ${bounds.verdict} the limit ${job.request.limit}` : "";
   return `${length(bounds.lower, 7)} to ${length(bounds.upper, 7)}${verdict}`;
 }
 

@@ -16,7 +16,7 @@ let drawn = "";
 
 /** @param {HTMLElement} place @param {Mesh | undefined} mesh */
 export function drawFacts(place, mesh) {
-  const key = mesh ? `${mesh.id} ${mesh.revision} ${mesh.unit} ${mesh.uncertainty} ${state.info !== null}` : "";
+  const key = mesh ? `${mesh.id} ${mesh.revision} ${mesh.unit} ${mesh.uncertainty} ${mesh.labels} ${state.info !== null}` : "";
   if (key === drawn && place.childElementCount > 0) return;
   drawn = key;
   if (!mesh) {

@@ -4,17 +4,17 @@ import { h } from "../core/dom.js";
 import { setParameters } from "../core/route.js";
 import { meshOf, on, state } from "../core/state.js";
 import { makeUpload } from "../core/upload.js";
+import { keepLook, placeEye } from "../view/link.js";
 import { drawTools } from "../view/tools.js";
 import { look, setLook, show } from "../view/view.js";
 import { drawFacts } from "./facts.js";
-import { drawList, makeFilter } from "./list.js";
+import { MeshList } from "./list.js";
 import { makeSamples } from "./samples.js";
 import { letThumbnailsDraw } from "./thumbnails.js";
 
 /** @param {HTMLElement} panel */
 export function showMeshes(panel) {
-  const list = h("ul", { className: "meshes", "aria-label": "Meshes" });
-  const filter = makeFilter(() => drawList(list, filter));
+  const list = new MeshList();
   const facts = h("section", { className: "section", "aria-labelledby": "facts-title" });
   const upload = makeUpload();
   upload.prepend(h("p", { className: "muted" }, "How far is a mesh from another one, or from a scan? Upload both and compare them: each distance comes with"
@@ -24,7 +24,7 @@ export function showMeshes(panel) {
   panel.append(
     upload,
     h("section", { className: "section", "aria-labelledby": "list-title" },
-      h("header", {}, h("h2", { id: "list-title" }, "Meshes"), filter), list),
+      h("header", {}, h("h2", { id: "list-title" }, "Meshes"), list.filter), list.element),
     facts);
   /** @type {string | null} */
   let drawn = null;
@@ -38,21 +38,27 @@ export function showMeshes(panel) {
     drawTools(mesh ? [mesh] : [], { onReading: drawView, hasStructure: true });
     const words = state.meshes.length > 0 ? "Choose a mesh to see it here." : "Drop a mesh file on the page to begin.";
     letThumbnailsDraw(false);
-    show(mesh ? [{ mesh, role: "a", isBilinear: look.bilinear }] : [], words).then(letThumbnailsDraw);
+    show(mesh ? [{ mesh, role: "a", isBilinear: look.bilinear }] : [], words).then((isWhole) => {
+      if (isWhole) placeEye();
+      letThumbnailsDraw(isWhole);
+    });
   }
 
   function draw() {
     if (state.shown === null && state.meshes.length > 0) state.shown = state.meshes[state.meshes.length - 1].id;
-    drawList(list, filter);
+    list.draw();
     drawFacts(facts, meshOf(state.shown));
     drawView();
   }
 
   setLook({ heat: false, structure: true });
+  const stopLook = keepLook();
   draw();
-  const off = on(["meshes", "choice", "info"], draw);
+  list.refresh();
+  const offs = [on(["meshes", "choice", "info"], draw), on("meshes", () => list.refresh())];
   return () => {
-    off();
+    for (const off of offs) off();
+    stopLook();
     letThumbnailsDraw(false);
   };
 }

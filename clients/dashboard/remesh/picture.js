@@ -79,7 +79,7 @@ export class Picture {
     const [model, quads] = [currentStage()?.models.get("a"), currentStage()?.models.get("b")];
     if (!model?.isWhole || !quads?.isWhole || this.meshes !== meshes) return null;
     const high = Math.min(most || Infinity, result.max.upper) || 1;
-    const { error } = await heat(model, quads, { quads: "triangles", turn: 0, target: high * GOOD_SHARE });
+    const { error } = await heat(model, quads, { quads: "triangles", telling: "none", target: high * GOOD_SHARE });
     const scale = { low: 0, high, isSigned: false, limits: null };
     setLook({ heat: true, scale });
     const isClamped = high < result.max.upper;

@@ -4,26 +4,34 @@ import { FOOT_WIDTH } from "../js/meshes.js";
 import { CLOUD_PIECE } from "./cloud.js";
 import { FlatFaces } from "./flat.js";
 import { cornerValues, drawnTriangles, heatPieces, pointValues, worstError } from "./heat.js";
+import { provenSides } from "./proof.js";
 import { Sides } from "./sides.js";
 import { cornerNormals, faceNormals, facesOfVertices } from "./topology.js";
+import { Winding } from "./winding.js";
 
 /** @import { Meshes } from "../js/meshes.js" */
 /** @import { Refined } from "./refine.js" */
 /** @import { Kept } from "./worker.js" */
-/** Which sign the side has that the normals of the other surface point to; 0 where none is asked for. @typedef {-1 | 0 | 1} Turn */
-/** @typedef {{ id: string, key: string, quads: "triangles" | "bilinear", turn: Turn, target: number, most: number }} Question
+/** How sides are told from one another: not at all; by winding numbers about a solid, which is proven; by the normals of the nearest faces.
+ * @typedef {"none" | "solid" | "normal"} Telling */
+/** @typedef {{ id: string, key: string, quads: "triangles" | "bilinear", telling: Telling, target: number, most: number }} Question
  *   id, key: the other surface, as it is now; target: the error that is small enough; most: triangles */
 
-/** @type {WeakMap<Kept, Sides>} */
-const sidesOfSurface = new WeakMap();
+/** What was made for a surface. @type {WeakMap<Kept, { sides?: Sides, triangles?: Winding, bilinear?: Winding }>} */
+const made = new WeakMap();
 
-/** Tells inside from outside of a surface; null for points. @param {Kept} surface */
-function sidesAbout(surface) {
-  if (surface.shape.starts.length <= 1) return null;
-  const known = sidesOfSurface.get(surface) ?? new Sides(surface.shape);
-  sidesOfSurface.set(surface, known);
+/** @param {Kept} surface */
+function madeOf(surface) {
+  const known = made.get(surface) ?? {};
+  made.set(surface, known);
   return known;
 }
+
+/** Tells by normals. @param {Kept} surface */
+const sidesAbout = (surface) => madeOf(surface).sides ??= new Sides(surface.shape);
+
+/** Tells by winding numbers. @param {Kept} surface @param {"triangles" | "bilinear"} quads */
+const windingAbout = (surface, quads) => madeOf(surface)[quads] ??= new Winding(surface.shape, quads === "bilinear");
 
 export class Against {
   /**
@@ -55,7 +63,7 @@ export class Against {
    * @param {Kept | undefined} other
    * @param {Question} question
    */
-  async paint(meshes, other, { id, key, quads, turn, target, most }) {
+  async paint(meshes, other, { id, key, quads, telling, target, most }) {
     const { shape, steps } = this.surface;
     if (this.key !== key || !this.refined) this.refined = drawnTriangles(shape, steps);
     this.key = key;
@@ -63,8 +71,8 @@ export class Against {
     // Where no more triangles are allowed, to know more of their error is not worth the time.
     const flat = other && other.shape.starts.length > 1 && refined.count < most ? new FlatFaces(other.shape) : null;
     await refined.refine((points) => findFeet(meshes, id, points, quads), { target, most, flat, isWanted: this.isWanted });
-    const about = turn !== 0 && other ? sidesAbout(other) : null;
-    const sides = about && sidesOf(refined, about, turn);
+    const hasSides = telling !== "none" && other && other.shape.starts.length > 1;
+    const sides = !hasSides ? null : telling === "solid" ? provenSides(refined, windingAbout(other, quads)) : sidesOf(refined, sidesAbout(other));
     this.send(refined, sides);
     return { error: worstError(refined, sides), triangles: refined.count, sides: sides?.slice(0, shape.points.length / 3) ?? null };
   }
@@ -105,19 +113,21 @@ async function findFeet(meshes, id, points, quads) {
   return feet;
 }
 
-/** On which side of another surface each point lies. @param {Refined} refined @param {Sides} sides @param {Turn} turn */
-function sidesOf({ points, feet: { foot, face } }, sides, turn) {
-  return Int8Array.from(face, (on, point) => turn * sides.sideOf([...points.subarray(3 * point, 3 * point + 3)], foot.subarray(3 * point, 3 * point + 3), on));
+/** On which side of another surface each point lies. @param {Refined} refined @param {Sides} sides */
+function sidesOf({ points, feet: { foot, face } }, sides) {
+  return Int8Array.from(face, (on, point) => sides.sideOf([...points.subarray(3 * point, 3 * point + 3)], foot.subarray(3 * point, 3 * point + 3), on));
 }
 
 /**
- * How far a point lies from a surface, and on which side: 1 outside, -1 inside, 0 not asked for.
+ * How far a point lies from a surface, and on which side: 1 outside, -1 inside, 0 not asked for or not known.
  * @param {Meshes} meshes
  * @param {Kept} surface
- * @param {{ id: string, point: number[], quads: "triangles" | "bilinear", turn: Turn }} question
+ * @param {{ id: string, point: number[], quads: "triangles" | "bilinear", telling: Telling }} question
  */
-export async function probe(meshes, surface, { id, point, quads, turn }) {
+export async function probe(meshes, surface, { id, point, quads, telling }) {
   const { distance: [distance], foot, face: [face] } = await findFeet(meshes, id, Float64Array.from(point), quads);
-  const sides = turn !== 0 ? sidesAbout(surface) : null;
-  return { distance, side: sides ? turn * sides.sideOf(point, foot, face) : 0 };
+  if (telling === "none" || surface.shape.starts.length <= 1) return { distance, side: 0 };
+  if (telling === "normal") return { distance, side: sidesAbout(surface).sideOf(point, foot, face) };
+  const winding = distance > 0 ? windingAbout(surface, quads).of(point) : null;
+  return { distance, side: winding === null ? 0 : winding === 0 ? 1 : -1 };
 }

@@ -113,7 +113,7 @@ export class Eye {
 
   /** Position and target, in units of the scene. */
   toText() {
-    return [...this.camera.position.toArray(), ...this.controls.target.toArray()].map((x) => Number(x.toFixed(5))).join(",");
+    return [...this.camera.position.toArray(), ...this.controls.target.toArray()].map((x) => Number(x.toPrecision(7))).join(",");
   }
 
   /** @param {string} text */

@@ -1,5 +1,6 @@
 // A surface in triangles that are small where its distance from another one changes, as pieces for the graphics card.
 
+import { isClear, slackOf } from "./proof.js";
 import { Refined } from "./refine.js";
 import { PIECE_TRIANGLES, buildPiece, pieces, walk } from "./soup.js";
 
@@ -40,10 +41,11 @@ export function drawnTriangles(shape, steps) {
  * Pieces of bounded size, in the order of the faces.
  * @param {{ shape: Shape, steps: number, frame: Frame, tints: Uint8Array | null, normals: Float32Array }} drawn
  * @param {Refined} refined
- * @param {Int8Array | null} sides of the points: 1 outside, -1 inside
+ * @param {Int8Array | null} sides of the points: 1 outside, -1 inside, 0 neither for certain
  * @returns {Generator<HeatPiece>}
  */
 export function* heatPieces({ shape, steps, frame, tints, normals }, refined, sides) {
+  const signs = signsOf(refined, sides);
   let first = 0;
   let from = 0;
   for (const run of pieces(shape, steps)) {
@@ -52,7 +54,7 @@ export function* heatPieces({ shape, steps, frame, tints, normals }, refined, si
     while (from < refined.count && refined.origins[from] < end) {
       let to = from;
       while (to < refined.count && to - from < PIECE_TRIANGLES && refined.origins[to] < end) to++;
-      yield buildHeat(base, first, refined, from, to, frame, sides);
+      yield buildHeat(base, first, refined, from, to, frame, signs);
       from = to;
     }
     first = end;
@@ -66,10 +68,10 @@ export function* heatPieces({ shape, steps, frame, tints, normals }, refined, si
  * @param {number} from
  * @param {number} to
  * @param {Frame} frame
- * @param {Int8Array | null} sides
+ * @param {Signs | null} signs
  * @returns {HeatPiece}
  */
-function buildHeat(base, first, refined, from, to, { centre, scale }, sides) {
+function buildHeat(base, first, refined, from, to, { centre, scale }, signs) {
   const count = 3 * (to - from);
   const piece = {
     position: new Float32Array(3 * count), normal: new Int8Array(4 * count), edge: new Uint16Array(4 * count),
@@ -86,23 +88,30 @@ function buildHeat(base, first, refined, from, to, { centre, scale }, sides) {
       piece.edge[4 * n + k] = 257 * mixed(base.edge);
       piece.tint[4 * n + k] = base.tint[at + k];
     }
-    piece.value[2 * n] = valueOf(refined, vertex, sides);
-    piece.value[2 * n + 1] = errorOf(refined, Math.floor(corner / 3), sides);
+    piece.value[2 * n] = valueOf(refined, vertex, signs && signs.sides);
+    piece.value[2 * n + 1] = errorOf(refined, Math.floor(corner / 3), signs);
   }
   return piece;
 }
 
+/** What it takes to know the error of signed distances. @typedef {{ sides: Int8Array, slack: number }} Signs sides: 1 outside, -1 inside, 0 neither for certain */
+
+/** @param {Refined} refined @param {Int8Array | null} sides @returns {Signs | null} */
+const signsOf = (refined, sides) => sides && { sides, slack: slackOf(refined) };
+
 /**
- * Between an inside and an outside corner the signed distance is one that grows no faster than its place moves; and neither it nor what
- * is shown is larger than the distances are.
- * @param {Refined} refined @param {number} t @param {Int8Array | null} sides
+ * Where a triangle is surely away from the other surface, its signed distance has the error of the distance. Else it may pass through:
+ * the signed distance is one that grows no faster than its place moves; and neither it nor what is shown is larger than the distances are.
+ * @param {Refined} refined @param {number} t @param {Signs | null} signs
  */
-function errorOf(refined, t, sides) {
-  if (!sides) return refined.errors[t];
+function errorOf(refined, t, signs) {
+  if (!signs) return refined.errors[t];
+  const { sides, slack } = signs;
   const a = refined.corners[3 * t], b = refined.corners[3 * t + 1], c = refined.corners[3 * t + 2];
-  if (sides[a] === sides[b] && sides[b] === sides[c]) return refined.errors[t];
+  if (sides[a] !== 0 && sides[a] === sides[b] && sides[b] === sides[c] && isClear(refined, t, slack)) return refined.errors[t];
   const { distance } = refined.feet;
-  return Math.min(refined.reachOf(t), 2 * Math.max(distance[a], distance[b], distance[c]) + refined.errors[t]);
+  const most = 2 * Math.max(distance[a], distance[b], distance[c]) + refined.errors[t];
+  return [a, b, c].some((vertex) => sides[vertex] === 0 && distance[vertex] > slack) ? most : Math.min(refined.reachOf(t), most);
 }
 
 /**
@@ -111,10 +120,11 @@ function errorOf(refined, t, sides) {
  */
 export function* cornerValues(shape, steps, refined, sides) {
   let first = 0;
+  const signs = signsOf(refined, sides);
   for (const { triangles } of pieces(shape, steps)) {
     yield Float32Array.from({ length: 6 * triangles }, (_, n) => {
       const corner = 3 * first + (n >> 1);
-      return n % 2 === 0 ? valueOf(refined, refined.corners[corner], sides) : errorOf(refined, Math.floor(corner / 3), sides);
+      return n % 2 === 0 ? valueOf(refined, refined.corners[corner], sides) : errorOf(refined, Math.floor(corner / 3), signs);
     });
     first += triangles;
   }
@@ -124,9 +134,12 @@ export function* cornerValues(shape, steps, refined, sides) {
 export function* pointValues(refined, sides, size) {
   const count = refined.points.length / 3;
   for (let from = 0; from < count; from += size) {
-    yield Float32Array.from({ length: 2 * Math.min(size, count - from) }, (_, n) => (n % 2 === 0 ? valueOf(refined, from + (n >> 1), sides) : 0));
+    yield Float32Array.from({ length: 2 * Math.min(size, count - from) }, (_, n) => (n % 2 === 0 ? valueOf(refined, from + (n >> 1), sides) : pointError(refined, from + (n >> 1), sides)));
   }
 }
+
+/** A point whose side is not known is either. @param {Refined} refined @param {number} vertex @param {Int8Array | null} sides */
+const pointError = (refined, vertex, sides) => (sides && sides[vertex] === 0 ? refined.feet.distance[vertex] : 0);
 
 /** @param {Refined} refined @param {number} vertex @param {Int8Array | null} sides */
 const valueOf = (refined, vertex, sides) => refined.feet.distance[vertex] * (sides ? sides[vertex] : 1);
@@ -134,6 +147,7 @@ const valueOf = (refined, vertex, sides) => refined.feet.distance[vertex] * (sid
 /** The greatest error of all that is drawn. @param {Refined} refined @param {Int8Array | null} sides */
 export function worstError(refined, sides) {
   let worst = 0;
-  for (let t = 0; t < refined.count; t++) worst = Math.max(worst, errorOf(refined, t, sides));
+  const signs = signsOf(refined, sides);
+  for (let t = 0; t < refined.count; t++) worst = Math.max(worst, errorOf(refined, t, signs));
   return worst;
 }

@@ -3,7 +3,7 @@
 import { client } from "../core/connection.js";
 
 /** @import { Model } from "./model.js" */
-/** @import { Turn } from "./against.js" */
+/** @import { Telling } from "./against.js" */
 /** @import { Plan } from "./regions.js" */
 /** @typedef {{ model: Model, onPiece: () => void, resolve: () => void, reject: (error: Error) => void }} Task */
 
@@ -98,14 +98,14 @@ const MOST_TRIANGLES = 250000;
  * Colours a whole model by its distance from another whole one.
  * @param {Model} model
  * @param {Model} other
- * @param {{ quads: "triangles" | "bilinear", turn: Turn, target: number }} options target: the error that is small enough
+ * @param {{ quads: "triangles" | "bilinear", telling: Telling, target: number }} options target: the error that is small enough
  * @returns {Promise<{ error: number, triangles: number, sides: Int8Array | null }>} error: how far the colours may be off between
- *   vertices; sides of the file's vertices: 1 outside, -1 inside
+ *   vertices; sides of the file's vertices: 1 outside, -1 inside, 0 on the other one or not known
  */
-export async function heat(model, other, { quads, turn, target }) {
+export async function heat(model, other, { quads, telling, target }) {
   const { id, revision } = other.mesh;
   const { error, triangles, sides, words } = await ask(model, {
-    kind: "heat", other: taskOf.get(other), id, key: `${id} ${revision} ${quads}`, quads, token: client.transport.token, turn, target, most: MOST_TRIANGLES });
+    kind: "heat", other: taskOf.get(other), id, key: `${id} ${revision} ${quads}`, quads, token: client.transport.token, telling, target, most: MOST_TRIANGLES });
   if (words) throw new Error(words);
   return { error, triangles, sides };
 }
@@ -115,11 +115,11 @@ export async function heat(model, other, { quads, turn, target }) {
  * @param {Model} other
  * @param {number[]} point
  * @param {"triangles" | "bilinear"} quads
- * @param {Turn} turn
- * @returns {Promise<{ distance: number, side: number }>} side: 1 outside, -1 inside, 0 not asked for
+ * @param {Telling} telling
+ * @returns {Promise<{ distance: number, side: number }>} side: 1 outside, -1 inside, 0 not asked for or not known
  */
-export async function probe(other, point, quads, turn) {
-  const { distance, side, words } = await ask(other, { kind: "probe", id: other.mesh.id, point, quads, turn, token: client.transport.token });
+export async function probe(other, point, quads, telling) {
+  const { distance, side, words } = await ask(other, { kind: "probe", id: other.mesh.id, point, quads, telling, token: client.transport.token });
   if (words) throw new Error(words);
   return { distance, side };
 }

@@ -10,10 +10,11 @@ import { lookAt } from "./view.js";
  * @param {string} label
  * @param {Place[]} places
  * @param {(place: number) => void} onChosen before the flight
+ * @param {number} [chosen] the one that is looked at already
  */
-export function makePlaces(label, places, onChosen) {
+export function makePlaces(label, places, onChosen, chosen = -1) {
   const buttons = places.map(({ words, points, what }, at) => h("button", {
-    type: "button", "aria-pressed": false, onclick: () => {
+    type: "button", "aria-pressed": at === chosen, onclick: () => {
       buttons.forEach((button, other) => button.setAttribute("aria-pressed", String(other === at)));
       onChosen(at);
       run(() => lookAt(points, what));

@@ -37,6 +37,7 @@ async function make() {
     const { Stage: Made } = await import("./stage.js");
     stage = new Made(byId("canvas"), progress, (through) => setLook({ through }));
     stage.setLook(look);
+    stage.eye.controls.addEventListener("change", () => changed("eye"));
     return stage;
   } catch (error) {
     byId("stage-words").textContent = `There is no 3D view here: ${error instanceof Error ? error.message : error}.`
@@ -93,10 +94,11 @@ export async function show(wishes, emptyWords = "Choose a mesh to see it here.")
 
 /** @param {Partial<typeof look>} change */
 export function setLook(change) {
-  const before = look.through;
+  const before = { ...look };
   Object.assign(look, change);
   stage?.setLook(look);
-  if (look.through !== before) changed("through");
+  if (look.through !== before.through) changed("through");
+  if (look.wire !== before.wire) changed("look");
 }
 
 on("theme", () => stage?.apply());

@@ -35,8 +35,9 @@ def map_body(context, body):
                 body[name] = chance.choice(MESHES)
         if isinstance(body.get("meshes"), list) and chance.random() < 0.9:
             body["meshes"] = [chance.choice(MESHES) if is_id(one) else one for one in body["meshes"]]
-        if isinstance(body.get("pieces"), (int, float)) and body["pieces"] > 10000:
-            body["pieces"] = 10000
+        for place in (body, body.get("engine")):
+            if isinstance(place, dict) and isinstance(place.get("pieces"), (int, float)) and place["pieces"] > 10000:
+                place["pieces"] = 10000
     return body
 
 
