@@ -24,6 +24,9 @@ void cli_report(const char *path, const qm_problem *problem, bool as_json);
 /** Reports the status of a failed call of the engine, with the context's message. */
 void cli_report_status(const char *path, qm_status status, const qm_context *ctx, bool as_json);
 
+/** The same line as text: the path, the place in the file where it is known, and what is wrong. */
+void cli_format_problem(char *out, size_t size, const char *path, const qm_problem *problem);
+
 /** Prints a problem as a line on stderr; line and offset are NAN if unknown. */
 void cli_print_problem(const char *path, double line, double offset, const char *detail);
 
@@ -35,6 +38,9 @@ bool cli_path_ends_in(const char *path, const char *end);
 
 /** Reads a whole file, for free(). "-" is standard input. NULL after a report. */
 uint8_t *cli_read_file(const char *path, size_t *size, bool as_json);
+
+/** The same with a problem instead of a report. */
+uint8_t *cli_try_file(const char *path, size_t *size, qm_problem *problem);
 
 /** True for "-", and for a file that can be written or created; false after a report. Called before long work whose
  * output would be lost. */
@@ -146,6 +152,9 @@ const char *cli_hash_file(const char *path, char out[QM_HASH_SIZE]);
 cli_session *cli_session_open(const char *server, bool as_json);
 void cli_session_close(cli_session *session);
 
+/** From now on problems are not reported but kept here; NULL: they are reported again. */
+void cli_session_keep_problems(cli_session *session, qm_problem *out);
+
 /** Uploads a file with notes, of which unset ones are the file's; writes the id of its mesh, and the diagonal of its box
  * unless that is NULL. */
 bool cli_session_upload(cli_session *session, const char *path, const qm_notes *notes, char id[QM_ID_SIZE],
@@ -163,6 +172,10 @@ bool cli_session_fetch(cli_session *session, const char *path, const void *bytes
 
 /** Fetches the array of the result of the last job, for free; false after a report that names server, and *numbers may be NULL. */
 bool cli_session_fetch_numbers(cli_session *session, const char *server, double **numbers, size_t *count);
+
+/** Appends the report of the last job, a comparison, to out; a limit or a range that is NAN is not given. False after a report of
+ * what is wrong. */
+bool cli_session_fetch_report(cli_session *session, double limit, double range, qm_text *out);
 
 /** The path of the last job, "" if there is none. */
 const char *cli_session_job_path(const cli_session *session);

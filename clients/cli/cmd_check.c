@@ -15,7 +15,7 @@ typedef struct check_options {
     const char *path[2];
     qm_check_rule rule;
     cli_check_settings settings;
-    const char *junit;
+    const char *junit, *server, *transform;
     bool as_json, as_github;
 } check_options;
 
@@ -84,6 +84,14 @@ static bool read_percent(const char *text, void *target)
 {
     size_t count = 0;
     return cli_read_list("percent", text, 0.0, 100.0, 1, target, &count);
+}
+
+/** Reads the pose of the new meshes; false after a report. */
+static bool read_pose(const char *path, qm_job_pose *pose)
+{
+    if (!cli_read_transform(path, pose->transform, false)) return false;
+    pose->is_given = !qm_transform_is_identity(pose->transform);
+    return true;
 }
 
 static int run(int argc, char **argv)
@@ -161,7 +169,26 @@ static int run(int argc, char **argv)
          .type = CLI_FLAG,
          .target = &o.as_json,
          .help = "one JSON object on standard output"},
-        CLI_OPTION_THREADS(&o.settings.threads)};
+        {.name = "transform",
+         .value = "FILE",
+         .type = CLI_TEXT,
+         .target = &o.transform,
+         .help = "moves NEW by the transform in this file, as align --json writes it"},
+        {.name = "unit",
+         .value = "U",
+         .type = CLI_CUSTOM,
+         .read = cli_read_unit,
+         .target = o.rule.notes,
+         .help = "unit of both files, whatever they say: um, mm, cm, m, in or ft"},
+        {.name = "uncertainty",
+         .value = "X[,Y]",
+         .type = CLI_CUSTOM,
+         .read = cli_read_uncertainty,
+         .target = o.rule.notes,
+         .help = "the true surfaces are within X of both files, or within X of NEW and Y of GOLDEN:\n"
+                 "it is these that --limit is for, and near it the answer is undecided"},
+        CLI_OPTION_THREADS(&o.settings.threads),
+        CLI_OPTION_SERVER(&o.server)};
     int status;
     if (!cli_read_options(&cmd_check, options, sizeof options / sizeof *options, argc, argv, o.path, &status))
         return status;
@@ -170,9 +197,15 @@ static int run(int argc, char **argv)
               stderr);
         return EXIT_USAGE;
     }
+    if (o.settings.aligns && o.transform) {
+        fputs("quadmesh: --align and --transform both move NEW: give one of them\n", stderr);
+        return EXIT_USAGE;
+    }
+    if (o.transform && !read_pose(o.transform, &o.rule.pose)) return EXIT_BAD_INPUT;
     if (o.junit && !cli_check_writable(o.junit, false)) return EXIT_BAD_INPUT;
     if (!make_folder(o.settings.pages)) return EXIT_BAD_INPUT;
-    o.settings.threads = cli_count_threads(o.settings.threads);
+    if (!o.server) o.settings.threads = cli_count_threads(o.settings.threads);
+    if (o.server && !(o.settings.session = cli_session_open(o.server, false))) return EXIT_BAD_INPUT;
     qm_check_list list = {0};
     status = cli_find_checks(o.path, &o.rule, &list) ? EXIT_OK : EXIT_BAD_INPUT;
     if (status == EXIT_OK && list.count > 1 && o.settings.pages && cli_is_page(o.settings.pages)) {
@@ -181,6 +214,7 @@ static int run(int argc, char **argv)
     }
     if (status == EXIT_OK) status = run_list(&o, &list);
     qm_check_list_reset(&list);
+    cli_session_close(o.settings.session);
     return status;
 }
 

@@ -190,7 +190,7 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_SERVER(&job.server),
         CLI_OPTION_TRANSFORM(&job.transform), /* this and the notes are of two meshes, */
-        CLI_OPTIONS_NOTES(request),
+        CLI_OPTIONS_NOTES(request->notes),
         {.name = "limit", /* and of distances */
          .value = "X",
          .type = CLI_NUMBER,

@@ -332,7 +332,7 @@ static int run(int argc, char **argv)
                        "of A's box\n(default 1e-6)"),
         CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
         CLI_OPTION_PERCENTILES(request, "50,95,99"),
-        CLI_OPTIONS_NOTES(request),
+        CLI_OPTIONS_NOTES(request->notes),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_TRANSFORM(&job.transform),
         CLI_OPTION_ALIGN(&job.aligns),

@@ -357,7 +357,7 @@ static int run(int argc, char **argv)
          .read = read_bands,
          .target = request,
          .help = "ranges of signed distances FROM:TO, separated by commas: which share of A is in each"},
-        CLI_OPTIONS_NOTES(request),
+        CLI_OPTIONS_NOTES(request->notes),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_TRANSFORM(&job.transform),
         CLI_OPTION_JSON(&job.as_json),

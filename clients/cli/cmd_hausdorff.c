@@ -88,7 +88,7 @@ static int run(int argc, char **argv)
          .max = QM_JOB_MAX_MEMORY,
          .target = &request->memory_limit,
          .help = "max bytes of the search's queue (default 1 GiB); it stops there with the interval reached"},
-        CLI_OPTIONS_NOTES(request),
+        CLI_OPTIONS_NOTES(request->notes),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_ACCELERATOR(&request->accelerator),
         {.name = "bounds",

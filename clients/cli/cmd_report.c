@@ -117,29 +117,6 @@ static bool make_here(const report_options *options, const cli_job *job, const c
     return is_made;
 }
 
-/** Fetches the report of a comparison that ran on a daemon; false after a report of what is wrong. */
-static bool fetch(const report_options *options, const cli_job *job, const cli_job_output *output,
-                  qm_text *out)
-{
-    char path[400], number[QM_NUMBER_SIZE], *bytes = NULL;
-    size_t size = 0;
-    int used = snprintf(path, sizeof path, "%s/report?", cli_session_job_path(output->session));
-    if (!isnan(options->limit))
-        used += snprintf(path + used, sizeof path - (size_t)used, "limit=%s&",
-                         qm_text_number(options->limit, number));
-    if (!isnan(options->range))
-        used += snprintf(path + used, sizeof path - (size_t)used, "range=%s&",
-                         qm_text_number(options->range, number));
-    path[used - 1] = '\0';
-    FILE *file = open_memstream(&bytes, &size);
-    bool is_fetched =
-        file && cli_session_fetch(output->session, path, NULL, 0, "text/html", job->server, file);
-    if (file && fclose(file) != 0) is_fetched = false;
-    if (is_fetched) qm_text_add(out, bytes, size);
-    free(bytes);
-    return is_fetched && !out->failed;
-}
-
 static void print_verdict(const report_options *options, qm_report_verdict verdict)
 {
     static const char *const words[] = {"no limit, no verdict", "within", "beyond", "undecided"};
@@ -153,8 +130,9 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
 {
     const report_options *options = user;
     qm_text text = {0};
-    bool is_made =
-        output->session ? fetch(options, job, output, &text) : make_here(options, job, output, &text);
+    bool is_made = output->session
+                       ? cli_session_fetch_report(output->session, options->limit, options->range, &text)
+                       : make_here(options, job, output, &text);
     bool is_written = is_made && cli_write_file(options->output, text.data, text.size);
     if (is_made && !is_written) cli_report_unwritable(options->output, job->as_json);
     qm_text_reset(&text);
@@ -222,7 +200,7 @@ static int run(int argc, char **argv)
          .help = "how far apart they are, in the unit of the meshes (default a twentieth of\n"
                  "the diagonal of A's box)"},
         CLI_OPTION_QUADS(&request->quads),
-        CLI_OPTIONS_NOTES(request),
+        CLI_OPTIONS_NOTES(request->notes),
         CLI_OPTION_TRANSFORM(&job.transform),
         CLI_OPTION_ALIGN(&job.aligns),
         CLI_OPTION_AVERAGES(request),

@@ -25,6 +25,34 @@ bool cli_path_ends_in(const char *path, const char *end)
     return length >= size && strcmp(path + length - size, end) == 0;
 }
 
+/** The line of a problem, or its offset; NAN where it has none. */
+static double place_of(const qm_problem *problem, bool is_offset)
+{
+    if (problem->error_count == 0) return NAN;
+    size_t place = is_offset ? problem->errors[0].offset : problem->errors[0].line;
+    return place == QM_NO_LOCATION ? NAN : (double)place;
+}
+
+/** What stands between a path and what is wrong: the line, the offset, or nothing of the two. */
+#define PLACE_SIZE 48
+static const char *format_place(double line, double offset, char out[PLACE_SIZE])
+{
+    if (!isnan(line))
+        snprintf(out, PLACE_SIZE, ":%.0f:", line);
+    else if (!isnan(offset))
+        snprintf(out, PLACE_SIZE, ": byte %.0f:", offset);
+    else
+        snprintf(out, PLACE_SIZE, ":");
+    return out;
+}
+
+void cli_format_problem(char *out, size_t size, const char *path, const qm_problem *problem)
+{
+    char place[PLACE_SIZE];
+    snprintf(out, size, "%s%s %s", path,
+             format_place(place_of(problem, false), place_of(problem, true), place), problem->detail);
+}
+
 void cli_report(const char *path, const qm_problem *problem, bool as_json)
 {
     if (as_json) {
@@ -35,10 +63,7 @@ void cli_report(const char *path, const qm_problem *problem, bool as_json)
         free(document);
         return;
     }
-    const qm_problem_error *error = problem->error_count > 0 ? &problem->errors[0] : NULL;
-    cli_print_problem(path, error && error->line != QM_NO_LOCATION ? (double)error->line : NAN,
-                      error && error->offset != QM_NO_LOCATION ? (double)error->offset : NAN,
-                      problem->detail);
+    cli_print_problem(path, place_of(problem, false), place_of(problem, true), problem->detail);
 }
 
 void cli_report_status(const char *path, qm_status status, const qm_context *ctx, bool as_json)
@@ -49,12 +74,8 @@ void cli_report_status(const char *path, qm_status status, const qm_context *ctx
 
 void cli_print_problem(const char *path, double line, double offset, const char *detail)
 {
-    if (!isnan(line))
-        fprintf(stderr, "quadmesh: %s:%.0f: %s\n", path, line, detail);
-    else if (!isnan(offset))
-        fprintf(stderr, "quadmesh: %s: byte %.0f: %s\n", path, offset, detail);
-    else
-        fprintf(stderr, "quadmesh: %s: %s\n", path, detail);
+    char place[PLACE_SIZE];
+    fprintf(stderr, "quadmesh: %s%s %s\n", path, format_place(line, offset, place), detail);
 }
 
 /** Reads to the end of the file, whose size is only expected: standard input may be a pipe. */
@@ -74,8 +95,7 @@ static uint8_t *read_all(FILE *file, size_t expected, size_t *size)
     return bytes;
 }
 
-/** Reads a file; NULL with a problem if it cannot be read. */
-static uint8_t *read_file(const char *path, size_t *size, qm_problem *problem)
+uint8_t *cli_try_file(const char *path, size_t *size, qm_problem *problem)
 {
     struct stat info;
     bool is_stdin = strcmp(path, "-") == 0;
@@ -99,7 +119,7 @@ static uint8_t *read_file(const char *path, size_t *size, qm_problem *problem)
 uint8_t *cli_read_file(const char *path, size_t *size, bool as_json)
 {
     qm_problem problem;
-    uint8_t *bytes = read_file(path, size, &problem);
+    uint8_t *bytes = cli_try_file(path, size, &problem);
     if (!bytes) cli_report(path, &problem, as_json);
     return bytes;
 }
@@ -215,7 +235,7 @@ static bool load_mesh(qm_context *ctx, const char *path, const qm_preparation *p
 {
     size_t size;
     *out = (qm_loaded_mesh){0};
-    uint8_t *bytes = read_file(path, &size, problem);
+    uint8_t *bytes = cli_try_file(path, &size, problem);
     if (!bytes) return false;
     char *folder = strndup(path, (size_t)(cli_base_name(path) - path));
     const qm_codec_limits limits = {.max_vertices = QM_NO_INDEX - 1,

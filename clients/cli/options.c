@@ -48,17 +48,17 @@ static void print_usage(FILE *file, const cli_command *command, const cli_option
 
 /* ---- values ---- */
 
-bool cli_read_unit(const char *text, void *request)
+bool cli_read_unit(const char *text, void *target)
 {
-    qm_notes *notes = ((qm_job_request *)request)->notes;
+    qm_notes *notes = target;
     if (qm_notes_set_unit(&notes[0], text) && qm_notes_set_unit(&notes[1], text)) return true;
     fprintf(stderr, "quadmesh: --unit takes " QM_NOTES_UNITS ", got \"%s\"\n", text);
     return false;
 }
 
-bool cli_read_uncertainty(const char *text, void *request)
+bool cli_read_uncertainty(const char *text, void *target)
 {
-    qm_notes *notes = ((qm_job_request *)request)->notes;
+    qm_notes *notes = target;
     char first[32];
     const char *comma = strchr(text, ',');
     snprintf(first, sizeof first, "%.*s", comma ? (int)(comma - text) : (int)strlen(text), text);

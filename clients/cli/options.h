@@ -74,22 +74,22 @@ typedef struct cli_option {
         .name = "threads", .value = "N", .type = CLI_INT, .min = 1, .max = QM_JOB_MAX_THREADS,               \
         .target = (address), .help = "threads (default: one for each processor)"                             \
     }
-/** Of kinds about two meshes: what is known of both besides their files. */
-#define CLI_OPTIONS_NOTES(request)                                                                           \
+/** Of two meshes: what is known of both besides their files, as qm_notes[2]. */
+#define CLI_OPTIONS_NOTES(notes)                                                                             \
     {.name = "unit",                                                                                         \
      .value = "U",                                                                                           \
      .type = CLI_CUSTOM,                                                                                     \
      .read = cli_read_unit,                                                                                  \
-     .target = (request),                                                                                    \
+     .target = (notes),                                                                                      \
      .help = "unit of both files, whatever they say: um, mm, cm, m, in or ft"},                              \
     {                                                                                                        \
         .name = "uncertainty", .value = "X[,Y]", .type = CLI_CUSTOM, .read = cli_read_uncertainty,           \
-        .target = (request),                                                                                 \
+        .target = (notes),                                                                                   \
         .help = "the true surfaces are within X of both files, or within X of A and Y of B:\n"               \
                 "also bounds that hold for these"                                                            \
     }
-bool cli_read_unit(const char *text, void *request);
-bool cli_read_uncertainty(const char *text, void *request);
+bool cli_read_unit(const char *text, void *notes);
+bool cli_read_uncertainty(const char *text, void *notes);
 
 #define CLI_OPTION_JSON(address)                                                                             \
     {                                                                                                        \
