@@ -14,7 +14,9 @@ enum {
     NAME_WIDTH = 12,
     CELL_WIDTH = 32,
     CELL_SIZE = 2 * CLI_BOUND_SIZE + 8,
-    PRINTED_REGIONS = 10
+    PRINTED_REGIONS = 10,
+    BAND_NAME_SIZE = 2 * CLI_BOUND_SIZE + 8,
+    LIMIT_BANDS = 3 /* of two signed limits, at most */
 };
 
 /** Signed limits: how far A may be inside of B, and outside; NAN for none. */
@@ -124,6 +126,37 @@ static void print_places(const qm_json *result, int side)
     }
 }
 
+/** "below -0.1", "-0.1 to 0.2", "above 0.2" or "all". */
+static void name_band(const qm_interval *band, char out[BAND_NAME_SIZE])
+{
+    if (isfinite(band->lower) && isfinite(band->upper))
+        snprintf(out, BAND_NAME_SIZE, "%.6g to %.6g", band->lower, band->upper);
+    else if (isfinite(band->upper))
+        snprintf(out, BAND_NAME_SIZE, "below %.6g", band->upper);
+    else if (isfinite(band->lower))
+        snprintf(out, BAND_NAME_SIZE, "above %.6g", band->lower);
+    else
+        snprintf(out, BAND_NAME_SIZE, "all");
+}
+
+/** The share of each surface in each band. A name that is as wide as its column has a line of its own. */
+static void print_bands(const cli_job *job, const qm_json *result, bool has_both)
+{
+    for (size_t i = 0; i < job->request.band_count; i++) {
+        char path[64], name[BAND_NAME_SIZE];
+        snprintf(path, sizeof path, "signed.bands.%zu", i);
+        name_band(&job->request.bands[i], name);
+        if (i == 0)
+            printf("\n  %-*s%-*s%s\n", NAME_WIDTH, "in the band", has_both ? CELL_WIDTH + 2 : 0, "% of A",
+                   has_both ? "% of B" : "");
+        if (strlen(name) >= NAME_WIDTH) {
+            printf("  %s\n", name);
+            name[0] = '\0';
+        }
+        print_sides(result, name, path, has_both, cli_format_percent);
+    }
+}
+
 /** The sides of each surface: the greatest distances and the shares in the bands; and why B has none. */
 static void print_signed(const cli_job *job, const qm_json *result)
 {
@@ -139,20 +172,7 @@ static void print_signed(const cli_job *job, const qm_json *result)
         {"mean", "signed.mean"}, {"outside", "signed.outside.max"}, {"inside", "signed.inside.max"}};
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
         print_sides(result, rows[i][0], rows[i][1], has_both, format_length);
-    for (size_t i = 0; i < job->request.band_count; i++) {
-        const qm_interval *band = &job->request.bands[i];
-        char path[64], name[2 * CLI_BOUND_SIZE + 8];
-        snprintf(path, sizeof path, "signed.bands.%zu", i);
-        snprintf(name, sizeof name, "%.6g to %.6g", band->lower, band->upper);
-        if (i == 0)
-            printf("\n  %-*s%-*s%s\n", NAME_WIDTH, "within", CELL_WIDTH + 2, "% of A",
-                   has_both ? "% of B" : "");
-        if (strlen(name) >= NAME_WIDTH) {
-            printf("  %s\n", name);
-            name[0] = '\0';
-        }
-        print_sides(result, name, path, has_both, cli_format_percent);
-    }
+    print_bands(job, result, has_both);
 }
 
 /** The parts of a surface that may be beyond the limit. */
@@ -245,22 +265,27 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     return status;
 }
 
-/** Bands between and beyond the signed limits, and the least limit of all for regions; false when regions have none. */
-static bool settle_limits(const signed_limits *limits, qm_job_request *request)
+/** Adds the bands between and beyond the signed limits; false when there is no room for them. */
+static bool add_limit_bands(const signed_limits *limits, qm_job_request *request)
 {
-    bool has_limits = !isnan(limits->in) || !isnan(limits->out);
     double in = isnan(limits->in) ? INFINITY : limits->in, out = isnan(limits->out) ? INFINITY : limits->out;
-    if (has_limits && request->sign == QM_SIGN_NONE) request->sign = QM_SIGN_OUTSIDE;
-    if (has_limits) {
-        /* Bands are of distances with the sign. */
-        bool is_turned = request->sign == QM_SIGN_INSIDE;
-        const double from = is_turned ? -out : -in, to = is_turned ? in : out;
-        if (isfinite(from)) request->bands[request->band_count++] = (qm_interval){-INFINITY, from};
-        request->bands[request->band_count++] = (qm_interval){from, to};
-        if (isfinite(to)) request->bands[request->band_count++] = (qm_interval){to, INFINITY};
-    }
+    if (request->sign == QM_SIGN_NONE) request->sign = QM_SIGN_OUTSIDE;
+    if (request->band_count + LIMIT_BANDS > QM_JOB_MAX_BANDS) return false;
+    /* Bands are of distances with the sign. */
+    bool is_turned = request->sign == QM_SIGN_INSIDE;
+    const double from = is_turned ? -out : -in, to = is_turned ? in : out;
+    if (isfinite(from)) request->bands[request->band_count++] = (qm_interval){-INFINITY, from};
+    request->bands[request->band_count++] = (qm_interval){from, to};
+    if (isfinite(to)) request->bands[request->band_count++] = (qm_interval){to, INFINITY};
+    return true;
+}
+
+/** Regions are those beyond the least limit of all; false when there is none. */
+static bool settle_regions(const signed_limits *limits, qm_job_request *request)
+{
     if (!request->regions) return true;
-    double least = fmin(in, out);
+    double least =
+        fmin(isnan(limits->in) ? INFINITY : limits->in, isnan(limits->out) ? INFINITY : limits->out);
     for (size_t i = 0; i < request->limit_count; i++)
         least = fmin(least, request->limits[i]);
     request->threshold = least;
@@ -301,13 +326,7 @@ static int run(int argc, char **argv)
          .type = CLI_NUMBER,
          .target = &limits.out,
          .help = "and how far outside"},
-        {.name = "sign",
-         .value = "S",
-         .type = CLI_CHOICE,
-         .choices = qm_sign_names,
-         .target = &request->sign,
-         .help = "outside (default with --limit-in or --limit-out), inside: distances of that side\n"
-                 "are positive; normal: those where normals point to, not proven"},
+        CLI_OPTIONS_SIGN(request),
         {.name = "regions",
          .type = CLI_FLAG,
          .target = &request->regions,
@@ -346,7 +365,15 @@ static int run(int argc, char **argv)
         fputs("quadmesh: --align and --transform both move A: give one of them\n", stderr);
         return EXIT_USAGE;
     }
-    if (!settle_limits(&limits, request)) {
+    cli_settle_sign(request);
+    if (!isnan(limits.in) || !isnan(limits.out)) {
+        if (!add_limit_bands(&limits, request)) {
+            fprintf(stderr, "quadmesh: --bands takes up to %d ranges beside the limits\n",
+                    QM_JOB_MAX_BANDS - LIMIT_BANDS);
+            return EXIT_USAGE;
+        }
+    }
+    if (!settle_regions(&limits, request)) {
         fputs("quadmesh: --regions takes --limit, --limit-in or --limit-out\n", stderr);
         return EXIT_USAGE;
     }

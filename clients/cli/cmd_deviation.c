@@ -272,39 +272,6 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     return is_written ? status : EXIT_BAD_INPUT;
 }
 
-/** Reads an end of a band up to a character: a number, or nothing for none. */
-static bool read_end(const char **text, double none, char stop, double *out)
-{
-    char *end = NULL;
-    *out = none;
-    if (**text != stop && **text != '\0') {
-        *out = strtod(*text, &end);
-        if (end == *text || !isfinite(*out)) return false;
-        *text = end;
-    }
-    return true;
-}
-
-static bool read_bands(const char *text, void *target)
-{
-    qm_job_request *request = target;
-    request->band_count = 0;
-    for (const char *at = text; request->band_count < QM_JOB_MAX_BANDS; at++) {
-        qm_interval *band = &request->bands[request->band_count];
-        if (!read_end(&at, -INFINITY, ':', &band->lower) || *at++ != ':') break;
-        if (!read_end(&at, INFINITY, ',', &band->upper) || !(band->lower <= band->upper)) break;
-        request->band_count++;
-        if (!*at) return true;
-        if (*at != ',') break;
-    }
-    fprintf(stderr,
-            "quadmesh: --bands takes up to %d ranges FROM:TO, ascending, separated by commas, as in "
-            "-0.1:0.2,0.2:; got "
-            "\"%s\"\n",
-            QM_JOB_MAX_BANDS, text);
-    return false;
-}
-
 static int run(int argc, char **argv)
 {
     cli_job job = cli_job_make(QM_JOB_DEVIATION);
@@ -343,20 +310,7 @@ static int run(int argc, char **argv)
          .type = CLI_FLAG,
          .target = &request->regions,
          .help = "and which connected parts of A are, or may be, beyond it"},
-        {.name = "sign",
-         .value = "S",
-         .type = CLI_CHOICE,
-         .choices = qm_sign_names,
-         .target = &request->sign,
-         .help = "outside, inside: distances of that side of B, which is proven closed, are "
-                 "positive;\nnormal: those "
-                 "where B's normals point to, not proven; none (default)"},
-        {.name = "bands",
-         .value = "L",
-         .type = CLI_CUSTOM,
-         .read = read_bands,
-         .target = request,
-         .help = "ranges of signed distances FROM:TO, separated by commas: which share of A is in each"},
+        CLI_OPTIONS_SIGN(request),
         CLI_OPTIONS_NOTES(request->notes),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_TRANSFORM(&job.transform),
@@ -367,6 +321,7 @@ static int run(int argc, char **argv)
     if (!cli_read_options(&cmd_deviation, options, sizeof options / sizeof *options, argc, argv, job.path,
                           &status))
         return status;
+    cli_settle_sign(request);
     if (!job.server) request->threads = cli_count_threads(request->threads);
     return cli_run_job(&job, finish, &names);
 }

@@ -198,6 +198,44 @@ bool cli_read_percentiles(const char *text, void *target)
                          &request->percentile_count);
 }
 
+/** Reads an end of a band up to a character: a number, or nothing for none. */
+static bool read_end(const char **text, double none, char stop, double *out)
+{
+    char *end = NULL;
+    *out = none;
+    if (**text != stop && **text != '\0') {
+        *out = strtod(*text, &end);
+        if (end == *text || !isfinite(*out)) return false;
+        *text = end;
+    }
+    return true;
+}
+
+bool cli_read_bands(const char *text, void *target)
+{
+    qm_job_request *request = target;
+    request->band_count = 0;
+    for (const char *at = text; request->band_count < QM_JOB_MAX_BANDS; at++) {
+        qm_interval *band = &request->bands[request->band_count];
+        if (!read_end(&at, -INFINITY, ':', &band->lower) || *at++ != ':') break;
+        if (!read_end(&at, INFINITY, ',', &band->upper) || !(band->lower <= band->upper)) break;
+        request->band_count++;
+        if (!*at) return true;
+        if (*at != ',') break;
+    }
+    fprintf(stderr,
+            "quadmesh: --bands takes up to %d ranges FROM:TO, ascending, separated by commas, as in "
+            "-0.1:0.2,0.2:; got "
+            "\"%s\"\n",
+            QM_JOB_MAX_BANDS, text);
+    return false;
+}
+
+void cli_settle_sign(qm_job_request *request)
+{
+    if (request->band_count > 0 && request->sign == QM_SIGN_NONE) request->sign = QM_SIGN_OUTSIDE;
+}
+
 int cli_count_threads(int given)
 {
     return given > 0 ? given : qm_host_thread_count();

@@ -135,6 +135,25 @@ bool cli_read_uncertainty(const char *text, void *notes);
         .target = (request), .help = "numbers separated by commas (default " list ")"                        \
     }
 
+/** Of two options: which distances are positive, and shares in bands of them. cli_settle_sign goes after the parser. */
+#define CLI_OPTIONS_SIGN(request)                                                                            \
+    {.name = "sign",                                                                                         \
+     .value = "S",                                                                                           \
+     .type = CLI_CHOICE,                                                                                     \
+     .choices = qm_sign_names,                                                                               \
+     .target = &(request)->sign,                                                                             \
+     .help = "outside, inside: distances of that side of B, which is proven closed, are positive;\n"         \
+             "normal: those where B's normals point to, not proven; none (default)"},                        \
+    {                                                                                                        \
+        .name = "bands", .value = "L", .type = CLI_CUSTOM, .read = cli_read_bands, .target = (request),      \
+        .help = "the share in each of these ranges of signed distances FROM:TO, as in -0.1:0.2,0.2:,\n"      \
+                "where an end that is left out is none; --sign is outside if it is not given"                \
+    }
+bool cli_read_bands(const char *text, void *request);
+
+/** Bands are of signed distances: outside is positive unless something else was given. */
+void cli_settle_sign(qm_job_request *request);
+
 #define CLI_MAX_OPTIONS 28
 
 /**
