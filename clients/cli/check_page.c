@@ -40,6 +40,7 @@ static qm_job_request make_request(const cli_checked_pair *pair, const qm_report
     qm_job_request request = cli_checked_request(pair, QM_JOB_COMPARISON);
     cli_ask_for_report(&request);
     request.limit_count = (size_t)qm_report_limits(report->limit, report->range, request.limits);
+    cli_add_limit_bands(pair->check->rule.limit_in, pair->check->rule.limit_out, &request);
     return request;
 }
 

@@ -116,6 +116,11 @@ typedef struct cli_job {
 
 cli_job cli_job_make(qm_job_kind kind);
 
+/** Adds the bands between and beyond signed limits, of which NAN is none, with a sign if there is none yet; false when there is no
+ * room for them. */
+enum { CLI_LIMIT_BANDS = 3 };
+bool cli_add_limit_bands(double limit_in, double limit_out, qm_job_request *request);
+
 /** The outcome of a job. In this process the meshes (the second one is NULL for a kind of one) and the result are set; with
  * a daemon the session. */
 typedef struct cli_job_output {

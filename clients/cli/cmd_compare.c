@@ -15,8 +15,7 @@ enum {
     CELL_WIDTH = 32,
     CELL_SIZE = 2 * CLI_BOUND_SIZE + 8,
     PRINTED_REGIONS = 10,
-    BAND_NAME_SIZE = 2 * CLI_BOUND_SIZE + 8,
-    LIMIT_BANDS = 3 /* of two signed limits, at most */
+    BAND_NAME_SIZE = 2 * CLI_BOUND_SIZE + 8
 };
 
 /** Signed limits: how far A may be inside of B, and outside; NAN for none. */
@@ -265,21 +264,6 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     return status;
 }
 
-/** Adds the bands between and beyond the signed limits; false when there is no room for them. */
-static bool add_limit_bands(const signed_limits *limits, qm_job_request *request)
-{
-    double in = isnan(limits->in) ? INFINITY : limits->in, out = isnan(limits->out) ? INFINITY : limits->out;
-    if (request->sign == QM_SIGN_NONE) request->sign = QM_SIGN_OUTSIDE;
-    if (request->band_count + LIMIT_BANDS > QM_JOB_MAX_BANDS) return false;
-    /* Bands are of distances with the sign. */
-    bool is_turned = request->sign == QM_SIGN_INSIDE;
-    const double from = is_turned ? -out : -in, to = is_turned ? in : out;
-    if (isfinite(from)) request->bands[request->band_count++] = (qm_interval){-INFINITY, from};
-    request->bands[request->band_count++] = (qm_interval){from, to};
-    if (isfinite(to)) request->bands[request->band_count++] = (qm_interval){to, INFINITY};
-    return true;
-}
-
 /** Regions are those beyond the least limit of all; false when there is none. */
 static bool settle_regions(const signed_limits *limits, qm_job_request *request)
 {
@@ -366,12 +350,10 @@ static int run(int argc, char **argv)
         return EXIT_USAGE;
     }
     cli_settle_sign(request);
-    if (!isnan(limits.in) || !isnan(limits.out)) {
-        if (!add_limit_bands(&limits, request)) {
-            fprintf(stderr, "quadmesh: --bands takes up to %d ranges beside the limits\n",
-                    QM_JOB_MAX_BANDS - LIMIT_BANDS);
-            return EXIT_USAGE;
-        }
+    if (!cli_add_limit_bands(limits.in, limits.out, request)) {
+        fprintf(stderr, "quadmesh: --bands takes up to %d ranges beside the limits\n",
+                QM_JOB_MAX_BANDS - CLI_LIMIT_BANDS);
+        return EXIT_USAGE;
     }
     if (!settle_regions(&limits, request)) {
         fputs("quadmesh: --regions takes --limit, --limit-in or --limit-out\n", stderr);

@@ -186,6 +186,7 @@ static int run(int argc, char **argv)
          .type = CLI_FLAG,
          .target = &request->regions,
          .help = "the connected parts beyond the limit as well, with pictures"},
+        CLI_OPTIONS_SIGN(request),
         {.name = "worst",
          .value = "K",
          .type = CLI_SIZE,
@@ -220,6 +221,7 @@ static int run(int argc, char **argv)
             free(command);
             return EXIT_USAGE;
         }
+        cli_settle_sign(request);
         if (!job.server) request->threads = cli_count_threads(request->threads);
         if (request->regions) request->threshold = o.limit;
         request->limit_count = (size_t)qm_report_limits(o.limit, o.range, request->limits);

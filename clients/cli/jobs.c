@@ -79,6 +79,21 @@ cli_job cli_job_make(qm_job_kind kind)
     return job;
 }
 
+bool cli_add_limit_bands(double limit_in, double limit_out, qm_job_request *request)
+{
+    if (isnan(limit_in) && isnan(limit_out)) return true;
+    double in = isnan(limit_in) ? INFINITY : limit_in, out = isnan(limit_out) ? INFINITY : limit_out;
+    if (request->sign == QM_SIGN_NONE) request->sign = QM_SIGN_OUTSIDE;
+    if (request->band_count + CLI_LIMIT_BANDS > QM_JOB_MAX_BANDS) return false;
+    /* Bands are of distances with the sign. */
+    bool is_turned = request->sign == QM_SIGN_INSIDE;
+    const double from = is_turned ? -out : -in, to = is_turned ? in : out;
+    if (isfinite(from)) request->bands[request->band_count++] = (qm_interval){-INFINITY, from};
+    request->bands[request->band_count++] = (qm_interval){from, to};
+    if (isfinite(to)) request->bands[request->band_count++] = (qm_interval){to, INFINITY};
+    return true;
+}
+
 static cli_bar make_bar(const cli_job *job, double diagonal)
 {
     bool is_absolute = job->request.tolerance_is_absolute || diagonal == 0.0;
