@@ -72,9 +72,9 @@ void cli_unload_pair(qm_context *ctx, qm_loaded_mesh mesh[2]);
 /** Writes a mesh in the format of the name's end, PLY without one; "-" is standard output. False after a report. */
 bool cli_write_mesh(qm_context *ctx, const char *path, const qm_mesh *mesh, bool as_json);
 
-/** Reads a transform from a JSON file: an object with "transform", as align writes, or the 16 numbers alone. False after a
- * report. */
-bool cli_read_transform(const char *path, double transform[QM_TRANSFORM_SIZE], bool as_json);
+/** Reads a pose from a JSON file: an object with "transform", as align writes, or the 16 numbers alone. It is not given where these
+ * move nothing. False after a report. */
+bool cli_read_pose(const char *path, qm_job_pose *pose, bool as_json);
 
 /** The transform in the result of an alignment. */
 void cli_get_transform(const qm_json *result, double transform[QM_TRANSFORM_SIZE]);

@@ -86,14 +86,6 @@ static bool read_percent(const char *text, void *target)
     return cli_read_list("percent", text, 0.0, 100.0, 1, target, &count);
 }
 
-/** Reads the pose of the new meshes; false after a report. */
-static bool read_pose(const char *path, qm_job_pose *pose)
-{
-    if (!cli_read_transform(path, pose->transform, false)) return false;
-    pose->is_given = !qm_transform_is_identity(pose->transform);
-    return true;
-}
-
 static int run(int argc, char **argv)
 {
     check_options o = {.rule = qm_check_rule_default(), .settings = {.gap = 1e-9}};
@@ -169,11 +161,7 @@ static int run(int argc, char **argv)
          .type = CLI_FLAG,
          .target = &o.as_json,
          .help = "one JSON object on standard output"},
-        {.name = "transform",
-         .value = "FILE",
-         .type = CLI_TEXT,
-         .target = &o.transform,
-         .help = "moves NEW by the transform in this file, as align --json writes it"},
+        CLI_OPTION_TRANSFORM(&o.transform, "NEW"),
         {.name = "unit",
          .value = "U",
          .type = CLI_CUSTOM,
@@ -201,7 +189,7 @@ static int run(int argc, char **argv)
         fputs("quadmesh: --align and --transform both move NEW: give one of them\n", stderr);
         return EXIT_USAGE;
     }
-    if (o.transform && !read_pose(o.transform, &o.rule.pose)) return EXIT_BAD_INPUT;
+    if (o.transform && !cli_read_pose(o.transform, &o.rule.pose, false)) return EXIT_BAD_INPUT;
     if (o.junit && !cli_check_writable(o.junit, false)) return EXIT_BAD_INPUT;
     if (!make_folder(o.settings.pages)) return EXIT_BAD_INPUT;
     if (!o.server) o.settings.threads = cli_count_threads(o.settings.threads);

@@ -189,7 +189,8 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_SERVER(&job.server),
-        CLI_OPTION_TRANSFORM(&job.transform), /* this and the notes are of two meshes, */
+        CLI_OPTION_TRANSFORM(&job.transform, "the first mesh"),
+        /* The notes are of two meshes, */
         CLI_OPTIONS_NOTES(request->notes),
         {.name = "limit", /* and of distances */
          .value = "X",
@@ -198,7 +199,7 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
          .help = "stop once it is certain whether the distance is above X, in the unit of the meshes"}};
     bool is_distance = kind == QM_JOB_DISTANCE;
     size_t skipped = is_distance ? 6 : kind == QM_JOB_COLLISION ? 0 : 2;
-    size_t left_out = is_distance ? 0 : kind == QM_JOB_SELF_COLLISION ? 4 : 1;
+    size_t left_out = is_distance ? 0 : kind == QM_JOB_SELF_COLLISION ? 3 : 1;
     size_t count = sizeof options / sizeof *options - skipped - left_out;
     int status;
     if (!cli_read_options(command, options + skipped, count, argc, argv, job.path, &status)) return status;

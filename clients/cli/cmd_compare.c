@@ -337,7 +337,7 @@ static int run(int argc, char **argv)
         CLI_OPTION_PERCENTILES(request, "50,95,99"),
         CLI_OPTIONS_NOTES(request->notes),
         CLI_OPTION_THREADS(&request->threads),
-        CLI_OPTION_TRANSFORM(&job.transform),
+        CLI_OPTION_TRANSFORM(&job.transform, "A"),
         CLI_OPTION_ALIGN(&job.aligns),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_SERVER(&job.server)};

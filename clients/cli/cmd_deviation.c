@@ -313,7 +313,7 @@ static int run(int argc, char **argv)
         CLI_OPTIONS_SIGN(request),
         CLI_OPTIONS_NOTES(request->notes),
         CLI_OPTION_THREADS(&request->threads),
-        CLI_OPTION_TRANSFORM(&job.transform),
+        CLI_OPTION_TRANSFORM(&job.transform, "A"),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_PROGRESS(&job.shows_progress),
         CLI_OPTION_SERVER(&job.server)};

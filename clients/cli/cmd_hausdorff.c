@@ -97,7 +97,7 @@ static int run(int argc, char **argv)
          .choices = qm_bounds_names,
          .target = &request->bounds,
          .help = "how upper bounds are computed: cover (default) or matching"},
-        CLI_OPTION_TRANSFORM(&job.transform),
+        CLI_OPTION_TRANSFORM(&job.transform, "A"),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_PROGRESS(&job.shows_progress),
         CLI_OPTION_SERVER(&job.server)};

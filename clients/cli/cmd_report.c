@@ -202,7 +202,7 @@ static int run(int argc, char **argv)
                  "the diagonal of A's box)"},
         CLI_OPTION_QUADS(&request->quads),
         CLI_OPTIONS_NOTES(request->notes),
-        CLI_OPTION_TRANSFORM(&job.transform),
+        CLI_OPTION_TRANSFORM(&job.transform, "A"),
         CLI_OPTION_ALIGN(&job.aligns),
         CLI_OPTION_AVERAGES(request),
         CLI_OPTION_GAP(&request->tolerance,

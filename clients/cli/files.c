@@ -197,7 +197,7 @@ void cli_get_transform(const qm_json *result, double transform[QM_TRANSFORM_SIZE
         transform[i] = transform_number(result, i);
 }
 
-bool cli_read_transform(const char *path, double transform[QM_TRANSFORM_SIZE], bool as_json)
+static bool read_transform(const char *path, double transform[QM_TRANSFORM_SIZE], bool as_json)
 {
     size_t size;
     uint8_t *bytes = cli_read_file(path, &size, as_json);
@@ -220,6 +220,13 @@ bool cli_read_transform(const char *path, double transform[QM_TRANSFORM_SIZE], b
     qm_json_free(json);
     if (status != QM_OK) cli_report_status(path, status, &ctx, as_json);
     return status == QM_OK;
+}
+
+bool cli_read_pose(const char *path, qm_job_pose *pose, bool as_json)
+{
+    if (!read_transform(path, pose->transform, as_json)) return false;
+    pose->is_given = !qm_transform_is_identity(pose->transform);
+    return true;
 }
 
 /* ---- meshes ---- */

@@ -207,6 +207,7 @@ static int keep_pose(const void *user, const cli_job *job, const cli_job_output 
     qm_job_pose *const *pose = user;
     qm_json *result = qm_json_parse(output->json);
     cli_get_transform(result, (*pose)->transform);
+    (*pose)->is_given = !qm_transform_is_identity((*pose)->transform);
     qm_json_free(result);
     return EXIT_OK;
 }
@@ -231,9 +232,8 @@ int cli_run_job(const cli_job *job, cli_finish_fn *finish, const void *user)
     int status = EXIT_OK;
     if (job->aligns)
         status = find_pose(job, pose);
-    else if (job->transform && !cli_read_transform(job->transform, pose->transform, job->as_json))
+    else if (job->transform && !cli_read_pose(job->transform, pose, job->as_json))
         status = EXIT_BAD_INPUT;
-    pose->is_given = job->aligns || job->transform;
     if (status == EXIT_OK) status = run_anywhere(&moved, finish, user);
     /* After an interrupt an input that could not be read is not to blame. */
     return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;

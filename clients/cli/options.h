@@ -101,10 +101,10 @@ bool cli_read_uncertainty(const char *text, void *notes);
         .name = "progress", .type = CLI_FLAG, .target = (address),                                           \
         .help = "lines of progress on standard error even if it is not a terminal"                           \
     }
-#define CLI_OPTION_TRANSFORM(address)                                                                        \
+#define CLI_OPTION_TRANSFORM(address, mesh)                                                                  \
     {                                                                                                        \
         .name = "transform", .value = "FILE", .type = CLI_TEXT, .target = (address),                         \
-        .help = "moves A by the transform in this file, as align --json writes it"                           \
+        .help = "moves " mesh " by the transform in this file, as align --json writes it"                    \
     }
 #define CLI_OPTION_ALIGN(address)                                                                            \
     {                                                                                                        \
