@@ -46,6 +46,23 @@ uint8_t *cli_try_file(const char *path, size_t *size, qm_problem *problem);
  * output would be lost. */
 bool cli_check_writable(const char *path, bool as_json);
 
+/** Whether at most one of the result object of --json and these files, of which NULL is none, goes to standard output; false after
+ * a message. */
+bool cli_check_one_document(const char *const *paths, int count, bool as_json);
+
+/**
+ * Sees before long work that files can be written, of which NULL is none. "-" is standard output, which holds one document: that
+ * file, or the result object of --json; whatever else a command prints goes to standard error then. EXIT_OK, or a status
+ * after a report.
+ */
+int cli_settle_outputs(const char *const *paths, int count, bool as_json);
+
+/** Opens a file that was settled. NULL after a report. */
+FILE *cli_open_output(const char *path, bool as_json);
+
+/** Closes it; false after a report when something could not be written. */
+bool cli_close_output(FILE *file, const char *path, bool as_json);
+
 /** Writes a whole file, "-" for standard output; false with errno. */
 bool cli_write_file(const char *path, const char *bytes, size_t size);
 
@@ -144,7 +161,7 @@ void cli_print_notes(const qm_json *result, const char *prefix);
 /** Sets what a report shows of a comparison: its percentiles, and how many of the worst places. */
 void cli_ask_for_report(qm_job_request *request);
 
-/** The hash of a file; NULL where it cannot be read twice. */
+/** The hash of a file; NULL where it cannot be read. */
 const char *cli_hash_file(const char *path, char out[QM_HASH_SIZE]);
 
 /* ---- sessions (session.c) ----

@@ -158,16 +158,12 @@ static int run(int argc, char **argv)
          .target = &o.as_github,
          .help = "::error commands for GitHub's workflows"},
         {.name = "json",
+         .letter = 'j',
          .type = CLI_FLAG,
          .target = &o.as_json,
          .help = "one JSON object on standard output"},
         CLI_OPTION_TRANSFORM(&o.transform, "NEW"),
-        {.name = "unit",
-         .value = "U",
-         .type = CLI_CUSTOM,
-         .read = cli_read_unit,
-         .target = o.rule.notes,
-         .help = "unit of both files, whatever they say: um, mm, cm, m, in or ft"},
+        CLI_OPTION_UNIT(o.rule.notes),
         {.name = "uncertainty",
          .value = "X[,Y]",
          .type = CLI_CUSTOM,
@@ -209,15 +205,14 @@ static int run(int argc, char **argv)
 const cli_command cmd_check = {
     .name = "check",
     .arguments = "NEW GOLDEN --limit X [options]",
-    .summary = "whether meshes are within a limit, for pipelines",
+    .summary = "are meshes within a limit? an exit status for pipelines",
     .takes = "two files, two folders, or a manifest",
     .path_count = 2,
     .optional_paths = 1,
-    .description =
-        "Whether NEW is within a limit of GOLDEN: two files; two folders, whose files are paired by name;\n"
-        "or one manifest in JSON: {\"limit\": 0.05, \"checks\": [{\"new\": \"a.stl\", \"golden\": "
-        "\"b.stl\"}]}.\n"
-        "Each pair ends as soon as its answer is certain. Of several limits all must hold.\n\n",
+    .description = "Whether NEW is within a limit of GOLDEN: two files; two folders, whose files are paired "
+                   "by name;\nor one manifest in JSON: {\"limit\": 0.05, \"checks\": [{\"new\": \"a.stl\", "
+                   "\"golden\": \"b.stl\"}]}.\nEach pair ends as soon as its answer is certain. Of several "
+                   "limits all must hold. For all figures\nof a pair: compare.\n",
     .exit_status =
         "Exit status: 0 all within; 1 some beyond; 2 bad input, wrong usage, a GOLDEN that is not\n"
         "closed where it must be, or files without a counterpart; 3 undecided, or interrupted.",

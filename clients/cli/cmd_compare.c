@@ -296,6 +296,7 @@ static int run(int argc, char **argv)
          .value = "X",
          .type = CLI_CUSTOM,
          .read = read_limits,
+         .may_repeat = true,
          .target = request,
          .help = "shares and F-score within this distance, in the unit of the meshes;\n"
                  "may be given several times, or as numbers separated by commas"},
@@ -366,13 +367,13 @@ static int run(int argc, char **argv)
 const cli_command cmd_compare = {
     .name = "compare",
     .arguments = "A B [options]",
-    .summary = "two meshes compared both ways, as one table",
+    .summary = "two meshes both ways: all figures in one table",
     .takes = "two files",
     .path_count = 2,
-    .description =
-        "Both directions and the symmetric figures: Hausdorff distance, mean, rms, percentiles, Chamfer\n"
-        "distance, and within limits the shares and the F-score, all as proven intervals. `check` answers\n"
-        "whether a mesh is within a limit.\n\n",
+    .description = "All of it in one table: both ways and together the Hausdorff distance, mean, rms, "
+                   "percentiles and\nChamfer distance, within limits shares and F-scores, by --sign the "
+                   "sides; all proven intervals.\nFor a yes or no in a pipeline: check. For a page to hand "
+                   "on: report. For one figure alone, which is\nfaster: hausdorff, deviation, distance.\n",
     .exit_status = "Exit status: 0 accurate, 2 bad input, a B that is not closed, or wrong usage, 3 the "
                    "pieces ran out before,\n"
                    "or interrupted; with --limit-in or --limit-out 0 within, 1 beyond, 3 not certain.",

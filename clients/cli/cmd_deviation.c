@@ -141,13 +141,12 @@ static void print_text(const cli_job *job, const qm_json *result)
 
 /* ---- files ---- */
 
-static bool write_csv(FILE *file, const distance_list *distances)
+static void write_csv(FILE *file, const distance_list *distances)
 {
     char number[QM_NUMBER_SIZE];
     fputs("vertex,distance\n", file);
     for (size_t i = 0; i < distances->count; i++)
         fprintf(file, "%zu,%s\n", i, qm_text_number(distances->values[i], number));
-    return !ferror(file);
 }
 
 /* Lightness increases evenly, so that the order is visible in grey; the hues are safe for colour-blind readers. */
@@ -165,7 +164,7 @@ static void write_double(FILE *file, double value)
 
 /** Binary PLY: positions in double, a colour from dark blue (0) through green to yellow (the maximum), and the distance
  * as the property "quality". Quads stay quads. */
-static bool write_ply(FILE *file, const qm_mesh *mesh, const double *value)
+static void write_ply(FILE *file, const qm_mesh *mesh, const double *value)
 {
     double max = 0.0;
     for (size_t i = 0; i < mesh->vertex_count; i++)
@@ -199,24 +198,27 @@ static bool write_ply(FILE *file, const qm_mesh *mesh, const double *value)
             fwrite(&vertex, sizeof vertex, 1, file);
         }
     }
-    return !ferror(file);
 }
 
-/** Opens, writes and closes a file; false after a report. */
-static bool write_file(const char *path, const qm_mesh *mesh, const distance_list *distances, bool as_ply)
+/** Opens, writes and closes a file, unless it has no name; false after a report. */
+static bool write_file(const char *path, const qm_mesh *mesh, const distance_list *distances, bool as_ply,
+                       bool as_json)
 {
-    FILE *file = fopen(path, "wb");
-    bool is_written =
-        file && (as_ply ? write_ply(file, mesh, distances->values) : write_csv(file, distances));
-    if (file) is_written &= fclose(file) == 0;
-    if (!is_written) fprintf(stderr, "quadmesh: %s cannot be written\n", path);
-    return is_written;
+    if (!path) return true;
+    FILE *file = cli_open_output(path, as_json);
+    if (!file) return false;
+    if (as_ply)
+        write_ply(file, mesh, distances->values);
+    else
+        write_csv(file, distances);
+    return cli_close_output(file, path, as_json);
 }
 
-static bool write_files(const file_names *names, const qm_mesh *mesh, const distance_list *distances)
+static bool write_files(const cli_job *job, const file_names *names, const qm_mesh *mesh,
+                        const distance_list *distances)
 {
-    bool is_written = !names->csv || write_file(names->csv, mesh, distances, false);
-    return is_written && (!names->ply || write_file(names->ply, mesh, distances, true));
+    return write_file(names->csv, mesh, distances, false, job->as_json) &&
+           write_file(names->ply, mesh, distances, true, job->as_json);
 }
 
 /** Writes the files of a job that ran on a daemon. Positions are read from the input file again, and moved as there. */
@@ -231,7 +233,7 @@ static bool write_fetched(const file_names *names, const cli_job *job, cli_sessi
     if (cli_session_fetch_numbers(session, job->server, &distances.values, &distances.count) &&
         cli_load_mesh(&ctx, job->path[0], job->as_json, &positions_only, &mesh)) {
         if (mesh.mesh.vertex_count == distances.count)
-            is_written = write_files(names, &mesh.mesh, &distances);
+            is_written = write_files(job, names, &mesh.mesh, &distances);
         else
             fprintf(stderr, "quadmesh: the daemon counts other vertices than %s has\n", job->path[0]);
         qm_loaded_mesh_reset(&ctx, &mesh);
@@ -256,7 +258,7 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     if (output->result) {
         const qm_deviation *deviation = &output->result->deviation;
         const distance_list distances = {deviation->vertex_distance, deviation->vertex_count};
-        is_written = write_files(names, &output->mesh[0]->mesh, &distances);
+        is_written = write_files(job, names, &output->mesh[0]->mesh, &distances);
     } else if (names->csv || names->ply) {
         is_written = write_fetched(names, job, output->session);
     }
@@ -284,6 +286,7 @@ static int run(int argc, char **argv)
          .target = &names.csv,
          .help = "the distances at A's vertices"},
         {.name = "ply",
+         .letter = 'o',
          .value = "FILE",
          .type = CLI_TEXT,
          .target = &names.ply,
@@ -322,6 +325,8 @@ static int run(int argc, char **argv)
                           &status))
         return status;
     cli_settle_sign(request);
+    status = cli_settle_outputs((const char *const[]){names.csv, names.ply}, 2, job.as_json);
+    if (status != EXIT_OK) return status;
     if (!job.server) request->threads = cli_count_threads(request->threads);
     return cli_run_job(&job, finish, &names);
 }
@@ -329,12 +334,12 @@ static int run(int argc, char **argv)
 const cli_command cmd_deviation = {
     .name = "deviation",
     .arguments = "A B [options]",
-    .summary = "mean, rms, percentiles of the distance from one mesh to another",
+    .summary = "averages of the distance of A from B, one way",
     .takes = "two files",
     .path_count = 2,
-    .description =
-        "How far the surface A is from B: mean, rms, percentiles, histogram and maximum, as proven "
-        "intervals.\n\n",
+    .description = "How far the surface A is from B on the whole, one way: mean, rms, percentiles, histogram "
+                   "and\nmaximum, as proven intervals; distances at A's vertices as a table or in colours. "
+                   "For both ways:\ncompare. For colours that are right between vertices, too: heatmap.\n",
     .exit_status = "Exit status: 0 accurate, or within the limit, 1 beyond it, 2 bad input or wrong usage, 3 "
                    "the pieces ran out before, no "
                    "verdict, or interrupted.",

@@ -112,10 +112,12 @@ static int run(int argc, char **argv)
 const cli_command cmd_hausdorff = {
     .name = "hausdorff",
     .arguments = "A B [options]",
-    .summary = "bounds of the Hausdorff distance between two meshes",
+    .summary = "the greatest distance, of both meshes or one of them",
     .takes = "two files",
     .path_count = 2,
-    .description = "",
+    .description =
+        "The greatest distance (Hausdorff): of all points of A from B, and of B from A, the farthest. "
+        "For\nthe least distance (clearance): distance. For averages: deviation or compare.\n",
     .exit_status =
         "Exit status: 0 converged, or within the limit; 1 beyond the limit; 2 bad input or wrong usage;\n"
         "3 stopped before, or undecided.",

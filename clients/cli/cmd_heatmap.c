@@ -38,7 +38,6 @@ static void write_ply(FILE *file, const triangle_list *list)
             fwrite(text.data, 1, text.size, file);
             text.size = 0;
         }
-    if (text.failed) fprintf(stderr, "quadmesh: out of memory for the file\n");
     qm_text_reset(&text);
 }
 
@@ -53,15 +52,11 @@ static void write_csv(FILE *file, const triangle_list *list)
 
 /** Opens, writes and closes a file, unless it has no name; false after a report. */
 static bool write_file(const char *path, void (*write)(FILE *file, const triangle_list *list),
-                       const triangle_list *list)
+                       const triangle_list *list, bool as_json)
 {
-    if (!path) return true;
-    FILE *file = fopen(path, "wb");
+    FILE *file = path ? cli_open_output(path, as_json) : NULL;
     if (file) write(file, list);
-    bool is_written = file && !ferror(file);
-    if (file) is_written &= fclose(file) == 0;
-    if (!is_written) fprintf(stderr, "quadmesh: %s cannot be written\n", path);
-    return is_written;
+    return !path || (file && cli_close_output(file, path, as_json));
 }
 
 static void print_text(const qm_json *result)
@@ -93,8 +88,8 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
         list.row = fetched;
         list.count = numbers / QM_HEATMAP_COLUMNS;
     }
-    bool is_written =
-        is_read && write_file(files->ply, write_ply, &list) && write_file(files->csv, write_csv, &list);
+    bool is_written = is_read && write_file(files->ply, write_ply, &list, job->as_json) &&
+                      write_file(files->csv, write_csv, &list, job->as_json);
     free(fetched);
     if (job->as_json)
         puts(output->json);
@@ -135,6 +130,7 @@ static int run(int argc, char **argv)
          .target = &request->pieces,
          .help = "max triangles that A's faces are cut into (default 1048576)"},
         CLI_OPTION_QUADS(&request->quads),
+        CLI_OPTION_UNIT(request->notes),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_TRANSFORM(&job.transform, "A"),
         CLI_OPTION_JSON(&job.as_json),
@@ -143,19 +139,21 @@ static int run(int argc, char **argv)
     if (!cli_read_options(&cmd_heatmap, options, sizeof options / sizeof *options, argc, argv, job.path,
                           &status))
         return status;
+    status = cli_settle_outputs((const char *const[]){files.ply, files.csv}, 2, job.as_json);
+    if (status != EXIT_OK) return status;
     if (!job.server) request->threads = cli_count_threads(request->threads);
     return cli_run_job(&job, finish, &files);
 }
 
 const cli_command cmd_heatmap = {.name = "heatmap",
                                  .arguments = "A B [options]",
-                                 .summary = "A cut into triangles with its distance from B at their corners",
+                                 .summary = "A in colours of its distance from B, right to a stated error",
                                  .takes = "two files",
                                  .path_count = 2,
                                  .description =
                                      "A cut into triangles with its distance from B at their corners: what "
-                                     "is interpolated between them is\nright to the error "
-                                     "that is told.\n\n",
+                                     "is interpolated between them is\nright to the error that is told. For "
+                                     "the distances at A's own vertices alone: deviation --ply.\n",
                                  .exit_status = "Exit status: 0 accurate, 2 bad input or wrong usage, 3 the "
                                                 "triangles ran out before, or interrupted.",
                                  .run = run};

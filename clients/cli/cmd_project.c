@@ -163,7 +163,7 @@ static bool project_on_server(const project_options *options, point_list *points
 
 static int fail_to_write(const project_options *options)
 {
-    fprintf(stderr, "quadmesh: %s cannot be written\n", options->output);
+    cli_report_unwritable(options->output, options->as_json);
     return EXIT_BAD_INPUT;
 }
 
@@ -219,6 +219,7 @@ static int run(int argc, char **argv)
          .target = &o.as_binary,
          .help = "the same as little-endian float64: the default for other names"},
         {.name = "json",
+         .letter = 'j',
          .type = CLI_FLAG,
          .target = &o.as_json,
          .help = "one document: the default for names that end in .json; errors are documents, too"},
@@ -245,16 +246,18 @@ static int run(int argc, char **argv)
                    : cli_path_ends_in(o.output, ".csv") || strcmp(o.output, "-") == 0 ? QM_ARRAY_CSV
                                                                                       : QM_ARRAY_BINARY;
     if (o.transform && !cli_read_pose(o.transform, &o.pose, o.as_json)) return EXIT_BAD_INPUT;
+    if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
     if (!o.server) o.threads = cli_count_threads(o.threads);
     return project(&o);
 }
 
 const cli_command cmd_project = {.name = "project",
                                  .arguments = "MESH POINTS -o OUT [options]",
-                                 .summary = "the nearest points of a mesh for each of many points",
-                                 .takes = "a mesh, a file of points and -o OUT",
+                                 .summary = "the nearest point of a mesh for each of many points",
+                                 .takes = "a mesh and a file of points",
                                  .path_count = 2,
-                                 .description = "",
+                                 .description = "For each point the nearest one of a mesh: distance, place, "
+                                                "face. For the distances of a whole\nmesh: deviation.\n",
                                  .exit_status =
                                      "Exit status: 0 done, 2 bad input or wrong usage, 3 interrupted.",
                                  .run = run};

@@ -75,7 +75,7 @@ void cli_ask_for_report(qm_job_request *request)
 const char *cli_hash_file(const char *path, char out[QM_HASH_SIZE])
 {
     size_t size;
-    uint8_t *bytes = strcmp(path, "-") == 0 ? NULL : cli_read_file(path, &size, false);
+    uint8_t *bytes = cli_read_file(path, &size, false);
     if (!bytes) return NULL;
     uint8_t digest[QM_DIGEST_SIZE];
     qm_id_hash_bytes(bytes, size, digest);
@@ -221,6 +221,10 @@ static int run(int argc, char **argv)
             free(command);
             return EXIT_USAGE;
         }
+        if (!cli_check_one_document(&o.output, 1, job.as_json)) {
+            free(command);
+            return EXIT_USAGE;
+        }
         cli_settle_sign(request);
         if (!job.server) request->threads = cli_count_threads(request->threads);
         if (request->regions) request->threshold = o.limit;
@@ -237,10 +241,9 @@ const cli_command cmd_report = {
     .summary = "two meshes compared, as one page to hand on",
     .takes = "two files",
     .path_count = 2,
-    .description =
-        "One file of HTML that needs nothing beside itself: the verdict, pictures from six sides in the\n"
-        "colours of distance, how distances spread, the worst places, and all figures as proven "
-        "intervals.\n\n",
+    .description = "One file of HTML that needs nothing beside itself: the verdict, pictures from six sides "
+                   "in the\ncolours of distance, how distances spread, the worst places, and all figures as "
+                   "proven intervals.\n",
     .exit_status =
         "Exit status: 0 within the limit, or none was given; 1 beyond it; 2 bad input or wrong usage;\n"
         "3 undecided, stopped before, or interrupted.",

@@ -95,7 +95,8 @@ static uint8_t *read_all(FILE *file, size_t expected, size_t *size)
     return bytes;
 }
 
-uint8_t *cli_try_file(const char *path, size_t *size, qm_problem *problem)
+/** Reads a file; NULL with a problem if it cannot be read. */
+static uint8_t *read_file(const char *path, size_t *size, qm_problem *problem)
 {
     struct stat info;
     bool is_stdin = strcmp(path, "-") == 0;
@@ -114,6 +115,26 @@ uint8_t *cli_try_file(const char *path, size_t *size, qm_problem *problem)
     }
     if (file && !is_stdin) fclose(file);
     return bytes;
+}
+
+/** Standard input, which comes once, and is asked for again by some commands: to align and then compare, or to hash. */
+static struct {
+    uint8_t *bytes;
+    size_t size;
+} input;
+
+uint8_t *cli_try_file(const char *path, size_t *size, qm_problem *problem)
+{
+    if (strcmp(path, "-") != 0) return read_file(path, size, problem);
+    if (!input.bytes) input.bytes = read_file(path, &input.size, problem);
+    if (!input.bytes) return NULL;
+    *size = input.size;
+    uint8_t *copy = malloc(input.size + 1);
+    if (copy)
+        memcpy(copy, input.bytes, input.size);
+    else
+        *problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "cannot be read: %s", strerror(ENOMEM));
+    return copy;
 }
 
 uint8_t *cli_read_file(const char *path, size_t *size, bool as_json)
@@ -142,7 +163,11 @@ void cli_report_unwritable(const char *path, bool as_json)
 
 bool cli_check_writable(const char *path, bool as_json)
 {
-    if (strcmp(path, "-") == 0 || access(path, W_OK) == 0) return true;
+    struct stat info;
+    if (strcmp(path, "-") == 0) return true;
+    bool is_folder = stat(path, &info) == 0 && S_ISDIR(info.st_mode);
+    if (!is_folder && access(path, W_OK) == 0) return true;
+    if (is_folder) errno = EISDIR;
     if (errno == ENOENT) {
         size_t size = (size_t)(cli_base_name(path) - path);
         char *folder = size > 0 ? strndup(path, size) : strdup(".");
@@ -150,6 +175,52 @@ bool cli_check_writable(const char *path, bool as_json)
         free(folder);
         if (is_writable) return true;
     }
+    cli_report_unwritable(path, as_json);
+    return false;
+}
+
+/** Standard output while what else is printed goes to standard error; NULL: it is as it was. */
+static FILE *document;
+
+bool cli_check_one_document(const char *const *paths, int count, bool as_json)
+{
+    int on_stdout = as_json;
+    for (int i = 0; i < count; i++)
+        on_stdout += paths[i] && strcmp(paths[i], "-") == 0;
+    if (on_stdout <= 1) return true;
+    fputs("quadmesh: standard output holds one document: give a file for the others\n", stderr);
+    return false;
+}
+
+int cli_settle_outputs(const char *const *paths, int count, bool as_json)
+{
+    bool has_file = false;
+    if (!cli_check_one_document(paths, count, as_json)) return EXIT_USAGE;
+    for (int i = 0; i < count; i++) {
+        if (!paths[i]) continue;
+        if (!cli_check_writable(paths[i], as_json)) return EXIT_BAD_INPUT;
+        has_file |= strcmp(paths[i], "-") == 0;
+    }
+    if (!has_file) return EXIT_OK;
+    int copy = dup(STDOUT_FILENO);
+    document = copy >= 0 ? fdopen(copy, "wb") : NULL;
+    if (document && dup2(STDERR_FILENO, STDOUT_FILENO) >= 0) return EXIT_OK;
+    cli_report_unwritable("-", as_json);
+    return EXIT_BAD_INPUT;
+}
+
+FILE *cli_open_output(const char *path, bool as_json)
+{
+    FILE *file = strcmp(path, "-") == 0 ? document : fopen(path, "wb");
+    if (!file) cli_report_unwritable(path, as_json);
+    return file;
+}
+
+bool cli_close_output(FILE *file, const char *path, bool as_json)
+{
+    bool is_written = !ferror(file);
+    if (file == document) document = NULL;
+    if (fclose(file) == 0 && is_written) return true;
     cli_report_unwritable(path, as_json);
     return false;
 }
@@ -304,8 +375,7 @@ int cli_try_pair(qm_context *ctx, const char *const path[2], const qm_preparatio
     load_pair pair = {
         .ctx = ctx, .path = path, .preparation = {preparation[0], preparation[1]}, .mesh = mesh};
     mesh[0] = mesh[1] = (qm_loaded_mesh){0};
-    bool is_one_pipe = strcmp(path[0], "-") == 0 && strcmp(path[1], "-") == 0;
-    if (preparation[0].thread_count > 1 && !is_one_pipe) {
+    if (preparation[0].thread_count > 1) {
         share_threads(&pair);
         qm_context_parallel(ctx, 2, load_one, &pair);
     } else {

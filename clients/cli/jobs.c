@@ -222,6 +222,7 @@ static int find_pose(const cli_job *job, qm_job_pose *pose)
     alignment.as_json = job->as_json;
     alignment.request.quads = job->request.quads;
     alignment.request.threads = job->request.threads;
+    memcpy(alignment.request.notes, job->request.notes, sizeof alignment.request.notes);
     return run_anywhere(&alignment, keep_pose, &pose);
 }
 

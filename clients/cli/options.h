@@ -13,8 +13,9 @@ typedef struct cli_command {
     const char *takes;              /* "two files" */
     int path_count, optional_paths; /* of path_count; those that are not given are NULL */
     int most_paths;                 /* of a command that takes more than path_count; 0: it does not */
-    const char *description;        /* of the usage text; "" for none */
-    const char *exit_status;        /* its last line */
+    const char
+        *description; /* of the usage text: what it is for, and which command is for what is near to it */
+    const char *exit_status; /* its last line */
     int (*run)(int argc, char **argv);
 } cli_command;
 
@@ -44,6 +45,7 @@ typedef struct cli_option {
     const char *const *choices;
     bool (*read)(const char *text, void *target); /* false after a message */
     bool is_required;                             /* a text */
+    bool may_repeat;                              /* it may be given several times */
 } cli_option;
 
 /** Options that several commands have. */
@@ -71,17 +73,17 @@ typedef struct cli_option {
     }
 #define CLI_OPTION_THREADS(address)                                                                          \
     {                                                                                                        \
-        .name = "threads", .value = "N", .type = CLI_INT, .min = 1, .max = QM_JOB_MAX_THREADS,               \
-        .target = (address), .help = "threads (default: one for each processor)"                             \
+        .name = "threads", .letter = 't', .value = "N", .type = CLI_INT, .min = 1,                           \
+        .max = QM_JOB_MAX_THREADS, .target = (address), .help = "threads (default: one for each processor)"  \
     }
 /** Of two meshes: what is known of both besides their files, as qm_notes[2]. */
+#define CLI_OPTION_UNIT(notes)                                                                               \
+    {                                                                                                        \
+        .name = "unit", .value = "U", .type = CLI_CUSTOM, .read = cli_read_unit, .target = (notes),          \
+        .help = "unit of both files, whatever they say: um, mm, cm, m, in or ft"                             \
+    }
 #define CLI_OPTIONS_NOTES(notes)                                                                             \
-    {.name = "unit",                                                                                         \
-     .value = "U",                                                                                           \
-     .type = CLI_CUSTOM,                                                                                     \
-     .read = cli_read_unit,                                                                                  \
-     .target = (notes),                                                                                      \
-     .help = "unit of both files, whatever they say: um, mm, cm, m, in or ft"},                              \
+    CLI_OPTION_UNIT(notes),                                                                                  \
     {                                                                                                        \
         .name = "uncertainty", .value = "X[,Y]", .type = CLI_CUSTOM, .read = cli_read_uncertainty,           \
         .target = (notes),                                                                                   \
@@ -93,7 +95,7 @@ bool cli_read_uncertainty(const char *text, void *notes);
 
 #define CLI_OPTION_JSON(address)                                                                             \
     {                                                                                                        \
-        .name = "json", .type = CLI_FLAG, .target = (address),                                               \
+        .name = "json", .letter = 'j', .type = CLI_FLAG, .target = (address),                                \
         .help = "the result object of the API on standard output"                                            \
     }
 #define CLI_OPTION_PROGRESS(address)                                                                         \
