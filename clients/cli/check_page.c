@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/clock.h"
@@ -33,58 +34,76 @@ static bool name_file(const char *pages, const cli_checked_pair *pair, char out[
     return true;
 }
 
-/** Compares the pair with what a report shows; false after a failure. */
-static bool compare(qm_context *ctx, const cli_check_settings *settings, const cli_checked_pair *pair,
-                    qm_report *report, qm_text *request_text, qm_text *result_text)
+/** The request of the comparison that a report shows. */
+static qm_job_request make_request(const cli_checked_pair *pair, const qm_report *report)
 {
-    qm_job_request request = qm_job_request_default();
-    request.kind = QM_JOB_COMPARISON;
-    request.quads = pair->check->rule.quads;
-    request.threads = settings->threads;
+    qm_job_request request = cli_checked_request(pair, QM_JOB_COMPARISON);
     cli_ask_for_report(&request);
     request.limit_count = (size_t)qm_report_limits(report->limit, report->range, request.limits);
-    qm_job_result result;
-    if (qm_job_execute(ctx, &request, &pair->mesh[0], &pair->mesh[1], NULL, NULL, &result) != QM_OK)
-        return false;
-    qm_json_write_request_briefly(request_text, &request);
-    qm_json_write_result(result_text, &request, &result);
-    for (int side = 0; side < 2; side++)
-        report->mesh[side].notes = result.notes[side];
-    qm_job_result_reset(ctx, &result);
-    report->request = request_text->data;
-    report->result = result_text->data;
-    return !request_text->failed && !result_text->failed;
+    cli_add_limit_bands(pair->check->rule.limit_in, pair->check->rule.limit_out, &request);
+    return request;
 }
 
-bool cli_write_check_page(qm_context *ctx, const cli_check_settings *settings, const cli_checked_pair *pair,
-                          qm_problem *problem)
+/** Writes the report of a comparison in this process; false with a problem in the pair. */
+static bool make_here(cli_checked_pair *pair, qm_report *report, qm_text *out)
 {
-    const qm_check_rule *rule = &pair->check->rule;
-    char hash[2][QM_HASH_SIZE], now[QM_TIME_SIZE], path[PATH_SIZE];
+    char hash[2][QM_HASH_SIZE], now[QM_TIME_SIZE];
+    qm_job_request request = make_request(pair, report);
+    qm_text request_text = {0};
+    qm_problem problem;
     qm_clock_format(now);
-    /* A report judges the greatest distance of both directions. */
-    bool has_verdict = rule->percent >= 100.0 && rule->direction == QM_TWO_SIDED;
-    qm_report report = {.made = now,
-                        .limit = has_verdict ? rule->limit : NAN,
-                        .range = rule->limit > 0.0 ? 2.0 * rule->limit : NAN,
-                        .thread_count = settings->threads};
+    report->made = now;
+    char *result = cli_ask_checked(pair, &request, true);
+    qm_json_write_request_briefly(&request_text, &request);
+    report->result = result;
+    report->request = request_text.data;
     for (int side = 0; side < 2; side++)
-        report.mesh[side] = (qm_report_mesh){.name = cli_base_name(pair->check->path[side]),
-                                             .hash = cli_hash_file(pair->check->path[side], hash[side]),
-                                             .transform = side == 0 ? pair->transform : NULL,
-                                             .loaded = &pair->mesh[side]};
-    qm_text request = {0}, result = {0}, page = {0};
-    bool is_made = compare(ctx, settings, pair, &report, &request, &result);
-    if (!is_made)
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "the comparison for the report failed");
-    is_made = is_made && qm_report_write(ctx, &report, &page, problem);
-    if (is_made && !(name_file(settings->pages, pair, path) && cli_write_file(path, page.data, page.size))) {
-        *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "the report cannot be written to %s: %s",
-                                   settings->pages, strerror(errno));
+        report->mesh[side] =
+            (qm_report_mesh){.name = cli_base_name(pair->check->path[side]),
+                             .hash = cli_hash_file(pair->check->path[side], hash[side]),
+                             .notes = pair->notes[side],
+                             .transform = side == 0 && pair->pose.is_given ? pair->pose.transform : NULL,
+                             .loaded = &pair->mesh[side]};
+    bool is_made = result && !request_text.failed;
+    if (is_made && !qm_report_write(&pair->ctx, report, out, &problem)) {
+        cli_format_problem(pair->problem, sizeof pair->problem, pair->check->path[0], &problem);
         is_made = false;
     }
-    qm_text_reset(&request);
-    qm_text_reset(&result);
+    qm_text_reset(&request_text);
+    free(result);
+    return is_made;
+}
+
+/** Fetches that of a comparison on the daemon; false with a problem in the pair. */
+static bool fetch(cli_checked_pair *pair, const qm_report *report, qm_text *out)
+{
+    qm_job_request request = make_request(pair, report);
+    char *result = cli_ask_checked(pair, &request, true);
+    bool is_made =
+        result && cli_session_fetch_report(pair->settings->session, report->limit, report->range, out);
+    if (result && !is_made)
+        cli_format_problem(pair->problem, sizeof pair->problem, pair->check->path[0], &pair->told);
+    free(result);
+    return is_made;
+}
+
+bool cli_write_check_page(cli_checked_pair *pair)
+{
+    const cli_check_settings *settings = pair->settings;
+    const qm_check_rule *rule = &pair->check->rule;
+    char path[PATH_SIZE];
+    /* A report judges the greatest distance of both directions. */
+    bool has_verdict = rule->percent >= 100.0 && rule->direction == QM_TWO_SIDED;
+    qm_report report = {.limit = has_verdict ? rule->limit : NAN,
+                        .range = rule->limit > 0.0 ? 2.0 * rule->limit : NAN,
+                        .thread_count = settings->threads};
+    qm_text page = {0};
+    bool is_made = settings->session ? fetch(pair, &report, &page) : make_here(pair, &report, &page);
+    if (is_made && !(name_file(settings->pages, pair, path) && cli_write_file(path, page.data, page.size))) {
+        snprintf(pair->problem, sizeof pair->problem, "the report cannot be written to %.300s: %s",
+                 settings->pages, strerror(errno));
+        is_made = false;
+    }
     qm_text_reset(&page);
     return is_made;
 }

@@ -203,6 +203,11 @@ static bool read_manifest(const char *path, const qm_check_rule *rule, qm_check_
 {
     size_t size;
     qm_problem problem;
+    if (qm_format_from_path(path) != QM_FORMAT_UNKNOWN || is_folder(path)) {
+        cli_print_problem(path, NAN, NAN,
+                          "is no manifest in JSON, and without one check takes a NEW and a GOLDEN");
+        return false;
+    }
     uint8_t *bytes = cli_read_file(path, &size, false);
     char *folder = strndup(path, (size_t)(cli_base_name(path) - path));
     bool is_read = bytes && folder && qm_checks_read((const char *)bytes, size, folder, rule, list, &problem);

@@ -154,6 +154,7 @@ static void add_check(qm_text *out, const qm_check *check, const cli_verdict *ve
     add_interval(out, "outside", verdict->outside);
     qm_json_add_string(out, "quads", qm_quads_names[check->rule.quads]);
     add_interval(out, "hausdorff", verdict->distance);
+    add_interval(out, "of_true", verdict->of_true);
     add_interval(out, "share_of_new", verdict->share[0]);
     add_interval(out, "share_of_golden", verdict->share[1]);
     if (verdict->collides >= 0) qm_json_add_bool(out, "collides", verdict->collides == 1);

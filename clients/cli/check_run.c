@@ -21,15 +21,14 @@ const char *const cli_outcome_names[] = {"within", "undecided", "beyond", "troub
 
 /** One check while it runs. */
 typedef struct check_run {
-    const qm_check *check;
-    const cli_check_settings *settings;
-    qm_context ctx;
-    qm_loaded_mesh mesh[2];
-    size_t place;
-    bool is_moved;
-    double transform[16]; /* of the new mesh, where it is moved */
+    cli_checked_pair pair;
     cli_verdict verdict;
 } check_run;
+
+static const qm_check_rule *rule_of(const check_run *run)
+{
+    return &run->pair.check->rule;
+}
 
 /** Adds a sentence to the detail; the worst outcome of all questions is that of the check. */
 static void conclude(cli_verdict *verdict, cli_outcome outcome, const char *format, ...)
@@ -46,73 +45,135 @@ static void conclude(cli_verdict *verdict, cli_outcome outcome, const char *form
     va_end(arguments);
 }
 
-static void conclude_problem(cli_verdict *verdict, const char *path, const qm_problem *problem)
+/** Concludes what has gone wrong with the pair. After an interrupt that is no trouble. */
+static void conclude_problem(check_run *run)
 {
-    const qm_problem_error *error = problem->error_count > 0 ? &problem->errors[0] : NULL;
-    if (error && error->line != QM_NO_LOCATION)
-        conclude(verdict, CLI_TROUBLE, "%s:%zu: %s", path, error->line, problem->detail);
-    else if (error && error->offset != QM_NO_LOCATION)
-        conclude(verdict, CLI_TROUBLE, "%s: byte %zu: %s", path, error->offset, problem->detail);
+    if (atomic_load(&cli_interrupted))
+        conclude(&run->verdict, CLI_UNDECIDED, "interrupted");
     else
-        conclude(verdict, CLI_TROUBLE, "%s: %s", path, problem->detail);
+        conclude(&run->verdict, CLI_TROUBLE, "%s",
+                 run->pair.problem[0] ? run->pair.problem : "out of memory for the answer");
 }
 
 #define ALIGN_GAP 1e-3 /* of the distance that an alignment measures, of which only the motion is used */
 
-/** Runs a job on the meshes, on the first one alone where is_pair is false; false after its problem. */
-static bool run_job(check_run *run, const qm_job_request *request, bool is_pair, qm_job_result *out)
+/** The result of a job about the meshes, about the new one alone where is_pair is false; NULL after its problem. */
+static qm_json *ask(check_run *run, qm_job_request *request, bool is_pair)
 {
-    qm_status status =
-        qm_job_execute(&run->ctx, request, &run->mesh[0], is_pair ? &run->mesh[1] : NULL, NULL, NULL, out);
-    if (status == QM_OK) return true;
-    if (status == QM_E_CANCELED) {
-        conclude(&run->verdict, CLI_UNDECIDED, "interrupted");
-        return false;
-    }
-    qm_problem problem = qm_problem_from_status(status, run->ctx.message);
-    /* It is the golden mesh that must be closed. */
-    conclude_problem(&run->verdict, run->check->path[status == QM_E_NOT_CLOSED], &problem);
-    return false;
+    char *text = cli_ask_checked(&run->pair, request, is_pair);
+    qm_json *result = text ? qm_json_parse(text) : NULL;
+    free(text);
+    if (!result) conclude_problem(run);
+    return result;
 }
 
 static qm_job_request make_request(const check_run *run, qm_job_kind kind)
 {
-    qm_job_request request = qm_job_request_default();
-    request.kind = kind;
-    request.threads = run->settings->threads;
-    request.quads = run->check->rule.quads;
-    request.tolerance = run->settings->gap;
+    qm_job_request request = cli_checked_request(&run->pair, kind);
+    request.tolerance = run->pair.settings->gap;
     return request;
+}
+
+static qm_interval find_interval(const qm_json *result, const char *path)
+{
+    char member[96];
+    qm_interval found;
+    snprintf(member, sizeof member, "%s.lower", path);
+    found.lower = qm_json_get_number(result, member);
+    snprintf(member, sizeof member, "%s.upper", path);
+    found.upper = qm_json_get_number(result, member);
+    return found;
+}
+
+static const char *interrupt_words(void)
+{
+    return atomic_load(&cli_interrupted) ? "; interrupted" : "";
+}
+
+/* ---- the true surfaces ---- */
+
+/** A sum, rounded towards lesser or greater numbers: what the rounded sum lost is known exactly. */
+static double add_outward(double a, double b, bool is_upper)
+{
+    double sum = a + b, part = sum - a, lost = (a - (sum - part)) + (b - part);
+    if (is_upper) return lost > 0.0 ? nextafter(sum, INFINITY) : sum;
+    return lost < 0.0 ? nextafter(sum, -INFINITY) : sum;
+}
+
+/** How far the distance of the true surfaces may be from that of the meshes. */
+static double find_doubt(const check_run *run)
+{
+    return add_outward(run->pair.notes[0].uncertainty, run->pair.notes[1].uncertainty, true);
 }
 
 /* ---- the questions ---- */
 
+/** What is known of the distance against a limit of the meshes: the search stops there. */
+static qm_json *search(check_run *run, double limit, cli_outcome *outcome)
+{
+    qm_job_request request = make_request(run, QM_JOB_HAUSDORFF);
+    request.direction = rule_of(run)->direction;
+    request.threshold = limit;
+    qm_json *result = ask(run, &request, true);
+    if (!result) return NULL;
+    const char *verdict = qm_json_get_string(result, "verdict");
+    *outcome = !verdict ? CLI_UNDECIDED : strcmp(verdict, "below") == 0 ? CLI_WITHIN : CLI_BEYOND;
+    run->verdict.distance.lower = fmax(run->verdict.distance.lower, qm_json_get_number(result, "lower"));
+    run->verdict.distance.upper = fmin(run->verdict.distance.upper, qm_json_get_number(result, "upper"));
+    return result;
+}
+
+/** The limit within which the meshes show that the true surfaces are within the rule's, and then the one beyond which they show
+ * that these are beyond it. The search for the second goes on where the first has stopped to be of use. */
+static qm_json *search_doubtful(check_run *run, double doubt, cli_outcome *outcome)
+{
+    const double limit = rule_of(run)->limit, inner = add_outward(limit, -doubt, false);
+    qm_json *result = NULL;
+    *outcome = CLI_BEYOND;
+    if (inner >= 0.0 && !(result = search(run, inner, outcome))) return NULL;
+    if (*outcome == CLI_BEYOND) {
+        qm_json_free(result);
+        result = search(run, add_outward(limit, doubt, true), outcome);
+        if (result && *outcome == CLI_WITHIN) *outcome = CLI_UNDECIDED;
+    }
+    return result;
+}
+
 /** Whether all of the surfaces is within the limit. */
 static void ask_limit(check_run *run)
 {
-    const qm_check_rule *rule = &run->check->rule;
-    qm_job_request request = make_request(run, QM_JOB_HAUSDORFF);
-    request.direction = rule->direction;
-    request.threshold = rule->limit;
-    qm_job_result result;
-    if (!run_job(run, &request, true, &result)) return;
-    const qm_hausdorff_result *found = &result.hausdorff;
-    run->verdict.distance = (qm_interval){found->lower, found->upper};
+    const double limit = rule_of(run)->limit, doubt = find_doubt(run);
+    qm_interval *distance = &run->verdict.distance;
+    cli_outcome outcome;
+    *distance = (qm_interval){0.0, INFINITY};
+    qm_json *result = doubt > 0.0 ? search_doubtful(run, doubt, &outcome) : search(run, limit, &outcome);
+    if (!result) {
+        distance->upper = NAN;
+        return;
+    }
+    qm_interval told = *distance;
+    if (doubt > 0.0) {
+        told.lower = fmax(add_outward(distance->lower, -doubt, false), 0.0);
+        told.upper = add_outward(distance->upper, doubt, true);
+        run->verdict.of_true = told;
+    }
+    const char *between = doubt > 0.0 ? " between the true surfaces" : "";
     char low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
-    cli_format_bound(found->lower, false, low);
-    cli_format_bound(found->upper, true, high);
-    cli_outcome outcome = found->verdict == QM_VERDICT_BELOW   ? CLI_WITHIN
-                          : found->verdict == QM_VERDICT_ABOVE ? CLI_BEYOND
-                                                               : CLI_UNDECIDED;
-    if (outcome == CLI_BEYOND && found->has_witness)
-        conclude(&run->verdict, outcome, "distance %s or more, limit %.9g, at face %u of the %s mesh", low,
-                 rule->limit, result.from_face, found->from_side == QM_HAUSDORFF_FROM_A ? "new" : "golden");
-    else if (outcome == CLI_WITHIN)
-        conclude(&run->verdict, outcome, "distance at most %s, limit %.9g", high, rule->limit);
-    else
-        conclude(&run->verdict, outcome, "distance %s to %s, limit %.9g%s", low, high, rule->limit,
-                 result.is_canceled ? "; interrupted" : "");
-    qm_job_result_reset(&run->ctx, &result);
+    cli_format_bound(told.lower, false, low);
+    cli_format_bound(told.upper, true, high);
+    if (outcome == CLI_BEYOND && qm_json_has(result, "witness")) {
+        const char *from = qm_json_get_string(result, "witness.from.mesh");
+        bool is_golden = from && strcmp(from, "b") == 0;
+        conclude(&run->verdict, outcome, "distance%s %s or more, limit %.9g, at face %.0f of the %s mesh",
+                 between, low, limit, qm_json_get_number(result, "witness.from.face"),
+                 is_golden ? "golden" : "new");
+    } else if (outcome == CLI_WITHIN) {
+        conclude(&run->verdict, outcome, "distance%s at most %s, limit %.9g", between, high, limit);
+    } else {
+        conclude(&run->verdict, outcome, "distance%s %s to %s, limit %.9g%s", between, low, high, limit,
+                 interrupt_words());
+    }
+    qm_json_free(result);
 }
 
 /** The outcome of shares against a percentage. */
@@ -132,27 +193,27 @@ static cli_outcome judge_shares(const qm_check_rule *rule, const qm_interval sha
 static void ask_percent(check_run *run)
 {
     static const double accuracies[] = {0.3, 0.1, 0.03, 0.01, 0.003, 0.001};
-    const qm_check_rule *rule = &run->check->rule;
+    static const char *const shares[2] = {"a_to_b.shares.0", "b_to_a.shares.0"};
+    const qm_check_rule *rule = rule_of(run);
     cli_outcome outcome = CLI_UNDECIDED;
-    bool is_canceled = false;
-    for (size_t i = 0; i < sizeof accuracies / sizeof *accuracies && outcome == CLI_UNDECIDED && !is_canceled;
-         i++) {
+    for (size_t i = 0; i < sizeof accuracies / sizeof *accuracies && outcome == CLI_UNDECIDED; i++) {
+        if (i > 0 && atomic_load(&cli_interrupted)) break;
         qm_job_request request = make_request(run, QM_JOB_COMPARISON);
         request.accuracy = accuracies[i];
         request.tolerance = fmax(request.tolerance, MAX_GAP);
         request.percentile_count = 0;
         request.limits[0] = rule->limit;
         request.limit_count = 1;
-        qm_job_result result;
-        if (!run_job(run, &request, true, &result)) return;
+        qm_json *result = ask(run, &request, true);
+        if (!result) return;
         for (int side = 0; side < 2; side++)
-            run->verdict.share[side] = result.comparison.side[side].share[0];
-        run->verdict.distance = result.comparison.hausdorff;
-        if (rule->direction != QM_TWO_SIDED)
-            run->verdict.distance = result.comparison.side[rule->direction == QM_B_TO_A].max;
+            run->verdict.share[side] = find_interval(result, shares[side]);
+        static const char *const greatest[] = {[QM_TWO_SIDED] = "symmetric.hausdorff",
+                                               [QM_A_TO_B] = "a_to_b.hausdorff",
+                                               [QM_B_TO_A] = "b_to_a.hausdorff"};
+        run->verdict.distance = find_interval(result, greatest[rule->direction]);
         outcome = judge_shares(rule, run->verdict.share);
-        is_canceled = result.is_canceled;
-        qm_job_result_reset(&run->ctx, &result);
+        qm_json_free(result);
     }
     char end[2][2][CLI_BOUND_SIZE];
     for (int side = 0; side < 2; side++) {
@@ -162,7 +223,7 @@ static void ask_percent(check_run *run)
     conclude(&run->verdict, outcome,
              "within %.9g: %s to %s %% of the new mesh, %s to %s %% of the golden one; %.9g %% needed%s",
              rule->limit, end[0][0], end[0][1], end[1][0], end[1][1], rule->percent,
-             is_canceled ? "; interrupted" : "");
+             outcome == CLI_UNDECIDED ? interrupt_words() : "");
 }
 
 /** The outcome of the greatest distances inside and outside against their limits. */
@@ -179,17 +240,17 @@ static cli_outcome judge_sides(const qm_check_rule *rule, const cli_verdict *ver
     return is_within ? CLI_WITHIN : CLI_UNDECIDED;
 }
 
-/** Adds a sentence for one side whose limit is given. */
+/** Adds a sentence for one side whose limit is given; face: of the new mesh where it is farthest, or NAN. */
 static void conclude_side(cli_verdict *verdict, cli_outcome outcome, const char *side, qm_interval found,
-                          double limit, const qm_deviation_side *part)
+                          double limit, double face)
 {
     char low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
     if (isnan(limit)) return;
     cli_format_bound(found.lower, false, low);
     cli_format_bound(found.upper, true, high);
-    if (found.lower > limit && part->has_witness)
-        conclude(verdict, outcome, "%s by %s or more, limit %.9g, at face %u of the new mesh", side, low,
-                 limit, part->from.face);
+    if (found.lower > limit && !isnan(face))
+        conclude(verdict, outcome, "%s by %s or more, limit %.9g, at face %.0f of the new mesh", side, low,
+                 limit, face);
     else if (found.upper <= limit)
         conclude(verdict, outcome, "%s by at most %s, limit %.9g", side, high, limit);
     else
@@ -202,31 +263,30 @@ static void ask_sides(check_run *run)
     static const struct {
         double accuracy, gap;
     } rounds[] = {{0.3, 1e-3}, {0.1, 1e-5}, {0.01, 0.0}, {0.001, 0.0}};
-    const qm_check_rule *rule = &run->check->rule;
+    const qm_check_rule *rule = rule_of(run);
     cli_verdict *verdict = &run->verdict;
     cli_outcome outcome = CLI_UNDECIDED;
-    bool is_canceled = false;
-    qm_deviation_side part[2];
-    for (size_t i = 0; i < sizeof rounds / sizeof *rounds && outcome == CLI_UNDECIDED && !is_canceled; i++) {
+    double face[2] = {NAN, NAN};
+    for (size_t i = 0; i < sizeof rounds / sizeof *rounds && outcome == CLI_UNDECIDED; i++) {
+        if (i > 0 && atomic_load(&cli_interrupted)) break;
         qm_job_request request = make_request(run, QM_JOB_DEVIATION);
         request.accuracy = rounds[i].accuracy;
         request.tolerance = fmax(request.tolerance, rounds[i].gap);
         request.percentile_count = request.bins = 0;
         request.sign = QM_SIGN_OUTSIDE;
         request.threshold = fmax(rule->limit_in, rule->limit_out); /* of one, where the other is NAN */
-        qm_job_result result;
-        if (!run_job(run, &request, true, &result)) return;
-        part[0] = result.deviation.sides.behind;
-        part[1] = result.deviation.sides.front;
-        verdict->inside = part[0].max;
-        verdict->outside = part[1].max;
+        qm_json *result = ask(run, &request, true);
+        if (!result) return;
+        verdict->inside = find_interval(result, "signed.inside.max");
+        verdict->outside = find_interval(result, "signed.outside.max");
+        face[0] = qm_json_get_number(result, "signed.inside.witness.from.face");
+        face[1] = qm_json_get_number(result, "signed.outside.witness.from.face");
         outcome = judge_sides(rule, verdict);
-        is_canceled = result.is_canceled;
-        qm_job_result_reset(&run->ctx, &result);
+        qm_json_free(result);
     }
-    conclude_side(verdict, outcome, "inside", verdict->inside, rule->limit_in, &part[0]);
-    conclude_side(verdict, outcome, "outside", verdict->outside, rule->limit_out, &part[1]);
-    if (is_canceled && outcome == CLI_UNDECIDED) conclude(verdict, outcome, "interrupted");
+    conclude_side(verdict, outcome, "inside", verdict->inside, rule->limit_in, face[0]);
+    conclude_side(verdict, outcome, "outside", verdict->outside, rule->limit_out, face[1]);
+    if (outcome == CLI_UNDECIDED && atomic_load(&cli_interrupted)) conclude(verdict, outcome, "interrupted");
 }
 
 /** Whether the pair meets, or the new mesh itself. */
@@ -235,27 +295,27 @@ static void ask_meeting(check_run *run, bool is_self, qm_check_meeting wanted, i
     qm_job_request request = make_request(run, is_self ? QM_JOB_SELF_COLLISION : QM_JOB_COLLISION);
     request.mode = QM_COLLIDE_FIRST;
     request.list_limit = 1;
-    qm_job_result result;
-    if (!run_job(run, &request, !is_self, &result)) return;
-    const qm_collision *found = &result.pairs.found;
-    bool collides = found->pair_count > 0;
+    qm_json *result = ask(run, &request, !is_self);
+    if (!result) return;
+    bool collides = qm_json_is_true(result, "collides");
     *answer = collides;
-    cli_outcome outcome = collides == (wanted == QM_CHECK_MUST_MEET) ? CLI_WITHIN
-                          : result.is_canceled && !collides          ? CLI_UNDECIDED
-                                                                     : CLI_BEYOND;
+    cli_outcome outcome = collides == (wanted == QM_CHECK_MUST_MEET)   ? CLI_WITHIN
+                          : atomic_load(&cli_interrupted) && !collides ? CLI_UNDECIDED
+                                                                       : CLI_BEYOND;
     const char *subject = is_self ? "the new mesh" : "the meshes";
     if (collides)
-        conclude(&run->verdict, outcome, "%s %s in faces %u and %u", subject,
-                 is_self ? "meets itself" : "meet", found->pairs[0].a, found->pairs[0].b);
+        conclude(&run->verdict, outcome, "%s %s in faces %.0f and %.0f", subject,
+                 is_self ? "meets itself" : "meet", qm_json_get_number(result, "pairs.0.faces.0"),
+                 qm_json_get_number(result, "pairs.0.faces.1"));
     else
         conclude(&run->verdict, outcome, "%s not meet%s", is_self ? "the new mesh does" : "the meshes do",
                  is_self ? " itself" : "");
-    qm_job_result_reset(&run->ctx, &result);
+    qm_json_free(result);
 }
 
 static void ask_all(check_run *run)
 {
-    const qm_check_rule *rule = &run->check->rule;
+    const qm_check_rule *rule = rule_of(run);
     cli_verdict *verdict = &run->verdict;
     if (!isnan(rule->limit)) {
         if (rule->percent < 100.0)
@@ -275,90 +335,68 @@ static void ask_all(check_run *run)
 /** Moves the new mesh onto the golden one; false after a problem. */
 static bool align(check_run *run)
 {
+    const qm_check_rule *rule = rule_of(run);
     qm_job_request request = make_request(run, QM_JOB_ALIGNMENT);
     request.tolerance = ALIGN_GAP;
-    qm_job_result result;
-    if (!run_job(run, &request, true, &result)) return false;
-    qm_loaded_mesh *mesh = &run->mesh[0];
-    qm_context *ctx = &run->ctx;
-    size_t updated;
-    double *positions = qm_context_alloc(ctx, mesh->mesh.vertex_count, 3 * sizeof *positions);
-    qm_status status = positions
-                           ? qm_transform_positions(ctx, result.alignment.transform, &mesh->mesh, positions)
-                           : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the moved mesh");
-    if (status == QM_OK)
-        status = qm_loaded_mesh_deform(ctx, mesh, positions, NULL, 0, run->settings->threads, &updated);
-    else
-        qm_context_free(ctx, positions, mesh->mesh.vertex_count, 3 * sizeof *positions);
-    memcpy(run->transform, result.alignment.transform, sizeof run->transform);
-    run->is_moved = true;
-    const double floor = result.alignment.floor, limit = run->check->rule.limit;
-    qm_job_result_reset(ctx, &result);
-    if (status == QM_OK && run->check->rule.percent >= 100.0 && run->check->rule.direction == QM_TWO_SIDED &&
-        floor > limit) {
+    qm_json *result = ask(run, &request, true);
+    if (!result) return false;
+    double transform[QM_TRANSFORM_SIZE];
+    cli_get_transform(result, transform);
+    const double floor = qm_json_get_number(result, "floor"), doubt = find_doubt(run);
+    qm_json_free(result);
+    if (rule->percent >= 100.0 && rule->direction == QM_TWO_SIDED &&
+        floor > add_outward(rule->limit, doubt, true)) {
         char low[CLI_BOUND_SIZE];
         conclude(&run->verdict, CLI_BEYOND, "no rigid motion brings the meshes nearer than %s",
                  cli_format_bound(floor, false, low));
     }
-    if (status == QM_OK) return true;
-    qm_problem problem = qm_problem_from_status(status, ctx->message);
-    conclude_problem(&run->verdict, run->check->path[0], &problem);
+    if (cli_move_checked(&run->pair, transform)) return true;
+    conclude_problem(run);
     return false;
 }
 
-/** Writes the report of the pair, unless there is none to write or the check was interrupted. */
-static void write_page(check_run *run)
+/** What a rule asks that cannot be answered; NULL: nothing. */
+static const char *find_contradiction(const check_run *run)
 {
-    const cli_checked_pair pair = {.check = run->check,
-                                   .mesh = run->mesh,
-                                   .transform = run->is_moved ? run->transform : NULL,
-                                   .place = run->place};
-    qm_problem problem;
-    if (!run->settings->pages || atomic_load(&cli_interrupted)) return;
-    if (!cli_write_check_page(&run->ctx, run->settings, &pair, &problem))
-        conclude(&run->verdict, CLI_TROUBLE, "%s", problem.detail);
+    const qm_check_rule *rule = rule_of(run);
+    bool is_doubtful = rule->notes[0].uncertainty > 0.0 || rule->notes[1].uncertainty > 0.0;
+    if (run->pair.settings->aligns && rule->pose.is_given)
+        return "a transform and an alignment both move the new mesh: give one of them";
+    if (is_doubtful && (rule->percent < 100.0 || qm_check_rule_is_signed(rule)))
+        return "an uncertainty goes with a limit for all of both surfaces, as shares and sides of true "
+               "surfaces "
+               "are not known";
+    return NULL;
 }
 
-static void load_and_ask(check_run *run)
+static void open_and_ask(check_run *run)
 {
-    const qm_check *check = run->check;
-    qm_preparation preparation = cli_prepare(true, check->rule.quads, run->settings->threads);
-    preparation.keeps_pairs =
-        qm_check_rule_is_signed(&check->rule); /* what is known of the golden mesh as a solid */
-    qm_problem problem;
-    int failed = cli_try_pair(&run->ctx, (const char *const *)check->path,
-                              (const qm_preparation[2]){preparation, preparation}, run->mesh, &problem);
-    if (failed >= 0) {
-        conclude_problem(&run->verdict, check->path[failed], &problem);
+    const char *contradiction = find_contradiction(run);
+    if (contradiction) {
+        conclude(&run->verdict, CLI_TROUBLE, "%s", contradiction);
         return;
     }
-    qm_notes notes[2] = {0};
-    qm_problem units;
-    for (int side = 0; side < 2; side++)
-        memcpy(notes[side].unit, run->mesh[side].unit, sizeof notes[side].unit);
-    if (!qm_job_check_units(notes, &units))
-        conclude_problem(&run->verdict, run->check->path[1], &units);
-    else if (!run->settings->aligns || align(run)) {
+    if (!cli_open_checked(&run->pair)) {
+        conclude_problem(run);
+    } else if (!run->pair.settings->aligns || align(run)) {
         ask_all(run);
-        write_page(run);
+        bool has_page = run->pair.settings->pages && !atomic_load(&cli_interrupted);
+        if (has_page && !cli_write_check_page(&run->pair)) conclude_problem(run);
     }
-    cli_unload_pair(&run->ctx, run->mesh);
+    cli_close_checked(&run->pair);
 }
 
 cli_verdict cli_run_check(const qm_check *check, size_t place, const cli_check_settings *settings)
 {
-    check_run run = {.check = check,
-                     .place = place,
-                     .settings = settings,
-                     .ctx = qm_host_context(),
+    check_run run = {.pair = {.check = check, .place = place, .settings = settings},
                      .verdict = {.outcome = CLI_WITHIN,
                                  .distance = {0.0, NAN},
+                                 .of_true = {0.0, NAN},
                                  .inside = {0.0, NAN},
                                  .outside = {0.0, NAN},
                                  .share = {{0.0, NAN}, {0.0, NAN}},
                                  .collides = -1,
                                  .self_collides = -1}};
-    run.ctx.cancel = &cli_interrupted;
     double start_ms = qm_clock_now_ms();
     if (!check->path[1])
         conclude(&run.verdict, CLI_TROUBLE, "%s has no golden mesh of this name", check->path[0]);
@@ -367,7 +405,7 @@ cli_verdict cli_run_check(const qm_check *check, size_t place, const cli_check_s
     else if (atomic_load(&cli_interrupted))
         conclude(&run.verdict, CLI_UNDECIDED, "interrupted");
     else
-        load_and_ask(&run);
+        open_and_ask(&run);
     run.verdict.elapsed_ms = qm_clock_now_ms() - start_ms;
     return run.verdict;
 }

@@ -24,6 +24,9 @@ void cli_report(const char *path, const qm_problem *problem, bool as_json);
 /** Reports the status of a failed call of the engine, with the context's message. */
 void cli_report_status(const char *path, qm_status status, const qm_context *ctx, bool as_json);
 
+/** The same line as text: the path, the place in the file where it is known, and what is wrong. */
+void cli_format_problem(char *out, size_t size, const char *path, const qm_problem *problem);
+
 /** Prints a problem as a line on stderr; line and offset are NAN if unknown. */
 void cli_print_problem(const char *path, double line, double offset, const char *detail);
 
@@ -36,9 +39,29 @@ bool cli_path_ends_in(const char *path, const char *end);
 /** Reads a whole file, for free(). "-" is standard input. NULL after a report. */
 uint8_t *cli_read_file(const char *path, size_t *size, bool as_json);
 
+/** The same with a problem instead of a report. */
+uint8_t *cli_try_file(const char *path, size_t *size, qm_problem *problem);
+
 /** True for "-", and for a file that can be written or created; false after a report. Called before long work whose
  * output would be lost. */
 bool cli_check_writable(const char *path, bool as_json);
+
+/** Whether at most one of the result object of --json and these files, of which NULL is none, goes to standard output; false after
+ * a message. */
+bool cli_check_one_document(const char *const *paths, int count, bool as_json);
+
+/**
+ * Sees before long work that files can be written, of which NULL is none. "-" is standard output, which holds one document: that
+ * file, or the result object of --json; whatever else a command prints goes to standard error then. EXIT_OK, or a status
+ * after a report.
+ */
+int cli_settle_outputs(const char *const *paths, int count, bool as_json);
+
+/** Opens a file that was settled. NULL after a report. */
+FILE *cli_open_output(const char *path, bool as_json);
+
+/** Closes it; false after a report when something could not be written. */
+bool cli_close_output(FILE *file, const char *path, bool as_json);
 
 /** Writes a whole file, "-" for standard output; false with errno. */
 bool cli_write_file(const char *path, const char *bytes, size_t size);
@@ -66,9 +89,9 @@ void cli_unload_pair(qm_context *ctx, qm_loaded_mesh mesh[2]);
 /** Writes a mesh in the format of the name's end, PLY without one; "-" is standard output. False after a report. */
 bool cli_write_mesh(qm_context *ctx, const char *path, const qm_mesh *mesh, bool as_json);
 
-/** Reads a transform from a JSON file: an object with "transform", as align writes, or the 16 numbers alone. False after a
- * report. */
-bool cli_read_transform(const char *path, double transform[QM_TRANSFORM_SIZE], bool as_json);
+/** Reads a pose from a JSON file: an object with "transform", as align writes, or the 16 numbers alone. It is not given where these
+ * move nothing. False after a report. */
+bool cli_read_pose(const char *path, qm_job_pose *pose, bool as_json);
 
 /** The transform in the result of an alignment. */
 void cli_get_transform(const qm_json *result, double transform[QM_TRANSFORM_SIZE]);
@@ -110,6 +133,11 @@ typedef struct cli_job {
 
 cli_job cli_job_make(qm_job_kind kind);
 
+/** Adds the bands between and beyond signed limits, of which NAN is none, with a sign if there is none yet; false when there is no
+ * room for them. */
+enum { CLI_LIMIT_BANDS = 3 };
+bool cli_add_limit_bands(double limit_in, double limit_out, qm_job_request *request);
+
 /** The outcome of a job. In this process the meshes (the second one is NULL for a kind of one) and the result are set; with
  * a daemon the session. */
 typedef struct cli_job_output {
@@ -133,7 +161,7 @@ void cli_print_notes(const qm_json *result, const char *prefix);
 /** Sets what a report shows of a comparison: its percentiles, and how many of the worst places. */
 void cli_ask_for_report(qm_job_request *request);
 
-/** The hash of a file; NULL where it cannot be read twice. */
+/** The hash of a file; NULL where it cannot be read. */
 const char *cli_hash_file(const char *path, char out[QM_HASH_SIZE]);
 
 /* ---- sessions (session.c) ----
@@ -145,6 +173,9 @@ const char *cli_hash_file(const char *path, char out[QM_HASH_SIZE]);
 /** NULL after a report if libcurl cannot be loaded or memory runs out. */
 cli_session *cli_session_open(const char *server, bool as_json);
 void cli_session_close(cli_session *session);
+
+/** From now on problems are not reported but kept here; NULL: they are reported again. */
+void cli_session_keep_problems(cli_session *session, qm_problem *out);
 
 /** Uploads a file with notes, of which unset ones are the file's; writes the id of its mesh, and the diagonal of its box
  * unless that is NULL. */
@@ -163,6 +194,10 @@ bool cli_session_fetch(cli_session *session, const char *path, const void *bytes
 
 /** Fetches the array of the result of the last job, for free; false after a report that names server, and *numbers may be NULL. */
 bool cli_session_fetch_numbers(cli_session *session, const char *server, double **numbers, size_t *count);
+
+/** Appends the report of the last job, a comparison, to out; a limit or a range that is NAN is not given. False after a report of
+ * what is wrong. */
+bool cli_session_fetch_report(cli_session *session, double limit, double range, qm_text *out);
 
 /** The path of the last job, "" if there is none. */
 const char *cli_session_job_path(const cli_session *session);

@@ -122,6 +122,14 @@ static bool read_trim(const char *text, void *target)
     return false;
 }
 
+/** A name without an extension, or "-", is PLY; false after a report of an extension that is no format's. */
+static bool has_known_format(const char *path)
+{
+    if (!strchr(cli_base_name(path), '.') || qm_format_from_path(path) != QM_FORMAT_UNKNOWN) return true;
+    fprintf(stderr, "quadmesh: %s: the extension names no format; there are" QM_FORMAT_NAMES "\n", path);
+    return false;
+}
+
 static int run(int argc, char **argv)
 {
     cli_job job = cli_job_make(QM_JOB_ALIGNMENT);
@@ -135,6 +143,7 @@ static int run(int argc, char **argv)
          .target = &names.mesh,
          .help = "the moved mesh A"},
         {.name = "json",
+         .letter = 'j',
          .value = "FILE",
          .type = CLI_TEXT,
          .target = &names.json,
@@ -157,6 +166,7 @@ static int run(int argc, char **argv)
          .value = "L",
          .type = CLI_CUSTOM,
          .read = read_landmark,
+         .may_repeat = true,
          .target = request,
          .help = "x,y,z,x,y,z: a point of A and the one of B that it belongs to; given three times or more"},
         {.name = "motion",
@@ -199,6 +209,7 @@ static int run(int argc, char **argv)
         CLI_OPTION_GAP(&request->tolerance, "width of the interval of the distance that is left, as a "
                                             "fraction of the diagonal of A's box\n(default 1e-6)"),
         CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
+        CLI_OPTION_UNIT(request->notes),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_PROGRESS(&job.shows_progress),
         CLI_OPTION_SERVER(&job.server)};
@@ -207,6 +218,8 @@ static int run(int argc, char **argv)
                           &status))
         return status;
     job.as_json = names.json && strcmp(names.json, "-") == 0;
+    if (!cli_check_one_document(&names.mesh, 1, job.as_json)) return EXIT_USAGE;
+    if (names.mesh && !has_known_format(names.mesh)) return EXIT_BAD_INPUT;
     if ((names.mesh && !cli_check_writable(names.mesh, job.as_json)) ||
         (names.json && !cli_check_writable(names.json, job.as_json)))
         return EXIT_BAD_INPUT;
@@ -214,14 +227,15 @@ static int run(int argc, char **argv)
     return cli_run_job(&job, finish, &names);
 }
 
-const cli_command cmd_align = {.name = "align",
-                               .arguments = "A B [options]",
-                               .summary = "the motion that brings one mesh onto another",
-                               .takes = "two files",
-                               .path_count = 2,
-                               .description = "Brings A onto B. The motion is the best that was found, the "
-                                              "distance that is left is proven, and so is\n"
-                                              "the floor below which no rigid motion gets.\n\n",
-                               .exit_status =
-                                   "Exit status: 0 done, 2 bad input or wrong usage, 3 stopped before.",
-                               .run = run};
+const cli_command cmd_align = {
+    .name = "align",
+    .arguments = "A B [options]",
+    .summary = "the motion that brings A onto B, and the moved mesh",
+    .takes = "two files",
+    .path_count = 2,
+    .description =
+        "Brings A onto B. The motion is the best that was found, the distance that is left is proven, and so "
+        "is\nthe floor below which no rigid motion gets. --transform of other commands reads what --json "
+        "writes;\ncompare, check and report do both at once by --align.\n",
+    .exit_status = "Exit status: 0 done, 2 bad input or wrong usage, 3 stopped before.",
+    .run = run};

@@ -15,7 +15,7 @@ typedef struct check_options {
     const char *path[2];
     qm_check_rule rule;
     cli_check_settings settings;
-    const char *junit;
+    const char *junit, *server, *transform;
     bool as_json, as_github;
 } check_options;
 
@@ -158,10 +158,21 @@ static int run(int argc, char **argv)
          .target = &o.as_github,
          .help = "::error commands for GitHub's workflows"},
         {.name = "json",
+         .letter = 'j',
          .type = CLI_FLAG,
          .target = &o.as_json,
          .help = "one JSON object on standard output"},
-        CLI_OPTION_THREADS(&o.settings.threads)};
+        CLI_OPTION_TRANSFORM(&o.transform, "NEW"),
+        CLI_OPTION_UNIT(o.rule.notes),
+        {.name = "uncertainty",
+         .value = "X[,Y]",
+         .type = CLI_CUSTOM,
+         .read = cli_read_uncertainty,
+         .target = o.rule.notes,
+         .help = "the true surfaces are within X of both files, or within X of NEW and Y of GOLDEN:\n"
+                 "it is these that --limit is for, and near it the answer is undecided"},
+        CLI_OPTION_THREADS(&o.settings.threads),
+        CLI_OPTION_SERVER(&o.server)};
     int status;
     if (!cli_read_options(&cmd_check, options, sizeof options / sizeof *options, argc, argv, o.path, &status))
         return status;
@@ -170,9 +181,15 @@ static int run(int argc, char **argv)
               stderr);
         return EXIT_USAGE;
     }
+    if (o.settings.aligns && o.transform) {
+        fputs("quadmesh: --align and --transform both move NEW: give one of them\n", stderr);
+        return EXIT_USAGE;
+    }
+    if (o.transform && !cli_read_pose(o.transform, &o.rule.pose, false)) return EXIT_BAD_INPUT;
     if (o.junit && !cli_check_writable(o.junit, false)) return EXIT_BAD_INPUT;
     if (!make_folder(o.settings.pages)) return EXIT_BAD_INPUT;
-    o.settings.threads = cli_count_threads(o.settings.threads);
+    if (!o.server) o.settings.threads = cli_count_threads(o.settings.threads);
+    if (o.server && !(o.settings.session = cli_session_open(o.server, false))) return EXIT_BAD_INPUT;
     qm_check_list list = {0};
     status = cli_find_checks(o.path, &o.rule, &list) ? EXIT_OK : EXIT_BAD_INPUT;
     if (status == EXIT_OK && list.count > 1 && o.settings.pages && cli_is_page(o.settings.pages)) {
@@ -181,21 +198,21 @@ static int run(int argc, char **argv)
     }
     if (status == EXIT_OK) status = run_list(&o, &list);
     qm_check_list_reset(&list);
+    cli_session_close(o.settings.session);
     return status;
 }
 
 const cli_command cmd_check = {
     .name = "check",
     .arguments = "NEW GOLDEN --limit X [options]",
-    .summary = "whether meshes are within a limit, for pipelines",
+    .summary = "are meshes within a limit? an exit status for pipelines",
     .takes = "two files, two folders, or a manifest",
     .path_count = 2,
     .optional_paths = 1,
-    .description =
-        "Whether NEW is within a limit of GOLDEN: two files; two folders, whose files are paired by name;\n"
-        "or one manifest in JSON: {\"limit\": 0.05, \"checks\": [{\"new\": \"a.stl\", \"golden\": "
-        "\"b.stl\"}]}.\n"
-        "Each pair ends as soon as its answer is certain. Of several limits all must hold.\n\n",
+    .description = "Whether NEW is within a limit of GOLDEN: two files; two folders, whose files are paired "
+                   "by name;\nor one manifest in JSON: {\"limit\": 0.05, \"checks\": [{\"new\": \"a.stl\", "
+                   "\"golden\": \"b.stl\"}]}.\nEach pair ends as soon as its answer is certain. Of several "
+                   "limits all must hold. For all figures\nof a pair: compare.\n",
     .exit_status =
         "Exit status: 0 all within; 1 some beyond; 2 bad input, wrong usage, a GOLDEN that is not\n"
         "closed where it must be, or files without a counterpart; 3 undecided, or interrupted.",

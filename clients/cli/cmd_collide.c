@@ -31,35 +31,28 @@ static void print_distance(const qm_json *result)
         puts("  stopped  before the gap was reached; the bounds hold");
 }
 
+/** Writes the pairs; false after a report. */
 static bool write_csv(const char *path, const cli_job *job, const qm_collision *found)
 {
-    FILE *file = fopen(path, "wb");
+    FILE *file = cli_open_output(path, job->as_json);
     if (!file) return false;
     fprintf(file, "%s\n", qm_job_array_of(job->request.kind)->header);
     for (size_t i = 0; i < found->pair_count; i++)
         fprintf(file, "%u,%u\n", found->pairs[i].a, found->pairs[i].b);
-    bool is_written = !ferror(file);
-    return fclose(file) == 0 && is_written;
-}
-
-static bool report_unwritable(const char *path)
-{
-    fprintf(stderr, "quadmesh: %s cannot be written\n", path);
-    return false;
+    return cli_close_output(file, path, job->as_json);
 }
 
 /** Writes the pairs as the daemon has them; false after a report. */
 static bool fetch_csv(const char *path, const cli_job *job, cli_session *session)
 {
     char result_path[300];
-    FILE *file = fopen(path, "wb");
-    if (!file) return report_unwritable(path);
+    FILE *file = cli_open_output(path, job->as_json);
+    if (!file) return false;
     snprintf(result_path, sizeof result_path, "%s/result", cli_session_job_path(session));
     bool is_fetched = cli_session_fetch(session, result_path, NULL, 0, "text/csv", job->server, file);
-    bool is_written = !ferror(file);
-    is_written &= fclose(file) == 0;
-    if (is_fetched && !is_written) report_unwritable(path);
-    if (!is_fetched || !is_written) remove(path); /* leave no incomplete file */
+    bool is_written = cli_close_output(file, path, job->as_json);
+    /* Leave no incomplete file. */
+    if (!(is_fetched && is_written) && strcmp(path, "-") != 0) remove(path);
     return is_fetched && is_written;
 }
 
@@ -88,10 +81,7 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
 {
     const char *csv = user;
     if (csv && output->session && !fetch_csv(csv, job, output->session)) return EXIT_BAD_INPUT;
-    if (csv && output->result && !write_csv(csv, job, &output->result->pairs.found)) {
-        report_unwritable(csv);
-        return EXIT_BAD_INPUT;
-    }
+    if (csv && output->result && !write_csv(csv, job, &output->result->pairs.found)) return EXIT_BAD_INPUT;
     qm_json *result = qm_json_parse(output->json);
     bool is_distance = job->request.kind == QM_JOB_DISTANCE;
     int status = is_distance ? distance_status(job, result)
@@ -189,8 +179,9 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_SERVER(&job.server),
-        CLI_OPTION_TRANSFORM(&job.transform), /* this and the notes are of two meshes, */
-        CLI_OPTIONS_NOTES(request),
+        CLI_OPTION_TRANSFORM(&job.transform, "the first mesh"),
+        /* The notes are of two meshes, */
+        CLI_OPTIONS_NOTES(request->notes),
         {.name = "limit", /* and of distances */
          .value = "X",
          .type = CLI_NUMBER,
@@ -198,10 +189,12 @@ static int run(const cli_command *command, qm_job_kind kind, int argc, char **ar
          .help = "stop once it is certain whether the distance is above X, in the unit of the meshes"}};
     bool is_distance = kind == QM_JOB_DISTANCE;
     size_t skipped = is_distance ? 6 : kind == QM_JOB_COLLISION ? 0 : 2;
-    size_t left_out = is_distance ? 0 : kind == QM_JOB_SELF_COLLISION ? 4 : 1;
+    size_t left_out = is_distance ? 0 : kind == QM_JOB_SELF_COLLISION ? 3 : 1;
     size_t count = sizeof options / sizeof *options - skipped - left_out;
     int status;
     if (!cli_read_options(command, options + skipped, count, argc, argv, job.path, &status)) return status;
+    status = cli_settle_outputs(&csv, 1, job.as_json);
+    if (status != EXIT_OK) return status;
     if (!job.server) request->threads = cli_count_threads(request->threads);
     return cli_run_job(&job, finish, csv);
 }
@@ -225,30 +218,33 @@ static int run_distance(int argc, char **argv)
 
 const cli_command cmd_collide = {.name = "collide",
                                  .arguments = "A B [options]",
-                                 .summary = "which faces of two meshes meet",
+                                 .summary = "do two meshes meet, and in which faces?",
                                  .takes = "two files",
                                  .path_count = 2,
-                                 .description = "Which faces of A and B meet, touching included.\n\n",
+                                 .description =
+                                     "Which faces of A and B meet, touching included. For how far apart they "
+                                     "are: distance. For whether a\nmesh meets itself: self-collide.\n",
                                  .exit_status = EXIT_STATUS_OF_PAIRS,
                                  .run = run_collide};
 
 const cli_command cmd_self_collide = {
     .name = "self-collide",
     .arguments = "MESH [options]",
-    .summary = "which faces of a mesh intersect",
+    .summary = "does a mesh meet itself, and in which faces?",
     .takes = "one file",
     .path_count = 1,
-    .description = "Which faces of a mesh meet except in the corners and edges that they share.\n\n",
+    .description = "Which faces of a mesh meet except in the corners and edges that they share.\n",
     .exit_status = EXIT_STATUS_OF_PAIRS,
     .run = run_self_collide};
 
 const cli_command cmd_distance = {
     .name = "distance",
     .arguments = "A B [options]",
-    .summary = "bounds of the minimum distance between two meshes",
+    .summary = "the least distance: clearance",
     .takes = "two files",
     .path_count = 2,
-    .description = "Bounds of the minimum distance between two surfaces.\n\n",
+    .description = "The least distance between two surfaces: their clearance, 0 where they meet. For the "
+                   "greatest:\nhausdorff. For which faces meet: collide.\n",
     .exit_status = "Exit status: 0 done, or above the limit, 1 not above it, 2 bad input "
                    "or wrong usage, 3 interrupted, or neither the gap was reached nor a verdict.",
     .run = run_distance};

@@ -14,7 +14,8 @@ enum {
     NAME_WIDTH = 12,
     CELL_WIDTH = 32,
     CELL_SIZE = 2 * CLI_BOUND_SIZE + 8,
-    PRINTED_REGIONS = 10
+    PRINTED_REGIONS = 10,
+    BAND_NAME_SIZE = 2 * CLI_BOUND_SIZE + 8
 };
 
 /** Signed limits: how far A may be inside of B, and outside; NAN for none. */
@@ -124,6 +125,37 @@ static void print_places(const qm_json *result, int side)
     }
 }
 
+/** "below -0.1", "-0.1 to 0.2", "above 0.2" or "all". */
+static void name_band(const qm_interval *band, char out[BAND_NAME_SIZE])
+{
+    if (isfinite(band->lower) && isfinite(band->upper))
+        snprintf(out, BAND_NAME_SIZE, "%.6g to %.6g", band->lower, band->upper);
+    else if (isfinite(band->upper))
+        snprintf(out, BAND_NAME_SIZE, "below %.6g", band->upper);
+    else if (isfinite(band->lower))
+        snprintf(out, BAND_NAME_SIZE, "above %.6g", band->lower);
+    else
+        snprintf(out, BAND_NAME_SIZE, "all");
+}
+
+/** The share of each surface in each band. A name that is as wide as its column has a line of its own. */
+static void print_bands(const cli_job *job, const qm_json *result, bool has_both)
+{
+    for (size_t i = 0; i < job->request.band_count; i++) {
+        char path[64], name[BAND_NAME_SIZE];
+        snprintf(path, sizeof path, "signed.bands.%zu", i);
+        name_band(&job->request.bands[i], name);
+        if (i == 0)
+            printf("\n  %-*s%-*s%s\n", NAME_WIDTH, "in the band", has_both ? CELL_WIDTH + 2 : 0, "% of A",
+                   has_both ? "% of B" : "");
+        if (strlen(name) >= NAME_WIDTH) {
+            printf("  %s\n", name);
+            name[0] = '\0';
+        }
+        print_sides(result, name, path, has_both, cli_format_percent);
+    }
+}
+
 /** The sides of each surface: the greatest distances and the shares in the bands; and why B has none. */
 static void print_signed(const cli_job *job, const qm_json *result)
 {
@@ -139,20 +171,7 @@ static void print_signed(const cli_job *job, const qm_json *result)
         {"mean", "signed.mean"}, {"outside", "signed.outside.max"}, {"inside", "signed.inside.max"}};
     for (size_t i = 0; i < sizeof rows / sizeof *rows; i++)
         print_sides(result, rows[i][0], rows[i][1], has_both, format_length);
-    for (size_t i = 0; i < job->request.band_count; i++) {
-        const qm_interval *band = &job->request.bands[i];
-        char path[64], name[2 * CLI_BOUND_SIZE + 8];
-        snprintf(path, sizeof path, "signed.bands.%zu", i);
-        snprintf(name, sizeof name, "%.6g to %.6g", band->lower, band->upper);
-        if (i == 0)
-            printf("\n  %-*s%-*s%s\n", NAME_WIDTH, "within", CELL_WIDTH + 2, "% of A",
-                   has_both ? "% of B" : "");
-        if (strlen(name) >= NAME_WIDTH) {
-            printf("  %s\n", name);
-            name[0] = '\0';
-        }
-        print_sides(result, name, path, has_both, cli_format_percent);
-    }
+    print_bands(job, result, has_both);
 }
 
 /** The parts of a surface that may be beyond the limit. */
@@ -245,22 +264,12 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     return status;
 }
 
-/** Bands between and beyond the signed limits, and the least limit of all for regions; false when regions have none. */
-static bool settle_limits(const signed_limits *limits, qm_job_request *request)
+/** Regions are those beyond the least limit of all; false when there is none. */
+static bool settle_regions(const signed_limits *limits, qm_job_request *request)
 {
-    bool has_limits = !isnan(limits->in) || !isnan(limits->out);
-    double in = isnan(limits->in) ? INFINITY : limits->in, out = isnan(limits->out) ? INFINITY : limits->out;
-    if (has_limits && request->sign == QM_SIGN_NONE) request->sign = QM_SIGN_OUTSIDE;
-    if (has_limits) {
-        /* Bands are of distances with the sign. */
-        bool is_turned = request->sign == QM_SIGN_INSIDE;
-        const double from = is_turned ? -out : -in, to = is_turned ? in : out;
-        if (isfinite(from)) request->bands[request->band_count++] = (qm_interval){-INFINITY, from};
-        request->bands[request->band_count++] = (qm_interval){from, to};
-        if (isfinite(to)) request->bands[request->band_count++] = (qm_interval){to, INFINITY};
-    }
     if (!request->regions) return true;
-    double least = fmin(in, out);
+    double least =
+        fmin(isnan(limits->in) ? INFINITY : limits->in, isnan(limits->out) ? INFINITY : limits->out);
     for (size_t i = 0; i < request->limit_count; i++)
         least = fmin(least, request->limits[i]);
     request->threshold = least;
@@ -287,6 +296,7 @@ static int run(int argc, char **argv)
          .value = "X",
          .type = CLI_CUSTOM,
          .read = read_limits,
+         .may_repeat = true,
          .target = request,
          .help = "shares and F-score within this distance, in the unit of the meshes;\n"
                  "may be given several times, or as numbers separated by commas"},
@@ -301,13 +311,7 @@ static int run(int argc, char **argv)
          .type = CLI_NUMBER,
          .target = &limits.out,
          .help = "and how far outside"},
-        {.name = "sign",
-         .value = "S",
-         .type = CLI_CHOICE,
-         .choices = qm_sign_names,
-         .target = &request->sign,
-         .help = "outside (default with --limit-in or --limit-out), inside: distances of that side\n"
-                 "are positive; normal: those where normals point to, not proven"},
+        CLI_OPTIONS_SIGN(request),
         {.name = "regions",
          .type = CLI_FLAG,
          .target = &request->regions,
@@ -332,9 +336,9 @@ static int run(int argc, char **argv)
                        "of A's box\n(default 1e-6)"),
         CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
         CLI_OPTION_PERCENTILES(request, "50,95,99"),
-        CLI_OPTIONS_NOTES(request),
+        CLI_OPTIONS_NOTES(request->notes),
         CLI_OPTION_THREADS(&request->threads),
-        CLI_OPTION_TRANSFORM(&job.transform),
+        CLI_OPTION_TRANSFORM(&job.transform, "A"),
         CLI_OPTION_ALIGN(&job.aligns),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_SERVER(&job.server)};
@@ -346,7 +350,13 @@ static int run(int argc, char **argv)
         fputs("quadmesh: --align and --transform both move A: give one of them\n", stderr);
         return EXIT_USAGE;
     }
-    if (!settle_limits(&limits, request)) {
+    cli_settle_sign(request);
+    if (!cli_add_limit_bands(limits.in, limits.out, request)) {
+        fprintf(stderr, "quadmesh: --bands takes up to %d ranges beside the limits\n",
+                QM_JOB_MAX_BANDS - CLI_LIMIT_BANDS);
+        return EXIT_USAGE;
+    }
+    if (!settle_regions(&limits, request)) {
         fputs("quadmesh: --regions takes --limit, --limit-in or --limit-out\n", stderr);
         return EXIT_USAGE;
     }
@@ -357,13 +367,13 @@ static int run(int argc, char **argv)
 const cli_command cmd_compare = {
     .name = "compare",
     .arguments = "A B [options]",
-    .summary = "two meshes compared both ways, as one table",
+    .summary = "two meshes both ways: all figures in one table",
     .takes = "two files",
     .path_count = 2,
-    .description =
-        "Both directions and the symmetric figures: Hausdorff distance, mean, rms, percentiles, Chamfer\n"
-        "distance, and within limits the shares and the F-score, all as proven intervals. `check` answers\n"
-        "whether a mesh is within a limit.\n\n",
+    .description = "All of it in one table: both ways and together the Hausdorff distance, mean, rms, "
+                   "percentiles and\nChamfer distance, within limits shares and F-scores, by --sign the "
+                   "sides; all proven intervals.\nFor a yes or no in a pipeline: check. For a page to hand "
+                   "on: report. For one figure alone, which is\nfaster: hausdorff, deviation, distance.\n",
     .exit_status = "Exit status: 0 accurate, 2 bad input, a B that is not closed, or wrong usage, 3 the "
                    "pieces ran out before,\n"
                    "or interrupted; with --limit-in or --limit-out 0 within, 1 beyond, 3 not certain.",

@@ -141,13 +141,12 @@ static void print_text(const cli_job *job, const qm_json *result)
 
 /* ---- files ---- */
 
-static bool write_csv(FILE *file, const distance_list *distances)
+static void write_csv(FILE *file, const distance_list *distances)
 {
     char number[QM_NUMBER_SIZE];
     fputs("vertex,distance\n", file);
     for (size_t i = 0; i < distances->count; i++)
         fprintf(file, "%zu,%s\n", i, qm_text_number(distances->values[i], number));
-    return !ferror(file);
 }
 
 /* Lightness increases evenly, so that the order is visible in grey; the hues are safe for colour-blind readers. */
@@ -165,7 +164,7 @@ static void write_double(FILE *file, double value)
 
 /** Binary PLY: positions in double, a colour from dark blue (0) through green to yellow (the maximum), and the distance
  * as the property "quality". Quads stay quads. */
-static bool write_ply(FILE *file, const qm_mesh *mesh, const double *value)
+static void write_ply(FILE *file, const qm_mesh *mesh, const double *value)
 {
     double max = 0.0;
     for (size_t i = 0; i < mesh->vertex_count; i++)
@@ -199,24 +198,27 @@ static bool write_ply(FILE *file, const qm_mesh *mesh, const double *value)
             fwrite(&vertex, sizeof vertex, 1, file);
         }
     }
-    return !ferror(file);
 }
 
-/** Opens, writes and closes a file; false after a report. */
-static bool write_file(const char *path, const qm_mesh *mesh, const distance_list *distances, bool as_ply)
+/** Opens, writes and closes a file, unless it has no name; false after a report. */
+static bool write_file(const char *path, const qm_mesh *mesh, const distance_list *distances, bool as_ply,
+                       bool as_json)
 {
-    FILE *file = fopen(path, "wb");
-    bool is_written =
-        file && (as_ply ? write_ply(file, mesh, distances->values) : write_csv(file, distances));
-    if (file) is_written &= fclose(file) == 0;
-    if (!is_written) fprintf(stderr, "quadmesh: %s cannot be written\n", path);
-    return is_written;
+    if (!path) return true;
+    FILE *file = cli_open_output(path, as_json);
+    if (!file) return false;
+    if (as_ply)
+        write_ply(file, mesh, distances->values);
+    else
+        write_csv(file, distances);
+    return cli_close_output(file, path, as_json);
 }
 
-static bool write_files(const file_names *names, const qm_mesh *mesh, const distance_list *distances)
+static bool write_files(const cli_job *job, const file_names *names, const qm_mesh *mesh,
+                        const distance_list *distances)
 {
-    bool is_written = !names->csv || write_file(names->csv, mesh, distances, false);
-    return is_written && (!names->ply || write_file(names->ply, mesh, distances, true));
+    return write_file(names->csv, mesh, distances, false, job->as_json) &&
+           write_file(names->ply, mesh, distances, true, job->as_json);
 }
 
 /** Writes the files of a job that ran on a daemon. Positions are read from the input file again, and moved as there. */
@@ -231,7 +233,7 @@ static bool write_fetched(const file_names *names, const cli_job *job, cli_sessi
     if (cli_session_fetch_numbers(session, job->server, &distances.values, &distances.count) &&
         cli_load_mesh(&ctx, job->path[0], job->as_json, &positions_only, &mesh)) {
         if (mesh.mesh.vertex_count == distances.count)
-            is_written = write_files(names, &mesh.mesh, &distances);
+            is_written = write_files(job, names, &mesh.mesh, &distances);
         else
             fprintf(stderr, "quadmesh: the daemon counts other vertices than %s has\n", job->path[0]);
         qm_loaded_mesh_reset(&ctx, &mesh);
@@ -256,7 +258,7 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     if (output->result) {
         const qm_deviation *deviation = &output->result->deviation;
         const distance_list distances = {deviation->vertex_distance, deviation->vertex_count};
-        is_written = write_files(names, &output->mesh[0]->mesh, &distances);
+        is_written = write_files(job, names, &output->mesh[0]->mesh, &distances);
     } else if (names->csv || names->ply) {
         is_written = write_fetched(names, job, output->session);
     }
@@ -272,39 +274,6 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     return is_written ? status : EXIT_BAD_INPUT;
 }
 
-/** Reads an end of a band up to a character: a number, or nothing for none. */
-static bool read_end(const char **text, double none, char stop, double *out)
-{
-    char *end = NULL;
-    *out = none;
-    if (**text != stop && **text != '\0') {
-        *out = strtod(*text, &end);
-        if (end == *text || !isfinite(*out)) return false;
-        *text = end;
-    }
-    return true;
-}
-
-static bool read_bands(const char *text, void *target)
-{
-    qm_job_request *request = target;
-    request->band_count = 0;
-    for (const char *at = text; request->band_count < QM_JOB_MAX_BANDS; at++) {
-        qm_interval *band = &request->bands[request->band_count];
-        if (!read_end(&at, -INFINITY, ':', &band->lower) || *at++ != ':') break;
-        if (!read_end(&at, INFINITY, ',', &band->upper) || !(band->lower <= band->upper)) break;
-        request->band_count++;
-        if (!*at) return true;
-        if (*at != ',') break;
-    }
-    fprintf(stderr,
-            "quadmesh: --bands takes up to %d ranges FROM:TO, ascending, separated by commas, as in "
-            "-0.1:0.2,0.2:; got "
-            "\"%s\"\n",
-            QM_JOB_MAX_BANDS, text);
-    return false;
-}
-
 static int run(int argc, char **argv)
 {
     cli_job job = cli_job_make(QM_JOB_DEVIATION);
@@ -317,6 +286,7 @@ static int run(int argc, char **argv)
          .target = &names.csv,
          .help = "the distances at A's vertices"},
         {.name = "ply",
+         .letter = 'o',
          .value = "FILE",
          .type = CLI_TEXT,
          .target = &names.ply,
@@ -343,23 +313,10 @@ static int run(int argc, char **argv)
          .type = CLI_FLAG,
          .target = &request->regions,
          .help = "and which connected parts of A are, or may be, beyond it"},
-        {.name = "sign",
-         .value = "S",
-         .type = CLI_CHOICE,
-         .choices = qm_sign_names,
-         .target = &request->sign,
-         .help = "outside, inside: distances of that side of B, which is proven closed, are "
-                 "positive;\nnormal: those "
-                 "where B's normals point to, not proven; none (default)"},
-        {.name = "bands",
-         .value = "L",
-         .type = CLI_CUSTOM,
-         .read = read_bands,
-         .target = request,
-         .help = "ranges of signed distances FROM:TO, separated by commas: which share of A is in each"},
-        CLI_OPTIONS_NOTES(request),
+        CLI_OPTIONS_SIGN(request),
+        CLI_OPTIONS_NOTES(request->notes),
         CLI_OPTION_THREADS(&request->threads),
-        CLI_OPTION_TRANSFORM(&job.transform),
+        CLI_OPTION_TRANSFORM(&job.transform, "A"),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_PROGRESS(&job.shows_progress),
         CLI_OPTION_SERVER(&job.server)};
@@ -367,6 +324,9 @@ static int run(int argc, char **argv)
     if (!cli_read_options(&cmd_deviation, options, sizeof options / sizeof *options, argc, argv, job.path,
                           &status))
         return status;
+    cli_settle_sign(request);
+    status = cli_settle_outputs((const char *const[]){names.csv, names.ply}, 2, job.as_json);
+    if (status != EXIT_OK) return status;
     if (!job.server) request->threads = cli_count_threads(request->threads);
     return cli_run_job(&job, finish, &names);
 }
@@ -374,12 +334,12 @@ static int run(int argc, char **argv)
 const cli_command cmd_deviation = {
     .name = "deviation",
     .arguments = "A B [options]",
-    .summary = "mean, rms, percentiles of the distance from one mesh to another",
+    .summary = "averages of the distance of A from B, one way",
     .takes = "two files",
     .path_count = 2,
-    .description =
-        "How far the surface A is from B: mean, rms, percentiles, histogram and maximum, as proven "
-        "intervals.\n\n",
+    .description = "How far the surface A is from B on the whole, one way: mean, rms, percentiles, histogram "
+                   "and\nmaximum, as proven intervals; distances at A's vertices as a table or in colours. "
+                   "For both ways:\ncompare. For colours that are right between vertices, too: heatmap.\n",
     .exit_status = "Exit status: 0 accurate, or within the limit, 1 beyond it, 2 bad input or wrong usage, 3 "
                    "the pieces ran out before, no "
                    "verdict, or interrupted.",

@@ -88,7 +88,7 @@ static int run(int argc, char **argv)
          .max = QM_JOB_MAX_MEMORY,
          .target = &request->memory_limit,
          .help = "max bytes of the search's queue (default 1 GiB); it stops there with the interval reached"},
-        CLI_OPTIONS_NOTES(request),
+        CLI_OPTIONS_NOTES(request->notes),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_ACCELERATOR(&request->accelerator),
         {.name = "bounds",
@@ -97,7 +97,7 @@ static int run(int argc, char **argv)
          .choices = qm_bounds_names,
          .target = &request->bounds,
          .help = "how upper bounds are computed: cover (default) or matching"},
-        CLI_OPTION_TRANSFORM(&job.transform),
+        CLI_OPTION_TRANSFORM(&job.transform, "A"),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_PROGRESS(&job.shows_progress),
         CLI_OPTION_SERVER(&job.server)};
@@ -112,10 +112,12 @@ static int run(int argc, char **argv)
 const cli_command cmd_hausdorff = {
     .name = "hausdorff",
     .arguments = "A B [options]",
-    .summary = "bounds of the Hausdorff distance between two meshes",
+    .summary = "the greatest distance, of both meshes or one of them",
     .takes = "two files",
     .path_count = 2,
-    .description = "",
+    .description =
+        "The greatest distance (Hausdorff): of all points of A from B, and of B from A, the farthest. "
+        "For\nthe least distance (clearance): distance. For averages: deviation or compare.\n",
     .exit_status =
         "Exit status: 0 converged, or within the limit; 1 beyond the limit; 2 bad input or wrong usage;\n"
         "3 stopped before, or undecided.",

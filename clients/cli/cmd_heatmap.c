@@ -1,12 +1,12 @@
 /**
  * cmd_heatmap.c: one mesh cut into triangles with its distance from another at their corners, as PLY or CSV.
  */
-#include <endian.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/json.h"
+#include "ops/heatmap_ply.h"
 #include "options.h"
 
 /** Files to write; NULL for none. */
@@ -21,36 +21,24 @@ typedef struct triangle_list {
     double error;
 } triangle_list;
 
-static void write_double(FILE *file, double value)
-{
-    uint64_t bits;
-    memcpy(&bits, &value, sizeof bits);
-    bits = htole64(bits);
-    fwrite(&bits, sizeof bits, 1, file);
-}
+enum { ROWS = 4096 }; /* that are written at a time */
 
-/** Binary PLY with corners of their own for each triangle: the distance is the property "quality", the error that of the face. */
 static void write_ply(FILE *file, const triangle_list *list)
 {
-    char error[QM_NUMBER_SIZE];
-    fprintf(file,
-            "ply\nformat binary_little_endian 1.0\ncomment distances are within %s of what is interpolated\n"
-            "element vertex %zu\nproperty double x\nproperty double y\nproperty double z\nproperty double "
-            "quality\n"
-            "element face %zu\nproperty list uchar uint vertex_indices\nproperty uint source_face\n"
-            "property double error\nend_header\n",
-            qm_text_number(list->error, error), 3 * list->count, list->count);
-    for (size_t i = 0; i < list->count; i++)
-        for (int k = 0; k < 12; k++)
-            write_double(file, list->row[QM_HEATMAP_COLUMNS * i + (size_t)k]);
-    for (size_t i = 0; i < list->count; i++) {
-        const double *row = list->row + QM_HEATMAP_COLUMNS * i;
-        fputc(3, file);
-        const uint32_t index[4] = {htole32((uint32_t)(3 * i)), htole32((uint32_t)(3 * i + 1)),
-                                   htole32((uint32_t)(3 * i + 2)), htole32((uint32_t)row[QM_HEATMAP_FACE])};
-        fwrite(index, sizeof index, 1, file);
-        write_double(file, row[QM_HEATMAP_ERROR]);
-    }
+    qm_text text = {0};
+    qm_heatmap_ply_begin(&text, list->count, list->error);
+    for (int pass = 0; pass < 2; pass++)
+        for (size_t first = 0; first < list->count; first += ROWS) {
+            const double *row = list->row + QM_HEATMAP_COLUMNS * first;
+            size_t count = list->count - first < ROWS ? list->count - first : ROWS;
+            if (pass == 0)
+                qm_heatmap_ply_add_corners(&text, row, count);
+            else
+                qm_heatmap_ply_add_faces(&text, row, first, count);
+            fwrite(text.data, 1, text.size, file);
+            text.size = 0;
+        }
+    qm_text_reset(&text);
 }
 
 static void write_csv(FILE *file, const triangle_list *list)
@@ -64,15 +52,11 @@ static void write_csv(FILE *file, const triangle_list *list)
 
 /** Opens, writes and closes a file, unless it has no name; false after a report. */
 static bool write_file(const char *path, void (*write)(FILE *file, const triangle_list *list),
-                       const triangle_list *list)
+                       const triangle_list *list, bool as_json)
 {
-    if (!path) return true;
-    FILE *file = fopen(path, "wb");
+    FILE *file = path ? cli_open_output(path, as_json) : NULL;
     if (file) write(file, list);
-    bool is_written = file && !ferror(file);
-    if (file) is_written &= fclose(file) == 0;
-    if (!is_written) fprintf(stderr, "quadmesh: %s cannot be written\n", path);
-    return is_written;
+    return !path || (file && cli_close_output(file, path, as_json));
 }
 
 static void print_text(const qm_json *result)
@@ -104,8 +88,8 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
         list.row = fetched;
         list.count = numbers / QM_HEATMAP_COLUMNS;
     }
-    bool is_written =
-        is_read && write_file(files->ply, write_ply, &list) && write_file(files->csv, write_csv, &list);
+    bool is_written = is_read && write_file(files->ply, write_ply, &list, job->as_json) &&
+                      write_file(files->csv, write_csv, &list, job->as_json);
     free(fetched);
     if (job->as_json)
         puts(output->json);
@@ -146,26 +130,30 @@ static int run(int argc, char **argv)
          .target = &request->pieces,
          .help = "max triangles that A's faces are cut into (default 1048576)"},
         CLI_OPTION_QUADS(&request->quads),
+        CLI_OPTION_UNIT(request->notes),
         CLI_OPTION_THREADS(&request->threads),
+        CLI_OPTION_TRANSFORM(&job.transform, "A"),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_SERVER(&job.server)};
     int status;
     if (!cli_read_options(&cmd_heatmap, options, sizeof options / sizeof *options, argc, argv, job.path,
                           &status))
         return status;
+    status = cli_settle_outputs((const char *const[]){files.ply, files.csv}, 2, job.as_json);
+    if (status != EXIT_OK) return status;
     if (!job.server) request->threads = cli_count_threads(request->threads);
     return cli_run_job(&job, finish, &files);
 }
 
 const cli_command cmd_heatmap = {.name = "heatmap",
                                  .arguments = "A B [options]",
-                                 .summary = "A cut into triangles with its distance from B at their corners",
+                                 .summary = "A in colours of its distance from B, right to a stated error",
                                  .takes = "two files",
                                  .path_count = 2,
                                  .description =
                                      "A cut into triangles with its distance from B at their corners: what "
-                                     "is interpolated between them is\nright to the error "
-                                     "that is told.\n\n",
+                                     "is interpolated between them is\nright to the error that is told. For "
+                                     "the distances at A's own vertices alone: deviation --ply.\n",
                                  .exit_status = "Exit status: 0 accurate, 2 bad input or wrong usage, 3 the "
                                                 "triangles ran out before, or interrupted.",
                                  .run = run};

@@ -41,6 +41,7 @@ static int run(int argc, char **argv)
 {
     bool as_json = false;
     const cli_option options[] = {{.name = "json",
+                                   .letter = 'j',
                                    .type = CLI_FLAG,
                                    .target = &as_json,
                                    .help = "the mesh resource of the API, or the problem document"}};
@@ -93,9 +94,11 @@ static int run(int argc, char **argv)
 
 const cli_command cmd_info = {.name = "info",
                               .arguments = "FILE [--json]",
-                              .summary = "the contents of a mesh file",
+                              .summary = "what a mesh file holds: counts, box, area, volume, faults",
                               .takes = "one file",
                               .path_count = 1,
-                              .description = "",
+                              .description =
+                                  "What a mesh file holds: counts, topology, box, area and volume, and what "
+                                  "is doubtful about it.\nFor the shape of its faces: quality.\n",
                               .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
                               .run = run};

@@ -137,8 +137,9 @@ static void print_text(const file_set *files, const cli_job *job, const qm_json 
         print_table(files, rows);
     else
         print_extremes(files, rows);
-    printf("%.0f pairs: %.0f searched, %.0f known by bounds alone, %.1f ms\n",
-           qm_json_get_number(result, "pair_count"), qm_json_get_number(result, "searched_pairs"),
+    const double pair_count = qm_json_get_number(result, "pair_count");
+    printf("%.0f pair%s: %.0f searched, %.0f known by bounds alone, %.1f ms\n", pair_count,
+           pair_count == 1.0 ? "" : "s", qm_json_get_number(result, "searched_pairs"),
            qm_json_get_number(result, "bounded_pairs"), qm_json_get_number(result, "elapsed_ms"));
     if (request->want == QM_MATRIX_WITHIN)
         printf("%.0f within %g, %.0f beyond, %.0f undecided\n", qm_json_get_number(result, "verdicts.within"),
@@ -424,6 +425,11 @@ static int run(int argc, char **argv)
                                    .type = CLI_NUMBER,
                                    .target = &request->within,
                                    .help = "only whether each distance is at most T"},
+                                  {.name = "limit",
+                                   .value = "T",
+                                   .type = CLI_NUMBER,
+                                   .target = &request->within,
+                                   .help = "another name of --within"},
                                   CLI_OPTION_QUADS(&request->quads),
                                   CLI_OPTION_GAP(&request->tolerance,
                                                  "width of the interval of a distance, as a fraction of the "
@@ -458,13 +464,12 @@ static int run(int argc, char **argv)
 const cli_command cmd_matrix = {
     .name = "matrix",
     .arguments = "FILE FILE ... [options]",
-    .summary = "the Hausdorff distances of all pairs",
+    .summary = "the Hausdorff distances of all pairs of many files",
     .takes = "two to 1000 files",
     .path_count = 2,
     .most_paths = QM_JOB_MAX_MESHES,
-    .description =
-        "The Hausdorff distances of all pairs of files, as proven intervals. Pairs are searched only as far\n"
-        "as bounds by boxes and by other pairs leave open what is asked.\n\n",
+    .description = "The Hausdorff distances of all pairs of files, as proven intervals. Pairs are searched "
+                   "only as far\nas bounds by boxes and by other pairs leave open what is asked.\n",
     .exit_status =
         "Exit status: 0 done, 2 bad input or wrong usage, 3 stopped before all of it was known, or\n"
         "undecided.",

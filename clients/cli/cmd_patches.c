@@ -44,6 +44,7 @@ static int run(int argc, char **argv)
              "the faces of each patch: as JSON, or if OUT ends in .csv as lines of face, patch, row, column\n"
              "(faces by their index in the file, from 0); - is standard output"},
         {.name = "json",
+         .letter = 'j',
          .type = CLI_FLAG,
          .target = &o.as_json,
          .help = "the counts as JSON, or the problem document"}};
@@ -77,6 +78,6 @@ const cli_command cmd_patches = {
     .takes = "one file",
     .path_count = 1,
     .description =
-        "Splits a mesh of quads into regular patches of rows x columns, and prints their number.\n\n",
+        "Splits a mesh of quads into regular patches of rows x columns, and prints their number.\n",
     .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
     .run = run};

@@ -12,7 +12,9 @@ typedef enum point_format { FORMAT_BY_NAME, FORMAT_TEXT, FORMAT_F64 } point_form
 
 typedef struct project_options {
     const char *mesh, *points, *output;
-    const char *server; /* NULL: in this process */
+    const char *server;    /* NULL: in this process */
+    const char *transform; /* a file; NULL: the mesh stays where it is */
+    qm_job_pose pose;
     point_format input;
     bool as_csv, as_binary, as_json;
     qm_array_format format; /* of the output */
@@ -119,6 +121,7 @@ static bool project_here(const project_options *options, const point_list *point
     qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     qm_preparation preparation = cli_prepare(true, options->quads, options->threads);
+    if (options->pose.is_given) preparation.transform = options->pose.transform;
     target surface;
     if (!cli_load_mesh(&ctx, options->mesh, options->as_json, &preparation, &surface.mesh)) return false;
     qm_status status = qm_locator_build(&ctx, surface.mesh.bvh, NULL, options->accelerator, &surface.locator);
@@ -135,12 +138,18 @@ static bool project_on_server(const project_options *options, point_list *points
 {
     static const char *const media[] = {"application/octet-stream", "text/csv", "application/json"};
     cli_session *session = cli_session_open(options->server, options->as_json);
-    char id[QM_ID_SIZE], path[160], threads[24] = "";
+    char id[QM_ID_SIZE], path[160 + QM_TRANSFORM_SIZE * QM_NUMBER_SIZE], threads[24] = "";
     if (options->threads > 0) snprintf(threads, sizeof threads, "&threads=%d", options->threads);
     bool is_done = session && cli_session_upload(session, options->mesh, &(qm_notes){0}, id, NULL);
     if (is_done) {
-        snprintf(path, sizeof path, "/v1/meshes/%s/project?quads=%s&accelerator=%s%s", id,
-                 qm_quads_names[options->quads], qm_accelerator_names[options->accelerator], threads);
+        int used =
+            snprintf(path, sizeof path, "/v1/meshes/%s/project?quads=%s&accelerator=%s%s", id,
+                     qm_quads_names[options->quads], qm_accelerator_names[options->accelerator], threads);
+        for (int i = 0; i < QM_TRANSFORM_SIZE && options->pose.is_given; i++) {
+            char number[QM_NUMBER_SIZE];
+            used += snprintf(path + used, sizeof path - (size_t)used, "%s%s", i == 0 ? "&transform=" : ",",
+                             qm_text_number(options->pose.transform[i], number));
+        }
         qm_text_swap_bytes(points->positions, 3 * points->count);
         is_done = cli_session_fetch(session, path, points->count > 0 ? (const void *)points->positions : "",
                                     points->count * 3 * sizeof(double), media[options->format],
@@ -154,7 +163,7 @@ static bool project_on_server(const project_options *options, point_list *points
 
 static int fail_to_write(const project_options *options)
 {
-    fprintf(stderr, "quadmesh: %s cannot be written\n", options->output);
+    cli_report_unwritable(options->output, options->as_json);
     return EXIT_BAD_INPUT;
 }
 
@@ -210,12 +219,14 @@ static int run(int argc, char **argv)
          .target = &o.as_binary,
          .help = "the same as little-endian float64: the default for other names"},
         {.name = "json",
+         .letter = 'j',
          .type = CLI_FLAG,
          .target = &o.as_json,
          .help = "one document: the default for names that end in .json; errors are documents, too"},
         CLI_OPTION_QUADS(&o.quads),
         CLI_OPTION_THREADS(&o.threads),
         CLI_OPTION_ACCELERATOR(&o.accelerator),
+        CLI_OPTION_TRANSFORM(&o.transform, "MESH"),
         CLI_OPTION_SERVER(&o.server)};
     const char *paths[2];
     int status;
@@ -234,16 +245,19 @@ static int run(int argc, char **argv)
         o.format = cli_path_ends_in(o.output, ".json")                                ? QM_ARRAY_JSON
                    : cli_path_ends_in(o.output, ".csv") || strcmp(o.output, "-") == 0 ? QM_ARRAY_CSV
                                                                                       : QM_ARRAY_BINARY;
+    if (o.transform && !cli_read_pose(o.transform, &o.pose, o.as_json)) return EXIT_BAD_INPUT;
+    if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
     if (!o.server) o.threads = cli_count_threads(o.threads);
     return project(&o);
 }
 
 const cli_command cmd_project = {.name = "project",
                                  .arguments = "MESH POINTS -o OUT [options]",
-                                 .summary = "the nearest points of a mesh for each of many points",
-                                 .takes = "a mesh, a file of points and -o OUT",
+                                 .summary = "the nearest point of a mesh for each of many points",
+                                 .takes = "a mesh and a file of points",
                                  .path_count = 2,
-                                 .description = "",
+                                 .description = "For each point the nearest one of a mesh: distance, place, "
+                                                "face. For the distances of a whole\nmesh: deviation.\n",
                                  .exit_status =
                                      "Exit status: 0 done, 2 bad input or wrong usage, 3 interrupted.",
                                  .run = run};

@@ -122,11 +122,13 @@ static int run(int argc, char **argv)
          .target = &o.metric,
          .help = "only this metric"},
         {.name = "per-face",
+         .letter = 'o',
          .value = "OUT",
          .type = CLI_TEXT,
          .target = &o.per_face,
          .help = "a line of CSV for each face, by its index in the file, from 0; - is standard output"},
         {.name = "json",
+         .letter = 'j',
          .type = CLI_FLAG,
          .target = &o.as_json,
          .help = "the document of the API without values of faces, or the problem document"}};
@@ -156,8 +158,8 @@ const cli_command cmd_quality = {
     .summary = "the shape of the faces of a mesh",
     .takes = "one file",
     .path_count = 1,
-    .description = "The shape of quads and triangles by the metrics of the Verdict library: scaled_jacobian, "
-                   "aspect_ratio, skew,\n"
-                   "taper, warpage, edge_ratio, shape, stretch, minimum_angle, maximum_angle.\n\n",
+    .description =
+        "The shape of quads and triangles by the metrics of the Verdict library: scaled_jacobian, "
+        "aspect_ratio, skew,\ntaper, warpage, edge_ratio, shape, stretch, minimum_angle, maximum_angle.\n",
     .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
     .run = run};

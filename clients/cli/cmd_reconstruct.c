@@ -194,6 +194,7 @@ static int run(int argc, char **argv)
          .target = &o.goal.thread_count,
          .help = "threads (default 1); the mesh does not depend on them"},
         {.name = "json",
+         .letter = 'j',
          .type = CLI_FLAG,
          .target = &o.as_json,
          .help = "steps and result as JSON, one object a line"}};
@@ -223,11 +224,10 @@ const cli_command cmd_reconstruct = {
     .name = "reconstruct",
     .arguments = "SURFACE LAYOUT -o OUT [options]",
     .summary = "a quad mesh from a layout of curves",
-    .takes = "a surface, a layout and -o OUT",
+    .takes = "a surface and a layout",
     .path_count = 2,
-    .description =
-        "Makes a semi-regular quad mesh of a point set or a mesh, from a layout of boundary curves (JSON:\n"
-        "nodes, curves and patches; patches are found if the file has none).\n\n",
+    .description = "Makes a semi-regular quad mesh of a point set or a mesh, from a layout of boundary "
+                   "curves (JSON:\nnodes, curves and patches; patches are found if the file has none).\n",
     .exit_status =
         "Exit status: 0 done, 2 bad input or wrong usage, 3 the distance was not reached, or interrupted.",
     .run = run};

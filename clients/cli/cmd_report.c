@@ -75,7 +75,7 @@ void cli_ask_for_report(qm_job_request *request)
 const char *cli_hash_file(const char *path, char out[QM_HASH_SIZE])
 {
     size_t size;
-    uint8_t *bytes = strcmp(path, "-") == 0 ? NULL : cli_read_file(path, &size, false);
+    uint8_t *bytes = cli_read_file(path, &size, false);
     if (!bytes) return NULL;
     uint8_t digest[QM_DIGEST_SIZE];
     qm_id_hash_bytes(bytes, size, digest);
@@ -117,29 +117,6 @@ static bool make_here(const report_options *options, const cli_job *job, const c
     return is_made;
 }
 
-/** Fetches the report of a comparison that ran on a daemon; false after a report of what is wrong. */
-static bool fetch(const report_options *options, const cli_job *job, const cli_job_output *output,
-                  qm_text *out)
-{
-    char path[400], number[QM_NUMBER_SIZE], *bytes = NULL;
-    size_t size = 0;
-    int used = snprintf(path, sizeof path, "%s/report?", cli_session_job_path(output->session));
-    if (!isnan(options->limit))
-        used += snprintf(path + used, sizeof path - (size_t)used, "limit=%s&",
-                         qm_text_number(options->limit, number));
-    if (!isnan(options->range))
-        used += snprintf(path + used, sizeof path - (size_t)used, "range=%s&",
-                         qm_text_number(options->range, number));
-    path[used - 1] = '\0';
-    FILE *file = open_memstream(&bytes, &size);
-    bool is_fetched =
-        file && cli_session_fetch(output->session, path, NULL, 0, "text/html", job->server, file);
-    if (file && fclose(file) != 0) is_fetched = false;
-    if (is_fetched) qm_text_add(out, bytes, size);
-    free(bytes);
-    return is_fetched && !out->failed;
-}
-
 static void print_verdict(const report_options *options, qm_report_verdict verdict)
 {
     static const char *const words[] = {"no limit, no verdict", "within", "beyond", "undecided"};
@@ -153,8 +130,9 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
 {
     const report_options *options = user;
     qm_text text = {0};
-    bool is_made =
-        output->session ? fetch(options, job, output, &text) : make_here(options, job, output, &text);
+    bool is_made = output->session
+                       ? cli_session_fetch_report(output->session, options->limit, options->range, &text)
+                       : make_here(options, job, output, &text);
     bool is_written = is_made && cli_write_file(options->output, text.data, text.size);
     if (is_made && !is_written) cli_report_unwritable(options->output, job->as_json);
     qm_text_reset(&text);
@@ -208,6 +186,7 @@ static int run(int argc, char **argv)
          .type = CLI_FLAG,
          .target = &request->regions,
          .help = "the connected parts beyond the limit as well, with pictures"},
+        CLI_OPTIONS_SIGN(request),
         {.name = "worst",
          .value = "K",
          .type = CLI_SIZE,
@@ -222,8 +201,8 @@ static int run(int argc, char **argv)
          .help = "how far apart they are, in the unit of the meshes (default a twentieth of\n"
                  "the diagonal of A's box)"},
         CLI_OPTION_QUADS(&request->quads),
-        CLI_OPTIONS_NOTES(request),
-        CLI_OPTION_TRANSFORM(&job.transform),
+        CLI_OPTIONS_NOTES(request->notes),
+        CLI_OPTION_TRANSFORM(&job.transform, "A"),
         CLI_OPTION_ALIGN(&job.aligns),
         CLI_OPTION_AVERAGES(request),
         CLI_OPTION_GAP(&request->tolerance,
@@ -242,6 +221,11 @@ static int run(int argc, char **argv)
             free(command);
             return EXIT_USAGE;
         }
+        if (!cli_check_one_document(&o.output, 1, job.as_json)) {
+            free(command);
+            return EXIT_USAGE;
+        }
+        cli_settle_sign(request);
         if (!job.server) request->threads = cli_count_threads(request->threads);
         if (request->regions) request->threshold = o.limit;
         request->limit_count = (size_t)qm_report_limits(o.limit, o.range, request->limits);
@@ -257,10 +241,9 @@ const cli_command cmd_report = {
     .summary = "two meshes compared, as one page to hand on",
     .takes = "two files",
     .path_count = 2,
-    .description =
-        "One file of HTML that needs nothing beside itself: the verdict, pictures from six sides in the\n"
-        "colours of distance, how distances spread, the worst places, and all figures as proven "
-        "intervals.\n\n",
+    .description = "One file of HTML that needs nothing beside itself: the verdict, pictures from six sides "
+                   "in the\ncolours of distance, how distances spread, the worst places, and all figures as "
+                   "proven intervals.\n",
     .exit_status =
         "Exit status: 0 within the limit, or none was given; 1 beyond it; 2 bad input or wrong usage;\n"
         "3 undecided, stopped before, or interrupted.",

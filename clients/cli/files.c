@@ -25,6 +25,34 @@ bool cli_path_ends_in(const char *path, const char *end)
     return length >= size && strcmp(path + length - size, end) == 0;
 }
 
+/** The line of a problem, or its offset; NAN where it has none. */
+static double place_of(const qm_problem *problem, bool is_offset)
+{
+    if (problem->error_count == 0) return NAN;
+    size_t place = is_offset ? problem->errors[0].offset : problem->errors[0].line;
+    return place == QM_NO_LOCATION ? NAN : (double)place;
+}
+
+/** What stands between a path and what is wrong: the line, the offset, or nothing of the two. */
+#define PLACE_SIZE 48
+static const char *format_place(double line, double offset, char out[PLACE_SIZE])
+{
+    if (!isnan(line))
+        snprintf(out, PLACE_SIZE, ":%.0f:", line);
+    else if (!isnan(offset))
+        snprintf(out, PLACE_SIZE, ": byte %.0f:", offset);
+    else
+        snprintf(out, PLACE_SIZE, ":");
+    return out;
+}
+
+void cli_format_problem(char *out, size_t size, const char *path, const qm_problem *problem)
+{
+    char place[PLACE_SIZE];
+    snprintf(out, size, "%s%s %s", path,
+             format_place(place_of(problem, false), place_of(problem, true), place), problem->detail);
+}
+
 void cli_report(const char *path, const qm_problem *problem, bool as_json)
 {
     if (as_json) {
@@ -35,10 +63,7 @@ void cli_report(const char *path, const qm_problem *problem, bool as_json)
         free(document);
         return;
     }
-    const qm_problem_error *error = problem->error_count > 0 ? &problem->errors[0] : NULL;
-    cli_print_problem(path, error && error->line != QM_NO_LOCATION ? (double)error->line : NAN,
-                      error && error->offset != QM_NO_LOCATION ? (double)error->offset : NAN,
-                      problem->detail);
+    cli_print_problem(path, place_of(problem, false), place_of(problem, true), problem->detail);
 }
 
 void cli_report_status(const char *path, qm_status status, const qm_context *ctx, bool as_json)
@@ -49,12 +74,8 @@ void cli_report_status(const char *path, qm_status status, const qm_context *ctx
 
 void cli_print_problem(const char *path, double line, double offset, const char *detail)
 {
-    if (!isnan(line))
-        fprintf(stderr, "quadmesh: %s:%.0f: %s\n", path, line, detail);
-    else if (!isnan(offset))
-        fprintf(stderr, "quadmesh: %s: byte %.0f: %s\n", path, offset, detail);
-    else
-        fprintf(stderr, "quadmesh: %s: %s\n", path, detail);
+    char place[PLACE_SIZE];
+    fprintf(stderr, "quadmesh: %s%s %s\n", path, format_place(line, offset, place), detail);
 }
 
 /** Reads to the end of the file, whose size is only expected: standard input may be a pipe. */
@@ -96,10 +117,30 @@ static uint8_t *read_file(const char *path, size_t *size, qm_problem *problem)
     return bytes;
 }
 
+/** Standard input, which comes once, and is asked for again by some commands: to align and then compare, or to hash. */
+static struct {
+    uint8_t *bytes;
+    size_t size;
+} input;
+
+uint8_t *cli_try_file(const char *path, size_t *size, qm_problem *problem)
+{
+    if (strcmp(path, "-") != 0) return read_file(path, size, problem);
+    if (!input.bytes) input.bytes = read_file(path, &input.size, problem);
+    if (!input.bytes) return NULL;
+    *size = input.size;
+    uint8_t *copy = malloc(input.size + 1);
+    if (copy)
+        memcpy(copy, input.bytes, input.size);
+    else
+        *problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "cannot be read: %s", strerror(ENOMEM));
+    return copy;
+}
+
 uint8_t *cli_read_file(const char *path, size_t *size, bool as_json)
 {
     qm_problem problem;
-    uint8_t *bytes = read_file(path, size, &problem);
+    uint8_t *bytes = cli_try_file(path, size, &problem);
     if (!bytes) cli_report(path, &problem, as_json);
     return bytes;
 }
@@ -122,7 +163,11 @@ void cli_report_unwritable(const char *path, bool as_json)
 
 bool cli_check_writable(const char *path, bool as_json)
 {
-    if (strcmp(path, "-") == 0 || access(path, W_OK) == 0) return true;
+    struct stat info;
+    if (strcmp(path, "-") == 0) return true;
+    bool is_folder = stat(path, &info) == 0 && S_ISDIR(info.st_mode);
+    if (!is_folder && access(path, W_OK) == 0) return true;
+    if (is_folder) errno = EISDIR;
     if (errno == ENOENT) {
         size_t size = (size_t)(cli_base_name(path) - path);
         char *folder = size > 0 ? strndup(path, size) : strdup(".");
@@ -130,6 +175,52 @@ bool cli_check_writable(const char *path, bool as_json)
         free(folder);
         if (is_writable) return true;
     }
+    cli_report_unwritable(path, as_json);
+    return false;
+}
+
+/** Standard output while what else is printed goes to standard error; NULL: it is as it was. */
+static FILE *document;
+
+bool cli_check_one_document(const char *const *paths, int count, bool as_json)
+{
+    int on_stdout = as_json;
+    for (int i = 0; i < count; i++)
+        on_stdout += paths[i] && strcmp(paths[i], "-") == 0;
+    if (on_stdout <= 1) return true;
+    fputs("quadmesh: standard output holds one document: give a file for the others\n", stderr);
+    return false;
+}
+
+int cli_settle_outputs(const char *const *paths, int count, bool as_json)
+{
+    bool has_file = false;
+    if (!cli_check_one_document(paths, count, as_json)) return EXIT_USAGE;
+    for (int i = 0; i < count; i++) {
+        if (!paths[i]) continue;
+        if (!cli_check_writable(paths[i], as_json)) return EXIT_BAD_INPUT;
+        has_file |= strcmp(paths[i], "-") == 0;
+    }
+    if (!has_file) return EXIT_OK;
+    int copy = dup(STDOUT_FILENO);
+    document = copy >= 0 ? fdopen(copy, "wb") : NULL;
+    if (document && dup2(STDERR_FILENO, STDOUT_FILENO) >= 0) return EXIT_OK;
+    cli_report_unwritable("-", as_json);
+    return EXIT_BAD_INPUT;
+}
+
+FILE *cli_open_output(const char *path, bool as_json)
+{
+    FILE *file = strcmp(path, "-") == 0 ? document : fopen(path, "wb");
+    if (!file) cli_report_unwritable(path, as_json);
+    return file;
+}
+
+bool cli_close_output(FILE *file, const char *path, bool as_json)
+{
+    bool is_written = !ferror(file);
+    if (file == document) document = NULL;
+    if (fclose(file) == 0 && is_written) return true;
     cli_report_unwritable(path, as_json);
     return false;
 }
@@ -177,7 +268,7 @@ void cli_get_transform(const qm_json *result, double transform[QM_TRANSFORM_SIZE
         transform[i] = transform_number(result, i);
 }
 
-bool cli_read_transform(const char *path, double transform[QM_TRANSFORM_SIZE], bool as_json)
+static bool read_transform(const char *path, double transform[QM_TRANSFORM_SIZE], bool as_json)
 {
     size_t size;
     uint8_t *bytes = cli_read_file(path, &size, as_json);
@@ -202,6 +293,13 @@ bool cli_read_transform(const char *path, double transform[QM_TRANSFORM_SIZE], b
     return status == QM_OK;
 }
 
+bool cli_read_pose(const char *path, qm_job_pose *pose, bool as_json)
+{
+    if (!read_transform(path, pose->transform, as_json)) return false;
+    pose->is_given = !qm_transform_is_identity(pose->transform);
+    return true;
+}
+
 /* ---- meshes ---- */
 
 qm_preparation cli_prepare(bool is_target, qm_quad_reading quads, int threads)
@@ -215,7 +313,7 @@ static bool load_mesh(qm_context *ctx, const char *path, const qm_preparation *p
 {
     size_t size;
     *out = (qm_loaded_mesh){0};
-    uint8_t *bytes = read_file(path, &size, problem);
+    uint8_t *bytes = cli_try_file(path, &size, problem);
     if (!bytes) return false;
     char *folder = strndup(path, (size_t)(cli_base_name(path) - path));
     const qm_codec_limits limits = {.max_vertices = QM_NO_INDEX - 1,
@@ -277,8 +375,7 @@ int cli_try_pair(qm_context *ctx, const char *const path[2], const qm_preparatio
     load_pair pair = {
         .ctx = ctx, .path = path, .preparation = {preparation[0], preparation[1]}, .mesh = mesh};
     mesh[0] = mesh[1] = (qm_loaded_mesh){0};
-    bool is_one_pipe = strcmp(path[0], "-") == 0 && strcmp(path[1], "-") == 0;
-    if (preparation[0].thread_count > 1 && !is_one_pipe) {
+    if (preparation[0].thread_count > 1) {
         share_threads(&pair);
         qm_context_parallel(ctx, 2, load_one, &pair);
     } else {

@@ -79,6 +79,21 @@ cli_job cli_job_make(qm_job_kind kind)
     return job;
 }
 
+bool cli_add_limit_bands(double limit_in, double limit_out, qm_job_request *request)
+{
+    if (isnan(limit_in) && isnan(limit_out)) return true;
+    double in = isnan(limit_in) ? INFINITY : limit_in, out = isnan(limit_out) ? INFINITY : limit_out;
+    if (request->sign == QM_SIGN_NONE) request->sign = QM_SIGN_OUTSIDE;
+    if (request->band_count + CLI_LIMIT_BANDS > QM_JOB_MAX_BANDS) return false;
+    /* Bands are of distances with the sign. */
+    bool is_turned = request->sign == QM_SIGN_INSIDE;
+    const double from = is_turned ? -out : -in, to = is_turned ? in : out;
+    if (isfinite(from)) request->bands[request->band_count++] = (qm_interval){-INFINITY, from};
+    request->bands[request->band_count++] = (qm_interval){from, to};
+    if (isfinite(to)) request->bands[request->band_count++] = (qm_interval){to, INFINITY};
+    return true;
+}
+
 static cli_bar make_bar(const cli_job *job, double diagonal)
 {
     bool is_absolute = job->request.tolerance_is_absolute || diagonal == 0.0;
@@ -192,6 +207,7 @@ static int keep_pose(const void *user, const cli_job *job, const cli_job_output 
     qm_job_pose *const *pose = user;
     qm_json *result = qm_json_parse(output->json);
     cli_get_transform(result, (*pose)->transform);
+    (*pose)->is_given = !qm_transform_is_identity((*pose)->transform);
     qm_json_free(result);
     return EXIT_OK;
 }
@@ -206,6 +222,7 @@ static int find_pose(const cli_job *job, qm_job_pose *pose)
     alignment.as_json = job->as_json;
     alignment.request.quads = job->request.quads;
     alignment.request.threads = job->request.threads;
+    memcpy(alignment.request.notes, job->request.notes, sizeof alignment.request.notes);
     return run_anywhere(&alignment, keep_pose, &pose);
 }
 
@@ -216,9 +233,8 @@ int cli_run_job(const cli_job *job, cli_finish_fn *finish, const void *user)
     int status = EXIT_OK;
     if (job->aligns)
         status = find_pose(job, pose);
-    else if (job->transform && !cli_read_transform(job->transform, pose->transform, job->as_json))
+    else if (job->transform && !cli_read_pose(job->transform, pose, job->as_json))
         status = EXIT_BAD_INPUT;
-    pose->is_given = job->aligns || job->transform;
     if (status == EXIT_OK) status = run_anywhere(&moved, finish, user);
     /* After an interrupt an input that could not be read is not to blame. */
     return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;

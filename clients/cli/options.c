@@ -25,40 +25,48 @@ static void format_name(const cli_option *option, char *out, size_t size)
              option->value ? option->value : "");
 }
 
-static void print_usage(FILE *file, const cli_command *command, const cli_option *options, size_t count)
+static void print_option(FILE *file, const cli_option *option, size_t width)
 {
     char name[48];
-    size_t width = 0;
+    format_name(option, name, sizeof name);
+    fprintf(file, "  %-*s  ", (int)width, name);
+    for (const char *c = option->help; *c; c++) {
+        fputc(*c, file);
+        if (*c == '\n') fprintf(file, "  %-*s  ", (int)width, "");
+    }
+    fputc('\n', file);
+}
+
+static void print_usage(FILE *file, const cli_command *command, const cli_option *options, size_t count)
+{
+    static const cli_option help = {.name = "help", .letter = 'h', .help = "this text"};
+    char name[48];
+    format_name(&help, name, sizeof name);
+    size_t width = strlen(name);
     for (size_t i = 0; i < count; i++) {
         format_name(&options[i], name, sizeof name);
         if (strlen(name) > width) width = strlen(name);
     }
-    fprintf(file, "usage: quadmesh %s %s\n\n%s", command->name, command->arguments, command->description);
-    for (size_t i = 0; i < count; i++) {
-        format_name(&options[i], name, sizeof name);
-        fprintf(file, "  %-*s  ", (int)width, name);
-        for (const char *c = options[i].help; *c; c++) {
-            fputc(*c, file);
-            if (*c == '\n') fprintf(file, "  %-*s  ", (int)width, "");
-        }
-        fputc('\n', file);
-    }
+    fprintf(file, "usage: quadmesh %s %s\n\n%s\n", command->name, command->arguments, command->description);
+    for (size_t i = 0; i < count; i++)
+        print_option(file, &options[i], width);
+    print_option(file, &help, width);
     fprintf(file, "\n%s\n", command->exit_status);
 }
 
 /* ---- values ---- */
 
-bool cli_read_unit(const char *text, void *request)
+bool cli_read_unit(const char *text, void *target)
 {
-    qm_notes *notes = ((qm_job_request *)request)->notes;
+    qm_notes *notes = target;
     if (qm_notes_set_unit(&notes[0], text) && qm_notes_set_unit(&notes[1], text)) return true;
     fprintf(stderr, "quadmesh: --unit takes " QM_NOTES_UNITS ", got \"%s\"\n", text);
     return false;
 }
 
-bool cli_read_uncertainty(const char *text, void *request)
+bool cli_read_uncertainty(const char *text, void *target)
 {
-    qm_notes *notes = ((qm_job_request *)request)->notes;
+    qm_notes *notes = target;
     char first[32];
     const char *comma = strchr(text, ',');
     snprintf(first, sizeof first, "%.*s", comma ? (int)(comma - text) : (int)strlen(text), text);
@@ -125,24 +133,69 @@ static bool read_value(const cli_option *option, const char *text)
 
 /* ---- arguments ---- */
 
-bool cli_read_options(const cli_command *command, const cli_option *options, size_t count, int argc,
-                      char **argv, const char **paths, int *status)
+/** What a wrong word is answered with: not the whole usage text, in which the message would be lost. */
+static void print_hint(const cli_command *command)
 {
-    QM_ASSERT(count <= CLI_MAX_OPTIONS);
-    struct option list[CLI_MAX_OPTIONS + 2] = {{0}};
-    char letters[2 * CLI_MAX_OPTIONS + 1] = "";
-    size_t length = 0;
+    fprintf(stderr, "usage: quadmesh %s %s\n`quadmesh %s --help` prints the options.\n", command->name,
+            command->arguments, command->name);
+}
+
+/** Lists the options that begin like this one, or says that none does. */
+static void complain_of_name(const cli_command *command, const struct option *list, const char *word)
+{
+    size_t length = strcspn(word, "="), found = 0;
+    for (const struct option *at = list; at->name; at++) {
+        if (strncmp(word, "--", 2) != 0 || strncmp(at->name, word + 2, length - 2) != 0) continue;
+        if (found++ == 0) fprintf(stderr, "quadmesh: %.*s is the beginning of", (int)length, word);
+        fprintf(stderr, " --%s", at->name);
+    }
+    if (found == 0) fprintf(stderr, "quadmesh: %s has no option %.*s", command->name, (int)length, word);
+    fputc('\n', stderr);
+}
+
+/** Says what is wrong with the word that getopt_long has stopped at. */
+static void complain(const cli_command *command, const struct option *list, bool is_missing, char **argv)
+{
+    const char *word = argv[optind - 1];
+    if (optopt >= FIRST_OPTION)
+        fprintf(stderr, "quadmesh: --%s takes %s\n", list[optopt - FIRST_OPTION].name,
+                is_missing ? "a value" : "no value");
+    else if (optopt && is_missing)
+        fprintf(stderr, "quadmesh: -%c takes a value\n", optopt);
+    else if (optopt)
+        fprintf(stderr, "quadmesh: %s has no option -%c\n", command->name, optopt);
+    else
+        complain_of_name(command, list, word);
+}
+
+/** Fills the tables of getopt_long. */
+static void list_options(const cli_option *options, size_t count, struct option *list, char *letters)
+{
+    *letters++ = ':';
     for (size_t i = 0; i < count; i++) {
         list[i] = (struct option){options[i].name, options[i].value ? required_argument : no_argument, NULL,
                                   FIRST_OPTION + (int)i};
         if (!options[i].letter) continue;
-        letters[length++] = options[i].letter;
-        if (options[i].value) letters[length++] = ':';
+        *letters++ = options[i].letter;
+        if (options[i].value) *letters++ = ':';
     }
-    list[count] = (struct option){"help", no_argument, NULL, FIRST_OPTION + (int)count};
+    *letters++ = 'h';
+    *letters = '\0';
+    list[count] = (struct option){"help", no_argument, NULL, 'h'};
+}
+
+/** Reads all options; false with the exit status. */
+static bool read_all(const cli_command *command, const cli_option *options, size_t count, int argc,
+                     char **argv, int *status)
+{
+    struct option list[CLI_MAX_OPTIONS + 2] = {{0}};
+    char letters[2 * CLI_MAX_OPTIONS + 3];
+    bool is_given[CLI_MAX_OPTIONS] = {false};
+    list_options(options, count, list, letters);
     *status = EXIT_USAGE;
+    opterr = 0;
     for (int option; (option = getopt_long(argc, argv, letters, list, NULL)) != -1;) {
-        if (option == FIRST_OPTION + (int)count) {
+        if (option == 'h') {
             *status = EXIT_OK;
             print_usage(stdout, command, options, count);
             return false;
@@ -150,19 +203,51 @@ bool cli_read_options(const cli_command *command, const cli_option *options, siz
         size_t index = option >= FIRST_OPTION ? (size_t)(option - FIRST_OPTION) : 0;
         while (option < FIRST_OPTION && index < count && options[index].letter != option)
             index++;
-        if (index == count || !read_value(&options[index], optarg)) {
-            print_usage(stderr, command, options, count);
-            return false;
-        }
+        bool is_known = index < count,
+             is_repeated = is_known && is_given[index] && !options[index].may_repeat;
+        if (!is_known)
+            complain(command, list, option == ':', argv);
+        else if (is_repeated)
+            fprintf(stderr, "quadmesh: --%s is given more than once\n", options[index].name);
+        if (!is_known || is_repeated || !read_value(&options[index], optarg)) return false;
+        is_given[index] = options[index].type != CLI_FLAG;
     }
-    int given = argc - optind, least = command->path_count - command->optional_paths;
+    return true;
+}
+
+/** Whether there are as many paths as the command takes, and all that it needs; false after a message. */
+static bool check_complete(const cli_command *command, const cli_option *options, size_t count, int given,
+                           char *const *paths)
+{
+    int least = command->path_count - command->optional_paths;
     int most = command->most_paths > 0 ? command->most_paths : command->path_count;
-    bool is_complete = given >= least && given <= most;
-    for (size_t i = 0; i < count; i++)
-        if (options[i].is_required && !*(const char **)options[i].target) is_complete = false;
-    if (!is_complete) {
-        fprintf(stderr, "quadmesh: %s takes %s\n\n", command->name, command->takes);
-        print_usage(stderr, command, options, count);
+    if (given < least || given > most) {
+        fprintf(stderr, "quadmesh: %s takes %s, got %d\n", command->name, command->takes, given);
+        return false;
+    }
+    int from_stdin = 0;
+    for (int i = 0; i < given; i++)
+        from_stdin += strcmp(paths[i], "-") == 0;
+    if (from_stdin > 1) {
+        fputs("quadmesh: standard input (-) is one file: give names for the others\n", stderr);
+        return false;
+    }
+    for (size_t i = 0; i < count; i++) {
+        if (!options[i].is_required || *(const char **)options[i].target) continue;
+        fprintf(stderr, "quadmesh: %s needs --%s %s\n", command->name, options[i].name, options[i].value);
+        return false;
+    }
+    return true;
+}
+
+bool cli_read_options(const cli_command *command, const cli_option *options, size_t count, int argc,
+                      char **argv, const char **paths, int *status)
+{
+    QM_ASSERT(count <= CLI_MAX_OPTIONS);
+    bool is_read = read_all(command, options, count, argc, argv, status);
+    int given = argc - optind;
+    if (!is_read || !check_complete(command, options, count, given, argv + optind)) {
+        if (*status == EXIT_USAGE) print_hint(command);
         return false;
     }
     for (int i = 0; i < given || i < command->path_count; i++)
@@ -196,6 +281,44 @@ bool cli_read_percentiles(const char *text, void *target)
     request->percentile_count = 0;
     return cli_read_list("percentiles", text, 0.0, 100.0, QM_JOB_MAX_PERCENTILES, request->percentiles,
                          &request->percentile_count);
+}
+
+/** Reads an end of a band up to a character: a number, or nothing for none. */
+static bool read_end(const char **text, double none, char stop, double *out)
+{
+    char *end = NULL;
+    *out = none;
+    if (**text != stop && **text != '\0') {
+        *out = strtod(*text, &end);
+        if (end == *text || !isfinite(*out)) return false;
+        *text = end;
+    }
+    return true;
+}
+
+bool cli_read_bands(const char *text, void *target)
+{
+    qm_job_request *request = target;
+    request->band_count = 0;
+    for (const char *at = text; request->band_count < QM_JOB_MAX_BANDS; at++) {
+        qm_interval *band = &request->bands[request->band_count];
+        if (!read_end(&at, -INFINITY, ':', &band->lower) || *at++ != ':') break;
+        if (!read_end(&at, INFINITY, ',', &band->upper) || !(band->lower <= band->upper)) break;
+        request->band_count++;
+        if (!*at) return true;
+        if (*at != ',') break;
+    }
+    fprintf(stderr,
+            "quadmesh: --bands takes up to %d ranges FROM:TO, ascending, separated by commas, as in "
+            "-0.1:0.2,0.2:; got "
+            "\"%s\"\n",
+            QM_JOB_MAX_BANDS, text);
+    return false;
+}
+
+void cli_settle_sign(qm_job_request *request)
+{
+    if (request->band_count > 0 && request->sign == QM_SIGN_NONE) request->sign = QM_SIGN_OUTSIDE;
 }
 
 int cli_count_threads(int given)

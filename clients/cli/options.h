@@ -13,8 +13,9 @@ typedef struct cli_command {
     const char *takes;              /* "two files" */
     int path_count, optional_paths; /* of path_count; those that are not given are NULL */
     int most_paths;                 /* of a command that takes more than path_count; 0: it does not */
-    const char *description;        /* of the usage text; "" for none */
-    const char *exit_status;        /* its last line */
+    const char
+        *description; /* of the usage text: what it is for, and which command is for what is near to it */
+    const char *exit_status; /* its last line */
     int (*run)(int argc, char **argv);
 } cli_command;
 
@@ -44,6 +45,7 @@ typedef struct cli_option {
     const char *const *choices;
     bool (*read)(const char *text, void *target); /* false after a message */
     bool is_required;                             /* a text */
+    bool may_repeat;                              /* it may be given several times */
 } cli_option;
 
 /** Options that several commands have. */
@@ -71,29 +73,29 @@ typedef struct cli_option {
     }
 #define CLI_OPTION_THREADS(address)                                                                          \
     {                                                                                                        \
-        .name = "threads", .value = "N", .type = CLI_INT, .min = 1, .max = QM_JOB_MAX_THREADS,               \
-        .target = (address), .help = "threads (default: one for each processor)"                             \
+        .name = "threads", .letter = 't', .value = "N", .type = CLI_INT, .min = 1,                           \
+        .max = QM_JOB_MAX_THREADS, .target = (address), .help = "threads (default: one for each processor)"  \
     }
-/** Of kinds about two meshes: what is known of both besides their files. */
-#define CLI_OPTIONS_NOTES(request)                                                                           \
-    {.name = "unit",                                                                                         \
-     .value = "U",                                                                                           \
-     .type = CLI_CUSTOM,                                                                                     \
-     .read = cli_read_unit,                                                                                  \
-     .target = (request),                                                                                    \
-     .help = "unit of both files, whatever they say: um, mm, cm, m, in or ft"},                              \
+/** Of two meshes: what is known of both besides their files, as qm_notes[2]. */
+#define CLI_OPTION_UNIT(notes)                                                                               \
+    {                                                                                                        \
+        .name = "unit", .value = "U", .type = CLI_CUSTOM, .read = cli_read_unit, .target = (notes),          \
+        .help = "unit of both files, whatever they say: um, mm, cm, m, in or ft"                             \
+    }
+#define CLI_OPTIONS_NOTES(notes)                                                                             \
+    CLI_OPTION_UNIT(notes),                                                                                  \
     {                                                                                                        \
         .name = "uncertainty", .value = "X[,Y]", .type = CLI_CUSTOM, .read = cli_read_uncertainty,           \
-        .target = (request),                                                                                 \
+        .target = (notes),                                                                                   \
         .help = "the true surfaces are within X of both files, or within X of A and Y of B:\n"               \
                 "also bounds that hold for these"                                                            \
     }
-bool cli_read_unit(const char *text, void *request);
-bool cli_read_uncertainty(const char *text, void *request);
+bool cli_read_unit(const char *text, void *notes);
+bool cli_read_uncertainty(const char *text, void *notes);
 
 #define CLI_OPTION_JSON(address)                                                                             \
     {                                                                                                        \
-        .name = "json", .type = CLI_FLAG, .target = (address),                                               \
+        .name = "json", .letter = 'j', .type = CLI_FLAG, .target = (address),                                \
         .help = "the result object of the API on standard output"                                            \
     }
 #define CLI_OPTION_PROGRESS(address)                                                                         \
@@ -101,10 +103,10 @@ bool cli_read_uncertainty(const char *text, void *request);
         .name = "progress", .type = CLI_FLAG, .target = (address),                                           \
         .help = "lines of progress on standard error even if it is not a terminal"                           \
     }
-#define CLI_OPTION_TRANSFORM(address)                                                                        \
+#define CLI_OPTION_TRANSFORM(address, mesh)                                                                  \
     {                                                                                                        \
         .name = "transform", .value = "FILE", .type = CLI_TEXT, .target = (address),                         \
-        .help = "moves A by the transform in this file, as align --json writes it"                           \
+        .help = "moves " mesh " by the transform in this file, as align --json writes it"                    \
     }
 #define CLI_OPTION_ALIGN(address)                                                                            \
     {                                                                                                        \
@@ -134,6 +136,25 @@ bool cli_read_uncertainty(const char *text, void *request);
         .name = "percentiles", .value = "L", .type = CLI_CUSTOM, .read = cli_read_percentiles,               \
         .target = (request), .help = "numbers separated by commas (default " list ")"                        \
     }
+
+/** Of two options: which distances are positive, and shares in bands of them. cli_settle_sign goes after the parser. */
+#define CLI_OPTIONS_SIGN(request)                                                                            \
+    {.name = "sign",                                                                                         \
+     .value = "S",                                                                                           \
+     .type = CLI_CHOICE,                                                                                     \
+     .choices = qm_sign_names,                                                                               \
+     .target = &(request)->sign,                                                                             \
+     .help = "outside, inside: distances of that side of B, which is proven closed, are positive;\n"         \
+             "normal: those where B's normals point to, not proven; none (default)"},                        \
+    {                                                                                                        \
+        .name = "bands", .value = "L", .type = CLI_CUSTOM, .read = cli_read_bands, .target = (request),      \
+        .help = "the share in each of these ranges of signed distances FROM:TO, as in -0.1:0.2,0.2:,\n"      \
+                "where an end that is left out is none; --sign is outside if it is not given"                \
+    }
+bool cli_read_bands(const char *text, void *request);
+
+/** Bands are of signed distances: outside is positive unless something else was given. */
+void cli_settle_sign(qm_job_request *request);
 
 #define CLI_MAX_OPTIONS 28
 

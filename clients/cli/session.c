@@ -72,8 +72,9 @@ struct cli_session {
     char job[256]; /* path of the job, "" before its Location is known */
     bool is_canceled;
     cli_bar bar;
-    char *result;  /* the result object as the daemon wrote it */
-    char *problem; /* the problem document as the daemon wrote it */
+    char *result;     /* the result object as the daemon wrote it */
+    char *problem;    /* the problem document as the daemon wrote it */
+    qm_problem *kept; /* receives problems instead of a report; NULL: none */
 };
 
 cli_session *cli_session_open(const char *server, bool as_json)
@@ -108,6 +109,20 @@ void cli_session_close(cli_session *session)
 const char *cli_session_job_path(const cli_session *session)
 {
     return session->job;
+}
+
+void cli_session_keep_problems(cli_session *session, qm_problem *out)
+{
+    session->kept = out;
+}
+
+/** Reports a problem, or keeps it. */
+static void tell(const cli_session *session, const char *path, const qm_problem *problem)
+{
+    if (session->kept)
+        *session->kept = *problem;
+    else
+        cli_report(path, problem, session->as_json);
 }
 
 /* ---- responses ---- */
@@ -214,7 +229,7 @@ static void report_transfer(const cli_session *session, const char *url, CURLcod
     bool is_interrupted = code == CURLE_ABORTED_BY_CALLBACK;
     qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s",
                                          is_interrupted ? "interrupted" : session->curl->easy_strerror(code));
-    cli_report(url, &problem, session->as_json);
+    tell(session, url, &problem);
 }
 
 /** Posts bytes, or gets if they are NULL; returns the HTTP status, or 0 after a report. */
@@ -259,22 +274,28 @@ static void report_response(const cli_session *session, const char *path, long s
                                          is_cut ? "the stream ended without a result"
                                                 : "the response, with status %ld, is not from quadmeshd",
                                          status);
-    cli_report(path, &problem, session->as_json);
+    tell(session, path, &problem);
 }
 
 /** Reports a problem document as cli_report does a problem. */
 static void report_document(const cli_session *session, const char *path, const char *document, long status)
 {
-    qm_json *problem = document ? qm_json_parse(document) : NULL;
-    const char *detail = qm_json_get_string(problem, "detail");
-    if (!detail)
+    qm_json *json = document ? qm_json_parse(document) : NULL;
+    const char *detail = qm_json_get_string(json, "detail");
+    if (!detail) {
         report_response(session, path, status);
-    else if (session->as_json)
+    } else if (session->as_json && !session->kept) {
         puts(document);
-    else
-        cli_print_problem(path, qm_json_get_number(problem, "errors.line"),
-                          qm_json_get_number(problem, "errors.offset"), detail);
-    qm_json_free(problem);
+    } else {
+        qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s", detail);
+        double line = qm_json_get_number(json, "errors.0.line"),
+               offset = qm_json_get_number(json, "errors.0.offset");
+        problem.error_count = line >= 0.0 || offset >= 0.0;
+        problem.errors[0].line = line >= 0.0 ? (size_t)line : QM_NO_LOCATION;
+        problem.errors[0].offset = offset >= 0.0 ? (size_t)offset : QM_NO_LOCATION;
+        tell(session, path, &problem);
+    }
+    qm_json_free(json);
 }
 
 /* ---- what a session offers ---- */
@@ -283,8 +304,12 @@ bool cli_session_upload(cli_session *session, const char *path, const qm_notes *
                         double *diagonal)
 {
     size_t size;
-    uint8_t *bytes = cli_read_file(path, &size, session->as_json);
-    if (!bytes) return false;
+    qm_problem problem;
+    uint8_t *bytes = cli_try_file(path, &size, &problem);
+    if (!bytes) {
+        tell(session, path, &problem);
+        return false;
+    }
     char target[1024];
     char *name = session->curl->easy_escape(session->handle, cli_base_name(path), 0);
     size_t used = (size_t)snprintf(target, sizeof target, "/v1/meshes?name=%.900s", name ? name : "");
@@ -364,4 +389,22 @@ bool cli_session_fetch_numbers(cli_session *session, const char *server, double 
     fclose(file);
     if (is_read) qm_text_swap_bytes(*numbers, *count);
     return is_read;
+}
+
+bool cli_session_fetch_report(cli_session *session, double limit, double range, qm_text *out)
+{
+    char path[400], number[QM_NUMBER_SIZE], *bytes = NULL;
+    size_t size = 0;
+    int used = snprintf(path, sizeof path, "%s/report?", cli_session_job_path(session));
+    if (!isnan(limit))
+        used += snprintf(path + used, sizeof path - (size_t)used, "limit=%s&", qm_text_number(limit, number));
+    if (!isnan(range))
+        used += snprintf(path + used, sizeof path - (size_t)used, "range=%s&", qm_text_number(range, number));
+    path[used - 1] = '\0';
+    FILE *file = open_memstream(&bytes, &size);
+    bool is_fetched = file && cli_session_fetch(session, path, NULL, 0, "text/html", session->server, file);
+    if (file && fclose(file) != 0) is_fetched = false;
+    if (is_fetched) qm_text_add(out, bytes, size);
+    free(bytes);
+    return is_fetched && !out->failed;
 }

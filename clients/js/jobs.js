@@ -167,6 +167,16 @@ export class Jobs {
   }
 
   /**
+   * A heat map as a binary PLY file.
+   * @param {string} id
+   * @param {Options} [options]
+   * @returns {Promise<ArrayBuffer>}
+   */
+  heatmapFile(id, { signal } = {}) {
+    return this.transport.bytes(`${pathOf(id)}/result`, { query: { format: "ply" }, signal });
+  }
+
+  /**
    * The triangles of a heat map, fourteen numbers each: x, y, z and distance of each corner, the face, the error.
    * @param {string} id
    * @param {Options} [options]

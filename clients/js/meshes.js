@@ -157,13 +157,14 @@ export class Meshes {
    * The nearest points of the mesh, as rows of FOOT_WIDTH numbers in the order of the input.
    * @param {string} id
    * @param {Float64Array<ArrayBuffer> | Float32Array<ArrayBuffer>} points rows of x, y, z
-   * @param {{ quads?: QuadReading, threads?: number, accelerator?: Accelerator, signal?: AbortSignal }} [options]
+   * @param {{ quads?: QuadReading, threads?: number, accelerator?: Accelerator, transform?: Transform, signal?: AbortSignal }} [options]
+   *   the transform moves the mesh before
    * @returns {AsyncGenerator<Float64Array, void>} whole rows, some at a time
    */
-  async *project(id, points, { signal, ...options } = {}) {
+  async *project(id, points, { signal, transform, ...options } = {}) {
     const dtype = points instanceof Float32Array ? "f32" : "f64";
     const response = await this.transport.send(`${pathOf(id)}/project`, {
-      method: "POST", query: { dtype, ...options }, body: points, signal,
+      method: "POST", query: { dtype, transform: transform?.join(","), ...options }, body: points, signal,
       headers: { "Content-Type": "application/octet-stream", Accept: "application/octet-stream" },
     });
     yield* readRows(response, FOOT_WIDTH, signal);

@@ -14,10 +14,10 @@
 #include "handlers.h"
 #include "job/json_in.h"
 #include "media.h"
+#include "ops/heatmap_ply.h"
 #include "ops/json_out.h"
 #include "store/result_file.h"
 
-#define BLOCK (2 * QM_RESULT_BLOCK) /* numbers: complete records */
 #define MAX_WAIT_S 600.0
 #define MS_PER_S 1e3
 /* The largest number that clients with doubles read exactly. */
@@ -269,7 +269,9 @@ typedef struct array_reply {
     const qm_job_array *array;
     qm_array_format rows;
     char *result;
-    uint64_t count, done; /* numbers */
+    uint64_t count, done; /* numbers; of PLY those of both passes are done */
+    size_t block;         /* numbers at a time: complete records, and complete blocks of the file */
+    double numbers[];
 } array_reply;
 
 static void end_array(void *user)
@@ -280,15 +282,45 @@ static void end_array(void *user)
     free(s);
 }
 
+/** Reads the block that begins at a number, and sets how many it has; false with a problem. */
+static bool read_numbers(array_reply *s, uint64_t first, size_t *count, qm_problem *problem)
+{
+    *count = s->count - first < s->block ? (size_t)(s->count - first) : s->block;
+    if (qm_result_file_read(s->file, first, s->numbers, *count) == QM_OK) return true;
+    *problem = note_damage(s->store, s->id);
+    return false;
+}
+
+static double find_error(const char *result)
+{
+    qm_json *json = qm_json_parse(result);
+    double error = qm_json_get_number(json, "error");
+    qm_json_free(json);
+    return error;
+}
+
+/** A heat map as PLY: one pass over the triangles for their corners, and one for their faces. */
+static qm_block next_ply_block(void *user, qm_text *out, qm_problem *problem)
+{
+    array_reply *s = user;
+    bool is_second = s->done >= s->count;
+    uint64_t first = is_second ? s->done - s->count : s->done;
+    size_t count;
+    if (!read_numbers(s, first, &count, problem)) return QM_BLOCK_FAILED;
+    if (s->done == 0) qm_heatmap_ply_begin(out, s->count / QM_HEATMAP_COLUMNS, find_error(s->result));
+    if (is_second)
+        qm_heatmap_ply_add_faces(out, s->numbers, first / QM_HEATMAP_COLUMNS, count / QM_HEATMAP_COLUMNS);
+    else
+        qm_heatmap_ply_add_corners(out, s->numbers, count / QM_HEATMAP_COLUMNS);
+    s->done += count;
+    return s->done < 2 * s->count ? QM_BLOCK_MORE : QM_BLOCK_LAST;
+}
+
 static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
 {
     array_reply *s = user;
-    double numbers[BLOCK];
-    size_t count = s->count - s->done < BLOCK ? (size_t)(s->count - s->done) : BLOCK;
-    if (qm_result_file_read(s->file, s->done, numbers, count) != QM_OK) {
-        *problem = note_damage(s->store, s->id);
-        return QM_BLOCK_FAILED;
-    }
+    size_t count;
+    if (!read_numbers(s, s->done, &count, problem)) return QM_BLOCK_FAILED;
     if (s->done == 0 && s->rows == QM_ARRAY_CSV) qm_text_printf(out, "%s\n", s->array->header);
     if (s->done == 0 && s->rows == QM_ARRAY_JSON) {
         qm_text_add_string(out, "{");
@@ -296,16 +328,23 @@ static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
         qm_json_open(out, s->array->member, "[");
     }
     int columns = s->array->columns;
-    qm_text_add_array(out, s->rows, columns, s->done / (size_t)columns, numbers, count);
+    qm_text_add_array(out, s->rows, columns, s->done / (size_t)columns, s->numbers, count);
     s->done += count;
     if (s->done < s->count) return QM_BLOCK_MORE;
     if (s->rows == QM_ARRAY_JSON) qm_text_add_string(out, "]}");
     return QM_BLOCK_LAST;
 }
 
+static bool is_ply(const qm_request *request)
+{
+    return strcmp(qm_request_media(request), QM_MEDIA_PLY) == 0;
+}
+
 static void reply_array(qm_request *request, const qm_job_array *array, qm_result_file *file, char *result)
 {
-    array_reply *s = malloc(sizeof *s);
+    const size_t columns = (size_t)array->columns;
+    const size_t block = QM_RESULT_BLOCK * (columns % 2 == 0 ? columns / 2 : columns);
+    array_reply *s = malloc(sizeof *s + block * sizeof *s->numbers);
     if (!s) {
         qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reply");
         qm_result_file_close(file);
@@ -318,11 +357,12 @@ static void reply_array(qm_request *request, const qm_job_array *array, qm_resul
                        .array = array,
                        .rows = qm_request_rows(request),
                        .result = result,
-                       .count = qm_result_file_count(file)};
+                       .count = qm_result_file_count(file),
+                       .block = block};
     snprintf(s->id, sizeof s->id, "%s", qm_request_id(request));
     uint64_t size = s->rows == QM_ARRAY_BINARY ? s->count * sizeof(double) : QM_SIZE_UNKNOWN;
     qm_reply_blocks(request, 200, qm_request_media(request), size,
-                    (qm_block_source){next_block, end_array, s});
+                    (qm_block_source){is_ply(request) ? next_ply_block : next_block, end_array, s});
 }
 
 /** The array of a job's kind, which the document of an ended job names. */
@@ -342,8 +382,8 @@ static const qm_job_array *find_array(qm_jobs *jobs, qm_job *job)
 /** Reads ?format=, which goes before the Accept header. */
 static bool read_result_format(qm_request *request)
 {
-    static const char *const names[] = {"json", "binary", "csv", NULL};
-    static const char *const media[] = {QM_MEDIA_JSON, QM_MEDIA_BINARY, QM_MEDIA_CSV};
+    static const char *const names[] = {"json", "binary", "csv", "ply", NULL};
+    static const char *const media[] = {QM_MEDIA_JSON, QM_MEDIA_BINARY, QM_MEDIA_CSV, QM_MEDIA_PLY};
     int format;
     if (!qm_request_choice(request, "format", names, &format)) return false;
     if (qm_request_query(request, "format")) qm_request_set_media(request, media[format]);
@@ -366,6 +406,12 @@ void qm_handle_job_result(qm_request *request)
     qm_jobs_release(app->jobs, job);
     if (!result) {
         problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job has no result");
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    if (is_ply(request) && array != qm_job_array_of(QM_JOB_HEATMAP)) {
+        free(result);
+        problem = qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE, "of all results only heat maps come as PLY");
         qm_reply_problem(request, &problem);
         return;
     }

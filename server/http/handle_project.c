@@ -6,6 +6,7 @@
  * projects and writes its own points.
  */
 #include <endian.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -20,6 +21,7 @@ typedef enum number_type { F64, F32 } number_type;
 typedef struct projection_task {
     qm_meshes *meshes;
     qm_mesh_ref *mesh;
+    qm_job_pose pose; /* where the mesh lies */
     qm_accelerator accelerator;
     qm_locator locator;
     qm_blob_writer *upload;
@@ -165,6 +167,34 @@ static bool read_threads(qm_request *request, int *out)
     return false;
 }
 
+/** Reads the transform that moves the mesh: 16 numbers, separated by commas; false after a problem was the reply. */
+static bool read_pose(qm_request *request, qm_job_pose *out)
+{
+    const char *given = qm_request_query(request, "transform");
+    if (!given) return true;
+    int count = 0;
+    char *end = NULL;
+    for (const char *at = given; count < QM_TRANSFORM_SIZE; at = end + 1) {
+        out->transform[count] = strtod(at, &end);
+        if (end == at || !isfinite(out->transform[count])) break;
+        count++;
+        if (*end != ',') break;
+    }
+    qm_context ctx = qm_context_make();
+    bool is_read = count == QM_TRANSFORM_SIZE && !*end;
+    if (is_read && qm_transform_check(&ctx, out->transform) == QM_OK) {
+        out->is_given = !qm_transform_is_identity(out->transform);
+        return true;
+    }
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                        "`transform` must be 16 finite numbers, the columns of a 4 x 4 matrix "
+                        "that moves a mesh, separated by commas%s%.100s",
+                        is_read ? ": " : "", is_read ? ctx.message : "");
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
 static bool read_parameters(qm_request *request, projection_task *p)
 {
     static const char *const types[] = {"f64", "f32", NULL}, *const orders[] = {"input", NULL};
@@ -173,7 +203,7 @@ static bool read_parameters(qm_request *request, projection_task *p)
         !qm_request_choice(request, "quads", qm_quads_names, &reading) ||
         !qm_request_choice(request, "order", orders, &order) ||
         !qm_request_choice(request, "accelerator", qm_accelerator_names, &accelerator) ||
-        !read_threads(request, &p->threads))
+        !read_threads(request, &p->threads) || !read_pose(request, &p->pose))
         return false;
     p->type = type == 1 ? F32 : F64;
     p->accelerator = (qm_accelerator)accelerator;
@@ -217,7 +247,10 @@ void qm_handle_mesh_project(qm_request *request)
         return;
     }
     *p = made;
-    p->mesh = qm_meshes_acquire(app->meshes, qm_request_id(request), &problem);
+    qm_notes notes;
+    const char *id = qm_request_id(request);
+    p->mesh = p->pose.is_given ? qm_meshes_acquire_moved(app->meshes, id, p->pose.transform, &notes, &problem)
+                               : qm_meshes_acquire(app->meshes, id, &problem);
     if (!p->mesh || !take_points(request, p, &problem) || !build_locator(p, &problem)) {
         end_projecting(p);
         qm_reply_problem(request, &problem);

@@ -69,6 +69,7 @@ void qm_request_client(const qm_request *request, char out[QM_CLIENT_SIZE]);
 #define QM_MEDIA_TEXT "text/plain"
 #define QM_MEDIA_BINARY "application/octet-stream"
 #define QM_MEDIA_CSV "text/csv"
+#define QM_MEDIA_PLY "application/x-ply"
 #define QM_MEDIA_NDJSON "application/x-ndjson"
 #define QM_MEDIA_SSE "text/event-stream"
 const char *qm_request_media(const qm_request *request);

@@ -19,6 +19,7 @@ static const char *const files[] = {
 static const char *const rows[] = {QM_MEDIA_BINARY, QM_MEDIA_CSV, QM_MEDIA_JSON, NULL};
 static const char *const pages[] = {"text/html", NULL};
 static const char *const object_or_rows[] = {QM_MEDIA_JSON, QM_MEDIA_BINARY, QM_MEDIA_CSV, NULL};
+static const char *const results[] = {QM_MEDIA_JSON, QM_MEDIA_BINARY, QM_MEDIA_CSV, QM_MEDIA_PLY, NULL};
 static const char *const events[] = {QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
 static const char *const lines[] = {QM_MEDIA_NDJSON, NULL};
 static const char *const job_or_events[] = {"application/json", QM_MEDIA_NDJSON, QM_MEDIA_SSE, QM_MEDIA_TEXT,
@@ -36,7 +37,8 @@ static const char *const format_query[] = {"format", NULL};
 static const char *const content_query[] = {"format", "quantization", NULL};
 static const char *const quality_query[] = {"metric", NULL};
 static const char *const rows_query[] = {"dtype", NULL};
-static const char *const project_query[] = {"dtype", "quads", "order", "threads", "accelerator", NULL};
+static const char *const project_query[] = {"dtype",       "quads",     "order", "threads",
+                                            "accelerator", "transform", NULL};
 static const char *const delete_query[] = {"job", NULL};
 static const char *const report_query[] = {"limit", "range", NULL};
 static const char *const events_query[] = {"after", NULL};
@@ -79,8 +81,8 @@ static const qm_route routes[] = {
      delete_query},
     {"GET", "/v1/jobs/{id}/events", QM_SCOPE_READ, qm_handle_job_events, events, QM_BODY_NONE, QM_LANE_SHORT,
      events_query},
-    {"GET", "/v1/jobs/{id}/result", QM_SCOPE_READ, qm_handle_job_result, object_or_rows, QM_BODY_NONE,
-     QM_LANE_SHORT, format_query},
+    {"GET", "/v1/jobs/{id}/result", QM_SCOPE_READ, qm_handle_job_result, results, QM_BODY_NONE, QM_LANE_SHORT,
+     format_query},
     {"GET", "/v1/jobs/{id}/report", QM_SCOPE_READ, qm_handle_job_report, pages, QM_BODY_NONE, QM_LANE_DECODE,
      report_query},
     {"POST", "/v1/layouts", QM_SCOPE_WRITE, qm_handle_layout_create, json, QM_BODY_MEMORY, QM_LANE_EDIT,

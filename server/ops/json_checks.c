@@ -9,7 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "job_kinds.h"
 #include "json_request.h"
 
 #define LOCATION_SIZE 48
@@ -75,6 +74,47 @@ static bool read_choice(const cJSON *value, const char *const *names, void *out)
     return index >= 0;
 }
 
+/** One number for both meshes, or one for each. */
+static bool read_uncertainties(const cJSON *value, qm_notes notes[2])
+{
+    double number[2];
+    bool is_read = cJSON_IsArray(value) ? qm_json_read_numbers(value, 2, number)
+                                        : qm_json_read_number(value, &number[0]);
+    if (!cJSON_IsArray(value)) number[1] = number[0];
+    if (!is_read || number[0] < 0.0 || number[1] < 0.0) return false;
+    for (int side = 0; side < 2; side++)
+        notes[side].uncertainty = number[side];
+    return true;
+}
+
+static bool read_unit(const cJSON *value, qm_notes notes[2])
+{
+    const char *name = cJSON_GetStringValue(value);
+    return name && qm_notes_set_unit(&notes[0], name) && qm_notes_set_unit(&notes[1], name);
+}
+
+static bool read_pose(const cJSON *value, qm_job_pose *pose)
+{
+    qm_json_location at = {0};
+    if (!qm_json_read_transform(value, pose->transform, &at)) return false;
+    pose->is_given = !qm_transform_is_identity(pose->transform);
+    return true;
+}
+
+/** Reads what is said of the meshes, as read_rule does. */
+static const char *read_note(const cJSON *member, qm_check_rule *rule, bool *is_known)
+{
+    const char *name = member->string;
+    *is_known = true;
+    if (strcmp(name, "uncertainty") == 0)
+        return read_uncertainties(member, rule->notes) ? NULL : "must be one or two numbers of 0 or more";
+    if (strcmp(name, "unit") == 0) return read_unit(member, rule->notes) ? NULL : "must be " QM_NOTES_UNITS;
+    *is_known = strcmp(name, "transform") == 0;
+    return !*is_known || read_pose(member, &rule->pose)
+               ? NULL
+               : "must be 16 numbers, the columns of a 4 x 4 matrix that moves a mesh";
+}
+
 /** Reads a member of a rule. Returns NULL, or what the value must be; *is_known is false for another member. */
 static const char *read_rule(const cJSON *member, qm_check_rule *rule, bool *is_known)
 {
@@ -99,8 +139,7 @@ static const char *read_rule(const cJSON *member, qm_check_rule *rule, bool *is_
         return read_choice(member, qm_quads_names, &rule->quads) ? NULL
                                                                  : "must be \"triangles\" or \"bilinear\"";
     bool is_self = strcmp(name, "self_collides") == 0;
-    *is_known = is_self || strcmp(name, "collides") == 0;
-    if (!*is_known) return NULL;
+    if (!is_self && strcmp(name, "collides") != 0) return read_note(member, rule, is_known);
     return read_choice(member, qm_check_meeting_names, is_self ? &rule->self_collides : &rule->collides)
                ? NULL
                : "must be \"any\", \"no\" or \"yes\"";

@@ -9,8 +9,7 @@
 #ifndef QM_JSON_CHECKS_H
 #define QM_JSON_CHECKS_H
 
-#include "problem.h"
-#include "qm/hausdorff.h"
+#include "job_kinds.h"
 
 /** Whether surfaces should meet. */
 typedef enum qm_check_meeting {
@@ -30,6 +29,8 @@ typedef struct qm_check_rule {
     qm_quad_reading quads;
     qm_check_meeting collides;      /* the pair */
     qm_check_meeting self_collides; /* the new mesh with itself */
+    qm_job_pose pose;               /* of the new mesh */
+    qm_notes notes[2]; /* of the new mesh, and of the golden one; what is unset is as their files say */
 } qm_check_rule;
 
 /** Whether a rule asks for anything, and for anything that needs the sides of the golden mesh. */

@@ -303,6 +303,7 @@ static bool add_direction(qm_report_writer *w, int side)
         "places.</p>\n");
     if (!qm_report_add_six_sides(w, side)) return false;
     qm_report_add_charts(w, side);
+    qm_report_add_sides(w, side);
     if (!qm_report_add_places(w, side) || !qm_report_add_regions(w, side)) return false;
     qm_text_add_string(w->out, "</section>\n");
     return true;

@@ -79,12 +79,20 @@ void qm_report_add_charts(qm_report_writer *w, int side);
 /** The pictures of a mesh from six sides, with its worst places. False with a problem. */
 bool qm_report_add_six_sides(qm_report_writer *w, int side);
 
+/** A cell of a table: the face and the point at an end ("from" or "to") of the witness of that path. */
+void qm_report_add_point(qm_report_writer *w, const char *place, const char *end);
+
 /** The table of the worst places, with a picture of each of the first ones. False with a problem. */
 bool qm_report_add_places(qm_report_writer *w, int side);
 
 /** The table of the parts of a mesh that are beyond the limit, with a picture of each of the first ones; nothing where they
  * were not asked for. False with a problem. */
 bool qm_report_add_regions(qm_report_writer *w, int side);
+
+/* ---- report_sides.c ---- */
+
+/** The signed figures and bands of a mesh, or why it has none; nothing where no sign was asked for. */
+void qm_report_add_sides(qm_report_writer *w, int side);
 
 /* ---- report_style.c ---- */
 

@@ -215,7 +215,7 @@ static bool add_near(qm_report_writer *w, int side, int number, const char *plac
     return good;
 }
 
-static void add_place_point(qm_report_writer *w, const char *place, const char *end)
+void qm_report_add_point(qm_report_writer *w, const char *place, const char *end)
 {
     double point[3];
     find_point(w, place, end, point);
@@ -233,8 +233,8 @@ static void add_place_row(qm_report_writer *w, int side, int i, const char *plac
     if (isnan(distance.lower)) distance = qm_report_find(w, "%s.hausdorff", qm_report_side_names[side]);
     qm_text_printf(w->out, "<tr><th scope=\"row\">%d</th>", i + 1);
     qm_report_add_cell(w, distance, false);
-    add_place_point(w, place, "from");
-    add_place_point(w, place, "to");
+    qm_report_add_point(w, place, "from");
+    qm_report_add_point(w, place, "to");
     qm_text_add_string(w->out, "</tr>\n");
 }
 

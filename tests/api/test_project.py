@@ -378,3 +378,28 @@ def test_a_stop_cuts_the_stream(make_daemon):
             assert daemon.stop() == 0
             with pytest.raises(httpx.RemoteProtocolError):
                 reply.read()
+
+
+# ---- a mesh that is moved ----
+
+
+def test_a_mesh_that_is_moved(client, square):
+    """A quarter turn about z and a shift: the same as the job of the posed mesh, and as a copy of it."""
+    transform = [0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 5, 0, 0.5, 1]
+    points = cloud(300, 7)
+    text = ",".join(map(repr, map(float, transform)))
+    found = rows(project(client, square, floats(points), params={"transform": text}))
+    job = ask(client, {"mesh": square, "transform": transform}, [list(point) for point in points])
+    assert found == [as_row(foot) for foot in job["result"]["points"]]
+    copy = client.post(f"/v1/meshes/{square}/copies", json={"transform": transform}).json()["id"]
+    assert found == rows(project(client, copy, floats(points))) != rows(project(client, square, floats(points)))
+    identity = ",".join(str(int(i % 5 == 0)) for i in range(16))
+    assert rows(project(client, square, floats(points), params={"transform": identity})) == rows(project(client, square, floats(points)))
+
+
+@pytest.mark.parametrize("transform", ["", "1", "1," * 16, ",".join(["0"] * 16), ",".join(["1"] * 17), ",".join(["nan"] * 16),
+                                       "1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1x", "1,0,0,0,0,1,0,0,0,0,1,0,1e999,0,0,1",
+                                       "1,0,0,1,0,1,0,0,0,0,1,0,0,0,0,1"])
+def test_transforms_that_move_nothing_well(client, square, transform):
+    problem = check_problem(project(client, square, floats([(0, 0, 0)]), params={"transform": transform}), 400, "invalid_parameter")
+    assert "transform" in problem["detail"]

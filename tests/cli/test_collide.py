@@ -105,3 +105,14 @@ def test_a_clearance(quadmesh, square, raised, where):
     assert "verdict  above the limit" in quadmesh("distance", square, raised, "--limit", "0.5", *where).stdout
     done = quadmesh("distance", square, raised, "--limit", "1.5", *where)
     assert done.returncode == 1 and "verdict  below the limit" in done.stdout
+
+
+def test_a_mesh_that_is_moved_meets_itself_there(quadmesh, tmp_path, where):
+    (tmp_path / "fold.obj").write_text("v 0 0 0\nv 2 0 0\nv 0 2 0\nv 1 1 -1\nv 1 1 1\nv 0.5 0.1 1\nf 1 2 3\nf 4 5 6\n")
+    (tmp_path / "pose.json").write_text("[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,10,1]")
+    here = json.loads(quadmesh("self-collide", "fold.obj", "--json", *where).stdout)
+    done = quadmesh("self-collide", "fold.obj", "--json", "--transform", "pose.json", *where)
+    moved = json.loads(done.stdout)
+    assert done.returncode == 1 and moved["count"] == here["count"] == 1
+    for before, after in zip(here["pairs"][0]["points"], moved["pairs"][0]["points"], strict=True):
+        assert after == pytest.approx([before[0], before[1], before[2] + 10])

@@ -83,7 +83,31 @@ def test_limits_of_one_side(quadmesh, tmp_path, where):
     assert done.returncode == 2 and "--regions takes --limit" in done.stderr
 
 
+def test_bands(quadmesh, tmp_path, where):
+    """All of the smaller cube is inside of the larger by a quarter, and all of the larger one outside of it by that or more."""
+    a, b = write_box(tmp_path / "a.obj", 0.75), write_box(tmp_path / "b.obj", 1.0)
+    bands = ["-0.3:-0.2", ":-0.3", "-0.2:", "0.2:0.5", ":"]
+    done = quadmesh("compare", a, b, "--bands", ",".join(bands), "--json", *where)
+    result = json.loads(done.stdout)
+    assert done.returncode == 0 and result["a_to_b"]["signed"]["sign"] == "outside"
+    for side, shares in (("a_to_b", (1, 0, 0, 0, 1)), ("b_to_a", (0, 0, 1, 1, 1))):
+        for band, share in zip(result[side]["signed"]["bands"], shares, strict=True):
+            assert band["lower"] <= share <= band["upper"] <= band["lower"] + 1e-3, (side, band)
+    done = quadmesh("compare", a, b, "--bands", ",".join(bands), "--limit-in", "0.3", *where)
+    lines = done.stdout.splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("  in the band"))
+    assert [line[2:14].strip() for line in lines[at + 1:at + 9]] == [
+        "-0.3 to -0.2", "", "below -0.3", "above -0.2", "0.2 to 0.5", "all", "below -0.3", "above -0.3"]
+    assert all(len(line) <= 80 and line == line.rstrip() for line in lines[2:])
+    done = quadmesh("deviation", a, b, "--bands=-0.3:-0.2", *where)
+    assert done.returncode == 0 and "from -0.3 to -0.2: 99.99" in done.stdout
+    done = quadmesh("compare", a, b, "--bands", ",".join(["0:1"] * 62), "--limit-in", "0.3", *where)
+    assert done.returncode == 2 and "--bands takes up to 61 ranges beside the limits" in done.stderr
+
+
 @pytest.mark.parametrize("arguments", [
+    ["a", "b", "--bands", "1"], ["a", "b", "--bands", "2:1"], ["a", "b", "--bands", ""], ["a", "b", "--bands", "0:1,"],
+    ["a", "b", "--bands", "nan:1"], ["a", "b", "--bands", "0:inf"], ["a", "b", "--bands", ",".join(["0:1"] * 65)],
     [], ["a"], ["a", "b", "c"], ["a", "b", "--limit", "-1"], ["a", "b", "--limit", "1,"], ["a", "b", "--limit", "x"],
     ["a", "b", "--worst", "0"], ["a", "b", "--radius", "-1"], ["a", "b", "--gap", "0"], ["a", "b", "--percentiles", "101"],
     ["a", "b", "--limit", "nan"], ["a", "b", "--limit", "inf"], ["a", "b", "--limit", ",".join(["1"] * 65)],

@@ -41,3 +41,14 @@ def test_words_and_limits(quadmesh, pair, where):
     done = quadmesh("heatmap", *pair, "--error", "1e-9", "--pieces", "4", *where)
     assert done.returncode == 3 and "stopped" in done.stdout
     assert quadmesh("heatmap", *pair, "--error", "0").returncode == 2
+
+
+def test_a_mesh_that_is_moved(quadmesh, pair, tmp_path, where):
+    """The square is raised by 2 before: the ridge of the tent is then 2.5 away."""
+    (tmp_path / "pose.json").write_text("[1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,2,1]")
+    done = quadmesh("heatmap", *pair, "--csv", "map.csv", "--error", "0.01", "--transform", "pose.json", *where)
+    assert (done.returncode, done.stderr) == (0, "")
+    rows = [[float(x) for x in line.split(",")] for line in (tmp_path / "map.csv").read_text().splitlines()[1:]]
+    assert all(row[2] == row[6] == row[10] == 3 for row in rows)
+    ridge = [row[4 * k + 3] for row in rows for k in range(3) if abs(row[4 * k] - 1) < 1e-9]
+    assert ridge and all(abs(distance - 2.5) <= 0.01 + 1e-9 for distance in ridge)

@@ -153,3 +153,14 @@ def test_help(quadmesh):
     done = quadmesh("project", "--help")
     assert (done.returncode, done.stderr) == (0, "")
     assert "usage:" in done.stdout
+
+
+def test_a_mesh_that_is_moved(quadmesh, square, tmp_path, where):
+    (tmp_path / "points.xyz").write_text("1 1 5\n3 3 2\n")
+    (tmp_path / "pose.json").write_text('{"transform": [1,0,0,0, 0,1,0,0, 0,0,1,0, 1,0,2,1]}')
+    done = quadmesh("project", square, "points.xyz", "-o", "-", "--transform", "pose.json", *where)
+    assert (done.returncode, done.stderr) == (0, "")
+    found = [[float(x) for x in line.split(",")[:4]] for line in done.stdout.splitlines()[1:]]
+    assert found == [pytest.approx([3, 1, 1, 2]), pytest.approx([1, 3, 2, 2])]
+    done = quadmesh("project", square, "points.xyz", "-o", "-", "--transform", "nowhere.json", *where)
+    assert done.returncode == 2 and "nowhere.json" in done.stderr

@@ -9,8 +9,8 @@ import re
 import subprocess
 
 import pytest
-from conftest import write_torus
-from page import Page, hues_of, pixels_of
+from conftest import write_box, write_torus
+from page import Page, hues_of, interval_of, pixels_of
 
 A_SIDE = "from-a_to_b"
 
@@ -351,3 +351,48 @@ def test_no_libspng_is_a_problem_that_says_so(quadmesh, square, raised, tmp_path
     (tmp_path / "lib" / "libspng.so.0").write_text("no library")
     done = quadmesh("report", square, raised, "-o", "report.html", env=os.environ | {"LD_LIBRARY_PATH": str(tmp_path / "lib")})
     assert done.returncode == 2 and "libspng" in done.stderr and not (tmp_path / "report.html").exists()
+
+
+def signed_table(page, label, caption):
+    for table in page.section(label).all("table"):
+        if table.all("caption")[0].text().startswith(caption):
+            return {row.all("th")[0].text(): interval_of(row.all("td")[0]) for row in table.all("tbody")[0].all("tr")}
+    return None
+
+
+def test_sides_and_bands(quadmesh, tmp_path, where):
+    """All of the smaller cube is a quarter inside of the larger; figures are those of the result."""
+    a, b = write_box(tmp_path / "a.obj", 0.75), write_box(tmp_path / "b.obj", 1.0)
+    done = quadmesh("report", a, b, "--limit", 0.5, "--bands", ":-0.3,-0.3:-0.2,-0.1:0.1,0.2:", "-o", "report.html", "--json", *where)
+    result = json.loads(done.stdout)
+    assert done.returncode == 0 and result["a_to_b"]["signed"]["sign"] == "outside"
+    page = Page((tmp_path / "report.html").read_text()).check()
+    bands = signed_table(page, A_SIDE, "Share of A in each band")
+    assert list(bands) == ["below -0.3", "-0.3 to -0.2", "-0.1 to 0.1", "above 0.2"]
+    for (lower, upper), share in zip(bands.values(), (0, 1, 0, 0), strict=True):
+        assert lower <= share <= upper
+    figures = signed_table(page, A_SIDE, "Signed figures of A")
+    for label, value, path in (("Mean signed distance", -0.25, ["mean"]), ("Greatest distance inside", 0.25, ["inside", "max"]),
+                               ("Greatest distance outside", 0, ["outside", "max"]), ("Area, or count, inside", 13.5, ["inside", "size"])):
+        found = result["a_to_b"]["signed"]
+        for member in path:
+            found = found[member]
+        assert figures[label] == (found["lower"], found["upper"]) and figures[label][0] <= value <= figures[label][1]
+    assert signed_table(page, "from-b_to_a", "Signed figures of B")["Greatest distance inside"] == (0, 0)
+    assert "The sides are proven" in page.section(A_SIDE).text()
+
+
+def test_sides_that_are_not_known(quadmesh, tmp_path, where):
+    opened, b = write_box(tmp_path / "a.obj", 0.75, faces=5), write_box(tmp_path / "b.obj", 1.0)
+    done = quadmesh("report", opened, b, "--sign", "inside", "-o", "report.html", *where)
+    page = Page((tmp_path / "report.html").read_text()).check()
+    assert done.returncode == 0 and "Distances inside of B are positive" in page.section(A_SIDE).text()
+    assert "The sides of B are not known, as A is open." in page.section("from-b_to_a").text()
+    done = quadmesh("report", b, opened, "--sign", "outside", "-o", "open.html", *where)
+    assert done.returncode == 2 and "is open" in done.stderr and not (tmp_path / "open.html").exists()
+    done = quadmesh("report", b, opened, "--sign", "normal", "-o", "report.html", *where)
+    assert done.returncode == 0 and "not proven" in Page((tmp_path / "report.html").read_text()).check().section(A_SIDE).text()
+    done = quadmesh("report", b, b, "-o", "report.html", *where)
+    assert done.returncode == 0 and "On which side" not in Page((tmp_path / "report.html").read_text()).check().root.text()
+    done = quadmesh("check", "b.obj", "b.obj", "--limit-in", 0.1, "--report", "check.html", *where)
+    assert "above -0.1" in Page((tmp_path / "check.html").read_text()).check().section(A_SIDE).text()

@@ -288,14 +288,15 @@ static bool set_same(const qm_search *search, qm_hausdorff_result *out)
 }
 
 /** A distance that is the threshold itself, or less by rounding alone, stays open however the bounds narrow: it is decided
- * without rounding where that can be. A search in parts is left as it is, as its bounds are about parts. */
+ * without rounding where that can be. A search of given parts is left as it is, as its bounds are about these alone. */
 static qm_status decide_exactly(qm_context *ctx, const qm_search *search, qm_hausdorff_result *out)
 {
     const qm_hausdorff_options *options = search->options;
     bool is_narrow = out->stop == QM_STOP_CONVERGED || out->stop == QM_STOP_PRECISION;
     double until_ms = options->deadline_ms > 0.0 ? search->start_ms + options->deadline_ms : INFINITY;
     bool is_open = options->threshold >= out->lower && options->threshold < out->upper;
-    bool is_proven = is_narrow && is_open && !options->parts;
+    bool is_of_parts = options->parts && options->parts->begin;
+    bool is_proven = is_narrow && is_open && !is_of_parts;
     qm_status status = QM_OK;
     for (int i = 0; status == QM_OK && is_proven && i < search->side_count; i++)
         status = qm_hausdorff_prove_within(ctx, search->side[i].source, search->side[i].target,
