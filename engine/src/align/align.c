@@ -6,7 +6,7 @@
 #include "core/clock.h"
 
 #define MAX_TRIM 0.9
-#define MAX_WITNESSES 64
+#define MAX_WITNESSES 128
 
 qm_align_options qm_align_options_default(void)
 {

@@ -15,6 +15,7 @@
 #define MIN_DAMPING 1e-9 /* above the pivots that qm_linear_solve takes for roundings */
 #define MAX_DAMPING 1e6
 #define MIN_STEP 1e-13 /* in the unit of the frames, about the diagonal */
+#define BEHIND 1e-3    /* of the difference of two means */
 #define MIN_GAIN 1e-10 /* a shorter step that does not lower the mean is lost in the mean's roundings */
 
 static int compare(const void *a, const void *b)
@@ -143,15 +144,27 @@ static void shorten(qm_align_step *step)
     step->scale /= most;
 }
 
-qm_status qm_align_improve(qm_align_work *work, const qm_align_pose *start, size_t count, int max_steps,
-                           bool is_last, qm_align_found *out)
+/** Whether a pose stays behind its rival: the last step, a whole one, has taken a small share of what is between them. Steps
+ * become shorter by about a constant factor, so that hundreds of them would be needed. */
+static bool stays_behind(double before, double mean, double rival)
 {
+    const double between = mean - rival * rival;
+    return rival > 0.0 && between > 0.0 && before - mean < BEHIND * between;
+}
+
+qm_status qm_align_improve(qm_align_work *work, const qm_align_pose *start, const qm_align_effort *effort,
+                           qm_align_found *out)
+{
+    const size_t count = effort->count;
+    const int max_steps = effort->max_steps;
+    const bool is_last = effort->is_last;
     *out = (qm_align_found){.pose = *start};
     qm_status status = qm_align_measure(work, start, count, NULL, 0);
     if (status != QM_OK) return status;
     cut c = find_cut(work, is_last);
     double mean = mean_square(work, &c, &out->rms), damping = MIN_DAMPING;
-    for (int i = 0; i < max_steps && !out->is_converged; i++) {
+    bool is_behind = false;
+    for (int i = 0; i < max_steps && !out->is_converged && !is_behind; i++) {
         const qm_vec center = center_of_pairs(work);
         const qm_least_squares sums = make_equations(work, &c, center);
         bool is_lower = false, is_moved = false;
@@ -176,6 +189,7 @@ qm_status qm_align_improve(qm_align_work *work, const qm_align_pose *start, size
             double rms, next_mean = mean_square(work, &next_cut, &rms);
             is_lower = next_mean < mean;
             if (is_lower) {
+                is_behind = damping <= MIN_DAMPING && stays_behind(mean, next_mean, effort->rival);
                 out->pose = next;
                 out->rms = rms;
                 mean = next_mean;

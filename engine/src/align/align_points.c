@@ -207,11 +207,16 @@ qm_status qm_align_measure(qm_align_work *work, const qm_align_pose *pose, size_
             measure_side(work, pose, side, points->point, sizeof *points->point, taken, work->pair_count);
         work->pair_count += taken;
     }
-    for (size_t i = 0; i < extra_count && status == QM_OK; i++) {
-        QM_ASSERT(work->pair_count < work->pair_capacity);
-        status = measure_side(work, pose, extra[i].side, &extra[i].point, sizeof extra[i].point, 1,
+    for (size_t i = 0, next; i < extra_count && status == QM_OK; i = next) {
+        /* Those of one side that follow each other, as many as there is room for feet. */
+        next = i + 1;
+        while (next < extra_count && extra[next].side == extra[i].side &&
+               next - i < work->options->sample_count)
+            next++;
+        QM_ASSERT(work->pair_count + (next - i) <= work->pair_capacity);
+        status = measure_side(work, pose, extra[i].side, &extra[i].point, sizeof extra[i], next - i,
                               work->pair_count);
-        work->pair_count++;
+        work->pair_count += next - i;
     }
     return status;
 }

@@ -318,12 +318,27 @@ static void keep_best(const qm_align_work *work, start_list *list, int most, dou
     list->count = kept;
 }
 
-static qm_status improve_all(qm_align_work *work, start_list *list, size_t points, int steps, bool is_last)
+static qm_status improve_all(qm_align_work *work, start_list *list, size_t points, int steps)
 {
+    const qm_align_effort effort = {.count = points, .max_steps = steps};
     qm_status status = QM_OK;
     for (int i = 0; i < list->count && status == QM_OK; i++) {
         const qm_align_pose pose = list->found[i].pose;
-        status = qm_align_improve(work, &pose, points, steps, is_last, &list->found[i]);
+        status = qm_align_improve(work, &pose, &effort, &list->found[i]);
+    }
+    return status;
+}
+
+/** Over all points: the best one, and the second only as long as it may become that. */
+static qm_status improve_two(qm_align_work *work, start_list *list)
+{
+    qm_align_effort effort = {
+        .count = work->options->sample_count, .max_steps = SECOND_STEPS, .is_last = true};
+    qm_status status = QM_OK;
+    for (int i = 0; i < list->count && status == QM_OK; i++) {
+        const qm_align_pose pose = list->found[i].pose;
+        status = qm_align_improve(work, &pose, &effort, &list->found[i]);
+        effort.rival = qm_max(list->found[0].rms, NOTHING);
     }
     return status;
 }
@@ -334,9 +349,9 @@ static qm_status find_finalists(qm_align_work *work, const moments m[2], int eff
     list->count = 0;
     qm_status status = list_starts(work, m, list);
     const bool has_many = list->count > 2;
-    if (status == QM_OK && has_many) status = improve_all(work, list, FEW_POINTS, effort * FEW_STEPS, false);
+    if (status == QM_OK && has_many) status = improve_all(work, list, FEW_POINTS, effort * FEW_STEPS);
     if (status == QM_OK && has_many) keep_best(work, list, effort * FINALISTS, APART);
-    if (status == QM_OK) status = improve_all(work, list, MORE_POINTS, MORE_STEPS, false);
+    if (status == QM_OK) status = improve_all(work, list, MORE_POINTS, MORE_STEPS);
     if (status == QM_OK) keep_best(work, list, 2, APART);
     return status;
 }
@@ -355,13 +370,13 @@ qm_status qm_align_search_starts(qm_align_work *work, qm_align_ranking *out)
     qm_status status = find_finalists(work, m, 1, list);
     if (status == QM_OK && work->options->start == QM_ALIGN_PRINCIPAL && !is_clear(list))
         status = find_finalists(work, m, WIDER, list);
-    const size_t all = work->options->sample_count;
-    if (status == QM_OK) status = improve_all(work, list, all, SECOND_STEPS, true);
+    if (status == QM_OK) status = improve_two(work, list);
     if (status == QM_OK) {
         keep_best(work, list, 2, ELSEWHERE);
         const qm_align_pose pose = list->found[0].pose;
-        if (!list->found[0].is_converged)
-            status = qm_align_improve(work, &pose, all, LAST_STEPS, true, &list->found[0]);
+        const qm_align_effort last = {
+            .count = work->options->sample_count, .max_steps = LAST_STEPS, .is_last = true};
+        if (!list->found[0].is_converged) status = qm_align_improve(work, &pose, &last, &list->found[0]);
     }
     if (status == QM_OK) {
         *out = (qm_align_ranking){.best = list->found[0], .has_second = list->count > 1};

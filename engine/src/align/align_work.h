@@ -71,9 +71,16 @@ typedef struct qm_align_found {
     bool is_converged;
 } qm_align_found;
 
-/** Improves a pose over the first `count` points, in at most so many steps. */
-qm_status qm_align_improve(qm_align_work *work, const qm_align_pose *start, size_t count, int max_steps,
-                           bool is_last, qm_align_found *out);
+/** How long a pose is improved. */
+typedef struct qm_align_effort {
+    size_t count; /* the first points of each mesh that are measured */
+    int max_steps;
+    bool is_last; /* the greatest distance that counts is that of the options */
+    double
+        rival; /* the root mean square of a better pose: the steps end once they are too short to reach it; 0: none */
+} qm_align_effort;
+qm_status qm_align_improve(qm_align_work *work, const qm_align_pose *start, const qm_align_effort *effort,
+                           qm_align_found *out);
 
 /** The best poses of several starts: best first, the second is another placement of A if has_second. */
 typedef struct qm_align_ranking {
