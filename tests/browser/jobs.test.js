@@ -76,7 +76,7 @@ test("the history is read a page at a time, filtered by kind and state, looked i
   assert.equal(await page.locator("tbody tr", { hasText: "Hausdorff distance" }).count(), 3);
   assert(page.url().includes("type=hausdorff"));
   await page.getByRole("button", { name: /^Details/ }).first().click();
-  await page.locator("dialog pre", { hasText: '"tolerance": 0.00001' }).first().waitFor();
+  await page.locator("dialog pre", { hasText: '"gap": 0.00001' }).first().waitFor();
   await page.getByRole("button", { name: "Close" }).click();
   const remove = () => page.getByRole("button", { name: /^Delete the record/ }).first().click();
   await remove();
