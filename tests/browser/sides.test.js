@@ -116,7 +116,7 @@ test("the signed distances that are drawn are right to the errors that are state
     const point = () => [0, 1, 2].map(() => 3 * random() - 1);
     const shape = shapeOf(n % 4 === 0 ? moved(sphere(0, 4, 8), [0.5 + random(), 0.5, 0.5]) : { vertices: [point(), point(), point(), point()], faces: [[0, 1, 2], [1, 0, 3]] });
     const refined = drawnTriangles(shape, 1);
-    await refined.refine(feet, { target: n % 3 === 0 ? 0.02 : 10, most: 400, flat: null, isWanted: () => true });
+    await refined.refine(feet, { target: n % 3 === 0 ? 0.02 : 10, most: 400, flat: null, isSigned: n % 2 === 0, isWanted: () => true });
     const sides = provenSides(refined, solid);
     sides.forEach((side, vertex) => {
       const { signed } = toBox([...refined.points.subarray(3 * vertex, 3 * vertex + 3)]);
