@@ -17,6 +17,8 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     qm_comparison_options options = qm_deviation_options_default();
     options.limit = request->limits;
     options.limit_count = request->limit_count;
+    options.progress = call->progress;
+    options.progress_user = call->progress_user;
     /* The first place is the witness of the maximum. */
     options.worst_count = request->worst_count > 0 ? request->worst_count : 1;
     options.worst_radius =

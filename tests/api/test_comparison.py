@@ -1,4 +1,5 @@
 """Two meshes compared both ways: known values, exact ones, what is refused, and the names of the version before."""
+import json
 import math
 import random
 import time
@@ -191,6 +192,21 @@ def test_a_canceled_job_keeps_its_intervals(client, slow_pair):
             assert both[name]["lower"] <= both[name]["upper"] and holds_for_one(both[name], whole[name])
         for one, other in zip(both["f_score"], whole["f_score"], strict=True):
             assert 0 <= one["f"]["lower"] <= one["f"]["upper"] <= 1 and holds_for_one(one["f"], other["f"])
+
+
+def test_bounds_come_closer(client, slow_pair):
+    """From the first moment on, and they are those of the symmetric distance."""
+    request = {"type": "comparison", "a": slow_pair[0], "b": slow_pair[1], "engine": {"pieces": 20000}}
+    reply = client.post("/v1/jobs", json=request, headers={"Accept": "application/x-ndjson", "Cache-Control": "no-cache"})
+    *bounds, end = [event for event in map(json.loads, reply.text.splitlines()) if event["event"] != "heartbeat"]
+    assert len(bounds) >= 3 and all(event["event"] == "bounds" for event in bounds)
+    assert bounds[0]["lower"] == 0 and bounds[0]["upper"] is not None
+    for one, next_one in zip(bounds, [*bounds[1:], end["result"]["symmetric"]["hausdorff"]]):
+        assert one["lower"] <= next_one["lower"] <= next_one["upper"] <= one["upper"]
+    for one, next_one in zip(bounds, bounds[1:]):
+        assert all(one[name] <= next_one[name] for name in ("elapsed_ms", "seq", "projections"))
+    shown = client.get(f"/v1/jobs/{client.get('/v1/jobs', params={'order': 'newest'}).json()['jobs'][0]['id']}").json()
+    assert shown["progress"]["lower"] == bounds[-1]["lower"]
 
 
 def test_a_deadline_leaves_intervals(client, slow_pair):

@@ -146,7 +146,7 @@ def check_keys(running, layouts):
     with running.client() as client:
         jobs = client.get("/v1/jobs", params={"limit": 1000}).json()["jobs"]
         (first,) = [job for job in jobs if job["type"] == "hausdorff" and job["request"].get("gap") == 1e-2]
-        request = {key: first["request"][key] for key in ("type", "a", "b", "tolerance")}
+        request = {key: first["request"][key] for key in ("type", "a", "b", "gap")}
         reply = client.post("/v1/jobs", json=request, headers={"Idempotency-Key": f"key {1e-2}", "Prefer": WAIT})
         assert reply.json()["id"] == first["id"], reply.text
         mesh = client.get(f"/v1/layouts/{layouts[0]}").json()["mesh"]

@@ -131,11 +131,11 @@ def test_events_come_while_the_search_runs(client, slow_pair):
 
 
 def test_heartbeats(client, make_daemon, slow_files):
-    """A deviation has no bounds to report for longer than the time of a heartbeat."""
+    """A heat map has no bounds to report."""
     with make_daemon("--heartbeat", 2).client() as own:
         pair = [own.upload(content)["id"] for content in slow_files]
-        quiet = own.post("/v1/jobs", json={"type": "deviation", "a": pair[0], "b": pair[1], "accuracy": 1e-12,
-                                           "pieces": 10000000}).json()
+        quiet = own.post("/v1/jobs", json={"type": "heatmap", "a": pair[0], "b": pair[1], "error": 1e-12,
+                                           "engine": {"pieces": 10000000}}).json()
         beats = []
         for accept in (NDJSON, SSE):
             with own.stream("GET", f"/v1/jobs/{quiet['id']}/events", headers=accept) as reply:

@@ -45,6 +45,11 @@ def test_a_long_search_is_that_of_both(pair, slow_files):
         while first.get(f"/v1/jobs/{job}").json().get("progress", {}).get("nodes", 0) < 2:
             assert time.monotonic() < end, first.get(f"/v1/jobs/{job}").json()
             time.sleep(0.05)
+        assert first.patch(f"/v1/jobs/{job}", json={"labels": ["of both"]}).status_code == 400
+        for client, other, label in ((first, second, "from-1"), (second, first, "from-2")):
+            assert client.patch(f"/v1/jobs/{job}", json={"labels": [label]}).json()["labels"] == [label]
+            assert other.get(f"/v1/jobs/{job}").json()["labels"] == [label]
+            assert [found["id"] for found in other.get("/v1/jobs", params={"label": label}).json()["jobs"]] == [job]
         assert first.delete(f"/v1/jobs/{job}").status_code == 202
         result = second.wait(job)["result"]
         assert result["stopped_by"] == "canceled" and result["lower"] <= SLOW_DISTANCE <= result["upper"]

@@ -139,7 +139,7 @@ def test_a_daemon_says_the_same(quadmesh, square, raised, server):
     assert (done.returncode, done.stderr) == (0, "")
     there = json.loads(done.stdout)
     assert set(there) == set(here)
-    for name in ("lower", "upper", "lower_relative", "upper_relative", "iterations", "tolerance"):
+    for name in ("lower", "upper", "lower_relative", "upper_relative", "iterations", "gap"):
         assert there[name] == here[name]
 
 

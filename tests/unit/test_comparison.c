@@ -335,6 +335,15 @@ static void check_both(const qm_comparison *found, const qm_cell_list list[2], c
     }
 }
 
+/** Bounds that are reported only come closer; user is the last interval. */
+static void take_report(void *user, const qm_hausdorff_progress *progress)
+{
+    qm_interval *told = user;
+    assert_true(told->lower <= progress->lower && progress->lower <= progress->upper &&
+                progress->upper <= told->upper);
+    *told = (qm_interval){progress->lower, progress->upper};
+}
+
 static void check_pair(const qm_mesh *a, const qm_mesh *b, qm_quad_reading reading, qm_random *random, int n,
                        uint64_t stream)
 {
@@ -353,7 +362,14 @@ static void check_pair(const qm_mesh *a, const qm_mesh *b, qm_quad_reading readi
     options.piece_limit = 1000 * qm_random_below(random, 8);
     options.worst_count = 1 + qm_random_below(random, 6);
     options.worst_radius = radius;
+    qm_interval told = {0.0, INFINITY};
+    options.progress = take_report;
+    options.progress_user = &told;
     qm_comparison found = qm_measured_comparison(a, b, &options);
+    QM_CHECK(told.upper < INFINITY && told.lower <= found.hausdorff.lower &&
+                 found.hausdorff.upper <= told.upper,
+             "stream %llu: told [%.17g, %.17g], found [%.17g, %.17g]", (unsigned long long)stream, told.lower,
+             told.upper, found.hausdorff.lower, found.hausdorff.upper);
     if (found.side[0].measure == QM_OVER_AREA && found.side[1].measure == QM_OVER_AREA) {
         for (int i = 0; i < 2; i++) {
             check_side(&found, i, &list[i], &t[i], limits, slack, stream);

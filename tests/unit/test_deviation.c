@@ -793,11 +793,21 @@ static void folded_patches_count_by_their_area(void **state)
     qm_shape_free(&b);
 }
 
-/** Raises the flag when the search for the maximum reports progress. */
-static void cancel_search(void *user, const qm_hausdorff_progress *progress)
+/** What was reported: bounds that only come closer. Those of boxes and pieces are wide; narrower ones are of the search for the
+ * maximum, and raise the flag. */
+typedef struct reports {
+    atomic_bool cancel;
+    int count;
+    qm_interval last;
+} reports;
+
+static void take_report(void *user, const qm_hausdorff_progress *progress)
 {
-    (void)progress;
-    atomic_store((atomic_bool *)user, true);
+    reports *told = user;
+    assert_true(progress->lower >= told->last.lower && progress->upper <= told->last.upper);
+    told->last = (qm_interval){progress->lower, progress->upper};
+    told->count++;
+    if (progress->upper - progress->lower < 1e-3 * progress->upper) atomic_store(&told->cancel, true);
 }
 
 static void the_pieces_bound_the_maximum(void **state)
@@ -808,12 +818,14 @@ static void the_pieces_bound_the_maximum(void **state)
     options.accuracy = 0.01;
     qm_deviation truth = qm_measured_deviation(&a, &b, &options), found;
     qm_context ctx = qm_context_make();
-    atomic_bool cancel = false;
-    ctx.cancel = &cancel;
-    options.progress = cancel_search;
-    options.progress_user = &cancel;
+    reports told = {.last = {0.0, INFINITY}};
+    ctx.cancel = &told.cancel;
+    options.progress = take_report;
+    options.progress_user = &told;
     assert_int_equal(qm_measured_deviation_in(&ctx, &a, &b, &options, &found), QM_OK);
     assert_true(found.is_canceled && found.is_accurate);
+    assert_true(told.count >= 3 && told.last.lower <= truth.max.upper && told.last.upper >= truth.max.lower);
+    assert_true(found.max.lower >= told.last.lower && found.max.upper <= told.last.upper);
     QM_CHECK(found.max.lower <= truth.max.upper && found.max.upper >= truth.max.lower &&
                  found.max.lower > 0.5 * found.max.upper,
              "[%g, %g] against [%g, %g]", found.max.lower, found.max.upper, truth.max.lower, truth.max.upper);

@@ -23,7 +23,7 @@
 
 #include "qm/deviation.h"
 
-/** The options of both deviations; thus also which percentiles, limits, bands, regions and worst places. Bins must be 0. Its solid is
+/** The options of both deviations; progress is of the symmetric Hausdorff distance. Thus also which percentiles, limits, bands, regions and worst places. Bins must be 0. Its solid is
  * B's. */
 typedef qm_deviation_options qm_comparison_options;
 

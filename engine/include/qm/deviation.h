@@ -58,7 +58,7 @@ typedef struct qm_deviation_options {
     size_t band_count;
     double region_limit;                /* >= 0: regions beyond it are found; NAN: none */
     size_t face_limit;                  /* faces that are listed of each region */
-    qm_hausdorff_progress_fn *progress; /* of the search for the maximum; NULL: none */
+    qm_hausdorff_progress_fn *progress; /* bounds of the maximum, from those by boxes on; NULL: none */
     void *progress_user;
 } qm_deviation_options;
 

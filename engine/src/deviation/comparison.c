@@ -146,6 +146,67 @@ static qm_f_score find_f_score(double limit, qm_interval precision, qm_interval 
         {is_low_exact ? low : below(low), is_high_exact || high == 0.0 ? high : fmin(1.0, above(high))}};
 }
 
+/* ---- progress ---- */
+
+/** Bounds of the symmetric Hausdorff distance from those of the directions. */
+typedef struct progress_of_both {
+    const qm_comparison_options *options;
+    double start_ms;
+    qm_interval side[2];                /* bounds so far */
+    int now;                            /* the direction that is measured */
+    qm_hausdorff_progress before, last; /* counts of the other one, and those of this one */
+} progress_of_both;
+
+static void tell_both(void *user, const qm_hausdorff_progress *progress)
+{
+    progress_of_both *both = user;
+    qm_interval *side = &both->side[both->now];
+    side->lower = fmax(side->lower, progress->lower);
+    side->upper = fmin(side->upper, progress->upper);
+    both->last = *progress;
+    qm_interval distance = greater(both->side[0], both->side[1]);
+    qm_hausdorff_progress told = *progress;
+    told.lower = distance.lower;
+    told.upper = distance.upper;
+    told.elapsed_ms = qm_clock_ms() - both->start_ms;
+    told.iterations += both->before.iterations;
+    told.projections += both->before.projections;
+    both->options->progress(both->options->progress_user, &told);
+}
+
+/** No two points of the meshes are farther apart than the farthest ones of their boxes, in which patches lie, too. */
+static double find_farthest(const qm_bvh *a, const qm_bvh *b)
+{
+    qm_box box[2] = {qm_mesh_bounding_box(&a->mesh), qm_mesh_bounding_box(&b->mesh)};
+    double way[3];
+    for (int k = 0; k < 3; k++)
+        way[k] = fmax(box[0].max[k] - box[1].min[k], box[1].max[k] - box[0].min[k]);
+    double farthest = hypot(hypot(way[0], way[1]), way[2]);
+    return farthest > 0.0 ? above(farthest) : 0.0;
+}
+
+/** Takes note of what is known of both directions before either is measured, and begins to report it in place of the options that the
+ * deviations have. */
+static void begin_progress(progress_of_both *both, const qm_bvh *a, const qm_bvh *b,
+                           qm_deviation_options *each)
+{
+    const qm_interval first = {0.0, find_farthest(a, b)};
+    both->side[0] = both->side[1] = first;
+    if (!each->progress) return;
+    each->progress = tell_both;
+    each->progress_user = both;
+}
+
+/** Takes note of the end of a direction. */
+static void end_direction(progress_of_both *both, const qm_deviation *found)
+{
+    qm_interval *side = &both->side[both->now];
+    side->lower = fmax(side->lower, found->max.lower);
+    side->upper = fmin(side->upper, found->max.upper);
+    both->before = both->last;
+    both->now = 1;
+}
+
 /* ---- the call ---- */
 
 static void join(qm_comparison *out)
@@ -153,7 +214,6 @@ static void join(qm_comparison *out)
     const qm_deviation *a = &out->side[0], *b = &out->side[1];
     for (int i = 0; i < 2; i++)
         out->spread[i] = find_spread(&out->side[i]);
-    out->hausdorff = greater(a->max, b->max);
     out->hd95 = greater(a->percentile[a->percentile_count - 1], b->percentile[b->percentile_count - 1]);
     qm_interval weight = find_weight(out->side);
     out->mean = mix_means(weight, a->mean, b->mean);
@@ -211,6 +271,7 @@ qm_status qm_comparison_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *
     QM_ASSERT(ctx && a && b && options && out && options->bin_count == 0);
     *out = (qm_comparison){0};
     double start_ms = qm_clock_ms();
+    progress_of_both both = {.options = options, .start_ms = start_ms};
     size_t count = options->percentile_count + 1;
     double *percent = qm_context_alloc(ctx, count, sizeof *percent);
     out->f_score = qm_context_alloc(ctx, options->limit_count, sizeof *out->f_score);
@@ -224,11 +285,17 @@ qm_status qm_comparison_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *
         qm_deviation_options each = *options;
         each.percentile = percent;
         each.percentile_count = count;
+        begin_progress(&both, a, b, &each);
         status = measure_side(ctx, a, b, each, &out->side[0]);
+        if (status == QM_OK) end_direction(&both, &out->side[0]);
         if (status == QM_OK) status = find_sign(ctx, a, options, solid_a, out);
         if (status == QM_OK) status = measure_back(ctx, a, b, each, out);
     }
-    if (status == QM_OK) join(out);
+    if (status == QM_OK) {
+        end_direction(&both, &out->side[1]);
+        join(out);
+        out->hausdorff = greater(both.side[0], both.side[1]);
+    }
     for (size_t i = 0; status == QM_OK && i < out->limit_count; i++)
         out->f_score[i] = find_f_score(options->limit[i], out->side[0].share[i], out->side[1].share[i]);
     qm_context_free(ctx, percent, count, sizeof *percent);

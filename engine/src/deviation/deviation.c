@@ -24,6 +24,7 @@
 #define SEARCH_WORK 4096 /* steps of the search for the maximum */
 #define SEARCH_SHARE 0.5 /* further steps for each vertex and each piece */
 #define CANCEL_STRIDE 0x400
+#define TELL_MS 100.0 /* between reports of bounds that have hardly changed */
 
 /** The state that the stages of a call share. */
 typedef struct deviation_work {
@@ -33,7 +34,10 @@ typedef struct deviation_work {
     qm_deviation *out;
     double start_ms;
     qm_refinement refinement;
-    uint32_t *points; /* the vertices that are measured in place of pieces, or NULL */
+    uint32_t *points;  /* the vertices that are measured in place of pieces, or NULL */
+    qm_interval known; /* bounds of the maximum from all surveys and searches so far */
+    qm_interval told;  /* those that were reported last */
+    double told_ms;    /* when; of none, 0 */
 } deviation_work;
 
 qm_deviation_options qm_deviation_options_default(void)
@@ -78,6 +82,64 @@ static qm_status check_options(qm_context *ctx, const qm_deviation_options *opti
     return QM_OK;
 }
 
+/* ---- bounds of the maximum so far ---- */
+
+/** Bounds the maximum by the last survey. Points, and pieces that have not been cut, are exact but for eta, which
+ * is in their bounds; a part may be a little beside the face, and a point of the face beside all parts. */
+static void bound_maximum(deviation_work *work)
+{
+    const qm_refinement *pieces = &work->refinement;
+    double inverse_scale = work->b->frame.inverse_scale;
+    double crack = QM_CRACK_ROUNDINGS * QM_UNIT_ROUNDING * pieces->setup.extent;
+    qm_interval greatest = pieces->survey.max;
+    work->out->max = (qm_interval){fmax(0.0, greatest.lower - crack) * inverse_scale,
+                                   (greatest.upper + crack) * inverse_scale};
+    /* As for the maximum: a point beside all pieces may be nearer by the crack. */
+    double least = fmax(0.0, pieces->survey.least - crack) * inverse_scale;
+    work->out->least = least < DBL_MIN ? 0.0 : least;
+}
+
+/** Takes note of bounds of the maximum. */
+static void learn(deviation_work *work, qm_interval max)
+{
+    work->known.lower = fmax(work->known.lower, max.lower);
+    work->known.upper = fmin(work->known.upper, max.upper);
+}
+
+/** Reports what is known of the maximum; counts has those of its search. */
+static void tell(deviation_work *work, qm_hausdorff_progress counts)
+{
+    const qm_deviation_options *options = work->options;
+    counts.lower = work->known.lower;
+    counts.upper = work->known.upper;
+    work->told = work->known;
+    work->told_ms = qm_clock_ms();
+    counts.elapsed_ms = work->told_ms - work->start_ms;
+    counts.projections += work->out->projections + atomic_load(&work->refinement.searches);
+    counts.iterations += work->refinement.count;
+    options->progress(options->progress_user, &counts);
+}
+
+/** Takes note of what the pieces tell, and reports it unless that was just done; user is the work. */
+static void take_survey(void *user)
+{
+    deviation_work *work = user;
+    bound_maximum(work);
+    learn(work, work->out->max);
+    if (!work->options->progress) return;
+    bool is_half = work->known.upper - work->known.lower <= 0.5 * (work->told.upper - work->told.lower);
+    if (is_half || qm_clock_ms() - work->told_ms >= TELL_MS)
+        tell(work, (qm_hausdorff_progress){.queue_count = work->refinement.todo_count});
+}
+
+/** The same for the search for the maximum. */
+static void take_progress(void *user, const qm_hausdorff_progress *progress)
+{
+    deviation_work *work = user;
+    learn(work, (qm_interval){progress->lower, progress->upper});
+    tell(work, *progress);
+}
+
 /* ---- the vertices ---- */
 
 static qm_status find_vertex_distances(deviation_work *work)
@@ -114,6 +176,9 @@ static qm_status refine(deviation_work *work)
     pieces->accuracy = work->options->accuracy;
     pieces->piece_limit = work->options->piece_limit;
     pieces->thread_count = work->options->thread_count;
+    /* Not of points: those of a mesh with faces are not all of it. */
+    pieces->on_survey = take_survey;
+    pieces->user = work;
     qm_status status = qm_refinement_run(pieces, work->out->vertex_distance);
     work->out->is_accurate = status == QM_OK && pieces->is_accurate;
     return status;
@@ -171,21 +236,6 @@ static qm_status take_points(deviation_work *work, qm_measure measure)
 
 /* ---- the maximum ---- */
 
-/** Bounds the maximum by the last survey. Points, and pieces that have not been cut, are exact but for eta, which
- * is in their bounds; a part may be a little beside the face, and a point of the face beside all parts. */
-static void bound_maximum(deviation_work *work)
-{
-    const qm_refinement *pieces = &work->refinement;
-    double inverse_scale = work->b->frame.inverse_scale;
-    double crack = QM_CRACK_ROUNDINGS * QM_UNIT_ROUNDING * pieces->setup.extent;
-    qm_interval greatest = pieces->survey.max;
-    work->out->max = (qm_interval){fmax(0.0, greatest.lower - crack) * inverse_scale,
-                                   (greatest.upper + crack) * inverse_scale};
-    /* As for the maximum: a point beside all pieces may be nearer by the crack. */
-    double least = fmax(0.0, pieces->survey.least - crack) * inverse_scale;
-    work->out->least = least < DBL_MIN ? 0.0 : least;
-}
-
 /** Lists the worst places from the witness of the maximum on. */
 static qm_status find_worst(deviation_work *work, const qm_hausdorff_result *found)
 {
@@ -236,14 +286,14 @@ static qm_status search_maximum(deviation_work *work)
     search.thread_count = options->thread_count;
     double others = (double)out->vertex_count + (double)work->refinement.count;
     search.work_limit = SEARCH_WORK + (uint64_t)(SEARCH_SHARE * others);
-    search.progress = options->progress;
-    search.progress_user = options->progress_user;
+    search.progress = options->progress ? take_progress : NULL;
+    search.progress_user = work;
     qm_hausdorff_result found;
     qm_status status = qm_hausdorff_measure(work->ctx, work->a, work->b, &search, &found);
     if (status != QM_OK) return status;
     out->is_canceled |= found.stop == QM_STOP_CANCELED;
-    out->max.lower = fmax(out->max.lower, found.lower);
-    out->max.upper = fmin(out->max.upper, found.upper);
+    learn(work, (qm_interval){found.lower, found.upper});
+    out->max = work->known;
     out->projections += found.projections;
     status = out->is_canceled ? QM_OK : prove_maxima(work);
     if (status == QM_OK && !out->is_canceled) status = find_worst(work, &found);
@@ -396,10 +446,13 @@ static qm_status run(deviation_work *work)
     qm_deviation *out = work->out;
     qm_status status = qm_refinement_init(&work->refinement, work->a, work->b, work->options->quads);
     if (status == QM_OK && needs_solid(work->options->sign)) status = require_solid(work);
+    if (status == QM_OK) take_survey(work);
     if (status == QM_OK) status = measure(work);
     out->is_canceled = status == QM_E_CANCELED;
     if (status == QM_OK || out->is_canceled) {
         bound_maximum(work);
+        learn(work, out->max);
+        out->max = work->known;
         status = out->is_canceled ? QM_OK : search_maximum(work);
     }
     if (status == QM_OK && work->options->sign != QM_SIGN_NONE) status = measure_sides(work);
@@ -426,6 +479,8 @@ qm_status qm_deviation_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b
                            .options = options,
                            .out = out,
                            .start_ms = qm_clock_ms(),
+                           .known = {0.0, INFINITY},
+                           .told = {0.0, INFINITY},
                            .refinement.ctx = ctx};
     status = run(&work);
     qm_refinement_reset(&work.refinement);

@@ -286,6 +286,7 @@ static qm_status run_rounds(qm_refinement *work)
     for (int round = 0;; round++) {
         qm_status status = qm_refinement_survey(work);
         if (status != QM_OK) return status;
+        if (work->on_survey) work->on_survey(work->user);
         const qm_deviation_survey *survey = &work->survey;
         work->is_accurate = is_narrow(work, survey->mean) && is_narrow(work, survey->rms);
         double sharp = work->accuracy * BLUR_ROOM * survey->mean.lower + 8.0 * work->setup.eta;

@@ -36,6 +36,8 @@ typedef struct qm_refinement {
     bool has_area;     /* rounding does not hide whether the source has an area at all */
     bool is_accurate;
     _Atomic uint64_t searches;
+    void (*on_survey)(void *user); /* called when a round of cuts begins; NULL: nobody */
+    void *user;
 } qm_refinement;
 
 /** Makes room for count pieces. QM_OK or QM_E_NO_MEMORY. */
