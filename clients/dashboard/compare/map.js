@@ -143,7 +143,7 @@ export class DeviationMap {
 
   async takeProbe() {
     const stage = currentStage();
-    if (!stage || (this.probe && this.probed === this.heat.painted?.model)) return;
+    if (!stage || meshOf(state.a)?.kind === "points" || (this.probe && this.probed === this.heat.painted?.model)) return;
     const { Probe } = await import("./probe.js");
     if (!this.heat.painted) return;
     this.probe?.dispose();

@@ -27,7 +27,7 @@ export function provenSides(refined, winding) {
     parent[rootOf(corners[3 * t + 1])] = root;
     parent[rootOf(corners[3 * t + 2])] = root;
   }
-  /** The farthest points of each part, whose winding numbers are known best. @type {Map<number, number[]>} */
+  /** Points of each part, among them the farthest ones, whose winding numbers are known best. @type {Map<number, number[]>} */
   const parts = new Map();
   for (let n = 0; n < count; n++) {
     if (distance[n] <= slack) continue;
@@ -35,7 +35,7 @@ export function provenSides(refined, winding) {
     const list = parts.get(root);
     if (!list) parts.set(root, [n]);
     else if (list.length < MOST_ASKED) list.push(n);
-    else if (distance[n] > distance[list[0]]) list[0] = n;
+    else if (distance[n] > distance[list[0]]) [list[0], list[1]] = [n, list[0]];
   }
   const sides = new Int8Array(count);
   for (const [root, list] of parts) {
