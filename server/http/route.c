@@ -46,7 +46,7 @@ static const qm_route routes[] = {
      upload_query},
     {"GET", "/v1/meshes", QM_SCOPE_READ, qm_handle_mesh_list, json, QM_BODY_NONE, QM_LANE_SHORT,
      mesh_list_query},
-    {"GET", "/v1/meshes/{id}", QM_SCOPE_READ, qm_handle_mesh_get, json_or_id, QM_BODY_NONE, QM_LANE_SHORT,
+    {"GET", "/v1/meshes/{id}", QM_SCOPE_READ, qm_handle_mesh_get, json, QM_BODY_NONE, QM_LANE_SHORT,
      no_query},
     {"GET", "/v1/meshes/" QM_JOB_HASH_PREFIX "{hash}", QM_SCOPE_READ, qm_handle_mesh_find, json_or_id,
      QM_BODY_NONE, QM_LANE_SHORT, no_query},

@@ -35,6 +35,7 @@ BOUNDS = """SELECT b.lower, greatest(b.lower, b.discarded, max(p.upper)) FROM jo
 NEXT_VERSION = "UPDATE about SET version = version + 1; ALTER TABLE jobs ADD COLUMN new int; CREATE TABLE new (n int)"
 FIRST_VERSION = """DROP TABLE job_parts, job_bounds, blob_place, blob_objects;
                    ALTER TABLE meshes DROP COLUMN unit, DROP COLUMN uncertainty, DROP COLUMN labels;
+                   ALTER TABLE jobs DROP COLUMN labels;
                    UPDATE about SET version = 1"""
 DEAD = "SELECT id FROM nodes WHERE state = 2"
 

@@ -97,5 +97,6 @@ void qm_database_age(const char *address)
         address,
         "DROP TABLE quadmeshd.job_parts, quadmeshd.job_bounds, quadmeshd.blob_place, quadmeshd.blob_objects;"
         " ALTER TABLE quadmeshd.meshes DROP COLUMN unit, DROP COLUMN uncertainty, DROP COLUMN labels;"
+        " ALTER TABLE quadmeshd.jobs DROP COLUMN labels;"
         " UPDATE quadmeshd.about SET version = 1");
 }

@@ -384,14 +384,24 @@ static void other_values_are_no_job(void **state)
     }
 }
 
+static void check_text(qm_text *text, const char *expected)
+{
+    char *data = qm_text_take(text);
+    assert_non_null(data);
+    assert_string_equal(data, expected);
+    free(data);
+}
+
 static void brackets_in_strings_are_text(void **state)
 {
     (void)state;
     qm_job_request request;
     qm_problem problem;
-    assert_true(read_job("{\"type\":\"hausdorff\",\"a\":\"[[[[[[[[[[[[[[[[[[\\\"[[\",\"b\":\"}\"}", &request,
-                         &problem));
-    assert_string_equal(request.a, "[[[[[[[[[[[[[[[[[[\"[[");
+    static const char line[] =
+        "{\"type\":\"hausdorff\",\"a\":\"m\",\"b\":\"n\",\"key\":\"[[[[[[[[[[[[[[[[[[\\\"[[}\"}";
+    qm_text key = {0};
+    assert_true(qm_json_read_batch_line(line, sizeof line - 1, &key, &request, &problem));
+    check_text(&key, "\"[[[[[[[[[[[[[[[[[[\\\"[[}\"");
 }
 
 static void damaged_requests_never_crash(void **state)
@@ -416,21 +426,13 @@ static void damaged_requests_never_crash(void **state)
 
 /* ---- documents ---- */
 
-static void check_text(qm_text *text, const char *expected)
-{
-    char *data = qm_text_take(text);
-    assert_non_null(data);
-    assert_string_equal(data, expected);
-    free(data);
-}
-
 static void a_request_comes_back(void **state)
 {
     (void)state;
     qm_job_request request = qm_job_request_default(), again;
     qm_problem problem;
-    strcpy(request.a, "m\"1");
-    strcpy(request.b, "m\\2");
+    strcpy(request.a, "m.1");
+    strcpy(request.b, "m-2_");
     request.direction = QM_A_TO_B;
     request.tolerance = 0.1 + 0.2;
     request.threshold = 1e308;
