@@ -7,7 +7,6 @@ import { forgetMessages, run } from "./core/messages.js";
 import { readAddress, setParameters } from "./core/route.js";
 import { on, state } from "./core/state.js";
 import { startTheme } from "./core/theme.js";
-import { askForToken } from "./core/token.js";
 import { listenToDrops } from "./core/upload.js";
 
 /** @typedef {(panel: HTMLElement) => () => void} Show fills the panel and returns what takes leave of it */
@@ -56,9 +55,12 @@ async function showPage() {
 }
 
 byId("tabs").append(...pages.map(({ name, words }) => h("a", { href: `#${name}` }, words)));
-byId("token").addEventListener("click", () => askForToken("A daemon with a token file wants one", (token) => {
-  client.token = token;
-  connect();
+byId("token").addEventListener("click", () => run(async () => {
+  const { askForToken } = await import("./core/token.js");
+  askForToken("A daemon with a token file wants one", (token) => {
+    client.token = token;
+    connect();
+  });
 }));
 on("page", () => run(showPage));
 on("connection", () => { if (state.connection === "open" && !isShown) run(showPage); });

@@ -6,7 +6,7 @@ import { createRequire } from "node:module";
 import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
-import { Browser, finish, waitForView } from "./support/page.js";
+import { Browser, finish, fly, waitForView } from "./support/page.js";
 import { SPHERE_TURN, moved, off, roundedBox, roundedBoxLayout, sphere } from "./support/shapes.js";
 
 const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
@@ -144,9 +144,18 @@ test("two meshes are compared by keyboard alone", async () => {
   await press("sphere_0.00.off as A of the comparison");
   await press("sphere_0.03.off as B of the comparison");
   await press("Compare");
+  await waitForView(page);
   await page.getByRole("button", { name: "Measure", exact: true, disabled: false }).waitFor();
-  await press("Measure");
+  await fly(page, () => press("Measure"));
   await page.locator("#outcome", { hasText: "Done" }).waitFor();
+  const target = () => page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage().eye.controls.target.toArray());
+  await page.locator(".canvas canvas").focus();
+  const before = await target();
+  await page.keyboard.press("Shift+ArrowLeft");
+  const moved = await target();
+  assert(Math.hypot(...moved.map((x, k) => x - before[k])) > 0.01, "Shift and an arrow move the view");
+  await page.keyboard.press("Shift+ArrowRight");
+  assert(Math.hypot(...(await target()).map((x, k) => x - before[k])) < 1e-6);
   await finish(page);
 });
 

@@ -87,11 +87,15 @@ test("by a patch that is not flat the sides of its two triangles are not taken",
   const mesh = box(1);
   mesh.vertices = mesh.vertices.map((point) => (point.every((x) => x === 1) ? point.map((x) => x * 1.5) : point));
   const [triangles, patches] = [false, true].map((isBilinear) => new Winding(shapeOf(mesh), isBilinear));
-  const [far, near] = [[0.5, 0.5, 0.5], [1.2, 0.9, 0.9]];
-  assert.equal(triangles.of(far), 1);
-  assert.equal(patches.of(far), 1);
-  assert.notEqual(triangles.of(near), null);
-  assert.equal(patches.of(near), null);
+  // The side of x = 1 has the corners (1, 0, 0), (1, 1, 0), (1.5, 1.5, 1.5) and (1, 0, 1): its patch passes the middle at x = 1.125.
+  for (const far of [[0.5, 0.5, 0.5], [1.4, 0.2, 0.2], [-1, 0.5, 0.5]]) {
+    const isInside = far[0] === 0.5 ? 1 : 0;
+    assert.deepEqual([triangles.of(far), patches.of(far)], [isInside, isInside], far.join());
+  }
+  for (const near of [[1.125, 0.625, 0.625], [1.15, 0.65, 0.6]]) {
+    assert.notEqual(triangles.of(near), null);
+    assert.equal(patches.of(near), null, near.join());
+  }
 });
 
 /** The signed distance from the box from 0 to 1, positive outside, and its nearest point. */
@@ -116,7 +120,7 @@ test("the signed distances that are drawn are right to the errors that are state
     const point = () => [0, 1, 2].map(() => 3 * random() - 1);
     const shape = shapeOf(n % 4 === 0 ? moved(sphere(0, 4, 8), [0.5 + random(), 0.5, 0.5]) : { vertices: [point(), point(), point(), point()], faces: [[0, 1, 2], [1, 0, 3]] });
     const refined = drawnTriangles(shape, 1);
-    await refined.refine(feet, { target: n % 3 === 0 ? 0.02 : 10, most: 400, flat: null, isWanted: () => true });
+    await refined.refine(feet, { target: n % 3 === 0 ? 0.02 : 10, most: 400, flat: null, isSigned: n % 2 === 0, isWanted: () => true });
     const sides = provenSides(refined, solid);
     sides.forEach((side, vertex) => {
       const { signed } = toBox([...refined.points.subarray(3 * vertex, 3 * vertex + 3)]);

@@ -40,6 +40,35 @@ async function open(layout) {
   return page;
 }
 
+test("a curve is drawn by keyboard alone", async () => {
+  const page = await open();
+  const side = () => page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage().eye.side.toArray().join());
+  await page.locator(".canvas canvas").focus();
+  const before = await side();
+  await page.keyboard.press("d");
+  await page.locator(".key-pen").waitFor();
+  for (let n = 0; n < 3; n++) await page.keyboard.press("ArrowLeft");
+  await page.keyboard.press("d");
+  await page.locator(".key-pen.is-down").waitFor();
+  for (let n = 0; n < 6; n++) await page.keyboard.press("ArrowRight");
+  await page.keyboard.press("Escape"); // it was another one
+  await page.locator(".key-pen").waitFor({ state: "hidden" });
+  for (const key of ["d", "ArrowLeft", "ArrowLeft", "d", ...Array(7).fill("ArrowRight"), "Shift+ArrowDown", "d"]) await page.keyboard.press(key);
+  await says(page, "1 curve");
+  assert.equal(await side(), before, "the arrows led the pen");
+  const layout = new URLSearchParams(new URL(page.url()).hash.split("?")[1]).get("layout");
+  const { curves: [{ points }] } = await daemon.client().layouts.get(layout);
+  const [from, to] = await page.evaluate(async (ends) => {
+    const { toWindow } = await import("/dashboard/sketch/window.js");
+    const stage = (await import("/dashboard/view/view.js")).currentStage();
+    return ends.map((end) => toWindow(stage, end));
+  }, [points[0], points.at(-1)]);
+  assert(Math.abs(to[0] - from[0] - 7 * 12) < 4 && Math.abs(to[1] - from[1] - 3) < 3, `${from} ${to}`);
+  await page.keyboard.press("ArrowRight");
+  assert.notEqual(await side(), before);
+  await finish(page);
+});
+
 test("a whole layout is drawn, undone and done again, and grown into a thousand quads", async () => {
   const page = await open();
   await says(page, "Nothing is drawn yet");

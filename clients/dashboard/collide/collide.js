@@ -2,7 +2,7 @@
 // how far apart the two are.
 
 import { choiceKey, meshChoice } from "../core/choice.js";
-import { NUMBER, h, select } from "../core/dom.js";
+import { NUMBER, h, numberOf, select } from "../core/dom.js";
 import { run } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { meshOf, on, state } from "../core/state.js";
@@ -90,7 +90,7 @@ class Collide {
       if (mine !== this.asked || !result) return;
       setParameters({ found: 1 });
       if (this.isSelf || b === null) return;
-      const limit = settings.limit === "" ? null : Number(settings.limit);
+      const limit = numberOf(settings.limit);
       await Promise.all([
         settings.isSolid ? this.solids.search(a, b) : null,
         limit !== null || !result.collides ? this.clearance.search(a, b, limit, isFlight && !result.collides) : null]);

@@ -142,7 +142,7 @@ class Compare {
     if (this.witness) await lookAt([this.witness.from, this.witness.to], "the farthest points");
   }
 
-  drawView() {
+  async drawView() {
     const { shown } = this;
     /** @type {Wish[]} */
     const wishes = [];
@@ -158,7 +158,7 @@ class Compare {
     drawTools(wishes.map(({ mesh }) => mesh), { more: [
       toggle("A", "Show A", shown.a, (isOn) => { shown.a = isOn; this.drawView(); }),
       toggle("B", "Show B", shown.b, (isOn) => { shown.b = isOn; this.drawView(); }), ...this.section.tools] });
-    show(wishes, "Choose two meshes to compare.").then((isWhole) => { if (isWhole) this.onWhole(); });
+    if (await show(wishes, "Choose two meshes to compare.")) this.onWhole();
   }
 
   /** What is to be shown has come. */
@@ -212,8 +212,7 @@ class Compare {
   /** Shows A or B alone, a place of which is to be clicked; null: both. @param {Role | null} turn */
   showTurn(turn) {
     this.shown = { a: turn !== "b", b: turn !== "a" };
-    this.drawView();
-    if (turn) currentStage()?.fit();
+    this.drawView().then(() => { if (turn) currentStage()?.fit(); });
   }
 
   onChoice() {

@@ -5,7 +5,7 @@ import { colour, download, h } from "../core/dom.js";
 import { ENOUGH, intervals, shareBetween } from "../core/format.js";
 import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
-import { Search } from "../core/search.js";
+import { Search, describeMaximum } from "../core/search.js";
 import { meshOf, state } from "../core/state.js";
 import { makeTable, writeRows } from "../core/table.js";
 import { makePlaces } from "../view/places.js";
@@ -40,7 +40,7 @@ export class ComparisonSection {
     this.limit = limit;
     this.sign = sign;
     this.onChosen = onChosen;
-    this.search = new Search(() => "");
+    this.search = new Search(describeMaximum);
     /** @type {{ id: string, result: ComparisonResult, places: WorstPlace[] } | null} */
     this.found = null;
     /** @type {Labels | null} */

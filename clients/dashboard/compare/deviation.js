@@ -46,10 +46,13 @@ export function drawDeviation(there, back, names) {
     table, there.result.signed && drawSigned(there.result.signed, there.result.over));
 }
 
+/** Share of a size below which no digits are wanted. */
+const COUNTED = 1e-6;
+
 /** The figures of each side. @param {SignedDeviation} signed @param {DeviationResult["over"]} over */
 function drawSigned(signed, over) {
   const { proven, mean, outside, inside } = signed;
-  const [farthest, sizes] = [writeRows([["Farthest", [outside.max, inside.max]]]), writeRows([[over === "area" ? "Area" : "Count", [outside.size, inside.size]]])];
+  const [farthest, sizes] = [writeRows([["Farthest", [outside.max, inside.max]]]), writeRows([[over === "area" ? "Area" : "Count", [outside.size, inside.size]]], COUNTED)];
   return h("div", { className: "section", id: "signed" },
     makeTable("Figures of both sides", ["Outside B", "Inside B"], [...farthest, ...sizes]),
     signed.bands.length > 0 && makeTable("Bands", ["A from B"], bandRows([signed])),

@@ -1,7 +1,7 @@
 // What to compare and how: the two meshes, direction, reading of quads, gap, limit.
 
 import { choiceKey, meshChoice } from "../core/choice.js";
-import { NUMBER, h, select } from "../core/dom.js";
+import { NUMBER, h, numberOf, select } from "../core/dom.js";
 import { parameter, setParameters } from "../core/route.js";
 import { state } from "../core/state.js";
 import { moved } from "./pose.js";
@@ -72,7 +72,7 @@ export function makeForm({ onMeasure, onStop, onInput, onReading, onSwap }) {
 }
 
 /** The permitted distance; null for none. @param {Settings} settings */
-export const limitOf = ({ limit }) => (limit.trim() === "" ? null : Number(limit));
+export const limitOf = ({ limit }) => numberOf(limit);
 
 /** @returns {HausdorffRequest} of the form's settings */
 export function readRequest() {

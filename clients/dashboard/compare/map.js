@@ -3,7 +3,7 @@
 import { h } from "../core/dom.js";
 import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
-import { Search } from "../core/search.js";
+import { Search, describeMaximum } from "../core/search.js";
 import { meshOf, nameOf, state } from "../core/state.js";
 import { currentStage } from "../view/view.js";
 import { bandsOf } from "./bands.js";
@@ -39,7 +39,7 @@ export class DeviationMap {
     this.heat = new Heat(wanted);
     this.sign = new SignChoice(() => run(() => this.setSign()));
     this.regions = new Regions();
-    this.search = new Search(({ lower, upper }) => `maximum ${lower.toPrecision(3)} to ${upper === null ? "∞" : upper.toPrecision(3)}`);
+    this.search = new Search(describeMaximum);
     /** The other way round. @type {Deviation | null} */
     this.back = null;
     /** @type {Probe | null} */
@@ -143,7 +143,7 @@ export class DeviationMap {
 
   async takeProbe() {
     const stage = currentStage();
-    if (!stage || (this.probe && this.probed === this.heat.painted?.model)) return;
+    if (!stage || meshOf(state.a)?.kind === "points" || (this.probe && this.probed === this.heat.painted?.model)) return;
     const { Probe } = await import("./probe.js");
     if (!this.heat.painted) return;
     this.probe?.dispose();

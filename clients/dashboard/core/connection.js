@@ -3,7 +3,6 @@
 import { Client, ConnectionError, ProblemError } from "../js/index.js";
 import { byId } from "./dom.js";
 import { changed, on, state } from "./state.js";
-import { askForToken } from "./token.js";
 
 export const client = new Client();
 const ASK_AGAIN_MS = 1000;
@@ -27,6 +26,7 @@ export async function connect() {
       state.info = null;
       isLocked = true;
       set("waiting");
+      const { askForToken } = await import("./token.js");
       askForToken(error.detail, (token) => {
         client.token = token;
         connect();

@@ -57,6 +57,12 @@ export function select(name, options, chosen) {
 /** What a field for a number that is 0 or more takes. */
 export const NUMBER = "\\s*[0-9]*\\.?[0-9]+([eE][\\-+]?[0-9]+)?\\s*";
 
+/** What such a field says; null when it is empty, or has something else. @param {string} text */
+export function numberOf(text) {
+  const value = Number(text);
+  return text.trim() === "" || !(value >= 0 && Number.isFinite(value)) ? null : value;
+}
+
 /**
  * Hands bytes to the browser as a download.
  * @param {Blob} blob

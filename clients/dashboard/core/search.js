@@ -94,5 +94,8 @@ export class Search {
   }
 }
 
+/** Of a search for the greatest distance beside other figures. @param {Bounds} bounds */
+export const describeMaximum = ({ lower, upper }) => `maximum ${length(lower, 3)} to ${upper === null ? "∞" : length(upper, 3)}`;
+
 /** @param {Bounds} bounds */
 const describeBounds = ({ lower, upper }) => `${length(lower, 3)} to ${upper === null ? "∞" : length(upper, 3)} so far`;

@@ -3,6 +3,7 @@
 import { textOfPose } from "../compare/pose.js";
 import { count, length } from "../core/format.js";
 import { nameOf } from "../core/state.js";
+import { multiply } from "../view/transform.js";
 
 /** @import { AlignmentResult, CollisionResult, ComparisonResult, DeviationResult, Job, MatrixResult, StepResult } from "../../js/types.js" */
 
@@ -12,7 +13,7 @@ export const KINDS = /** @type {Record<string, string>} */ ({
   matrix: "All pairs" });
 
 /** What is shown by Compare. */
-const COMPARES = ["hausdorff", "deviation", "comparison", "heatmap"];
+const COMPARES = ["hausdorff", "deviation", "comparison", "heatmap", "alignment"];
 
 /** A mesh as a request names it. @param {import("../../js/types.js").MeshName} mesh */
 const wordOf = (mesh) => (typeof mesh === "string" ? nameOf(mesh) : `${nameOf(mesh.mesh)}, moved`);
@@ -62,15 +63,28 @@ export function answerOf(job) {
   return `${length(bounds.lower, 7)} to ${length(bounds.upper, 7)}${verdict}`;
 }
 
+/** What a link to Compare has of the sign and limit of a request. @param {Job["request"]} request */
+const lookOf = ({ sign, limit, bands }) => `${{ outside: "&signed=1", normal: "&signed=normal" }[/** @type {string} */ (sign)] ?? ""}${limit === null || limit === undefined ? "" : `&limit=${limit}`}`
+  + (bands?.length === 3 && bands[1][0] !== null ? `&limits=${bands[1]}` : "");
+
 /** Where the page shows the result; null where it does not, as of meshes that were moved for a job, but for A of a comparison. @param {Job} job */
-export function viewOf({ id, type, request }) {
+export function viewOf({ id, type, request, result }) {
   const { b, mesh, quads, reconstruction } = request;
   const isMoved = typeof request.a === "object";
   if ([b, mesh].some((name) => typeof name === "object") || (isMoved && !COMPARES.includes(type))) return null;
+  if (type === "alignment") return result ? alignmentView(id, request, /** @type {AlignmentResult} */ (result)) : null;
   const a = isMoved ? `${request.a.mesh}&pose=${textOfPose(request.a.transform)}` : request.a;
+  const limit = request.limit ?? null;
   const address = /** @type {Record<string, string>} */ ({
-    hausdorff: `#compare?a=${a}&b=${b}&job=${id}`, deviation: `#compare?a=${a}&b=${b}&quads=${quads}&heat=1`,
-    comparison: `#compare?a=${a}&b=${b}&quads=${quads}&comparison=${id}`, heatmap: `#compare?a=${a}&b=${b}&quads=${quads}`, collision: `#collide?a=${a}&b=${b}&quads=${quads}`, distance: `#collide?a=${a}&b=${b}&quads=${quads}`,
-    self_collision: `#collide?a=${mesh}&b=${mesh}&quads=${quads}`, reconstruction_step: `#remesh?reconstruction=${reconstruction}` });
+    hausdorff: `#compare?a=${a}&b=${b}&job=${id}`, deviation: `#compare?a=${a}&b=${b}&quads=${quads}&heat=1${lookOf(request)}`,
+    comparison: `#compare?a=${a}&b=${b}&quads=${quads}&comparison=${id}${lookOf(request)}`, heatmap: `#compare?a=${a}&b=${b}&quads=${quads}&heat=1`,
+    collision: `#collide?a=${a}&b=${b}&quads=${quads}&found=1`, distance: `#collide?a=${a}&b=${b}&quads=${quads}&found=1${limit === null ? "" : `&limit=${limit}`}`,
+    self_collision: `#collide?a=${mesh}&b=${mesh}&quads=${quads}&found=1`, reconstruction_step: `#remesh?reconstruction=${reconstruction}` });
   return address[type] ?? null;
+}
+
+/** A where the alignment brought it. @param {string} id @param {Job["request"]} request @param {AlignmentResult} result */
+function alignmentView(id, { a, b, quads }, { transform }) {
+  const [mesh, pose] = typeof a === "object" ? [a.mesh, multiply(transform, a.transform)] : [a, transform];
+  return `#compare?a=${mesh}&b=${b}&quads=${quads}&pose=${textOfPose(pose)}&alignment=${id}`;
 }

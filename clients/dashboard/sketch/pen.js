@@ -4,6 +4,7 @@
 import { MOUSE, TOUCH } from "three";
 
 import { byId, h } from "../core/dom.js";
+import { listenToKeys } from "./keys.js";
 
 /** @import { Stage } from "../view/stage.js" */
 /** @import { Target } from "./window.js" */
@@ -60,9 +61,11 @@ export function takePen(stage, { onStroke, onClick, onDrop, gripAt, targetAt }) 
     const box = canvas.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   };
+  /** @param {Track} track */
+  const drawTrack = (track) => line.setAttribute("points", track.map((point) => point.join()).join(" "));
   const drop = () => {
     stroke = hover = null;
-    line.setAttribute("points", "");
+    drawTrack([]);
     putMark(start, null);
     putMark(end, null);
   };
@@ -92,7 +95,7 @@ export function takePen(stage, { onStroke, onClick, onDrop, gripAt, targetAt }) 
       const last = track[track.length - 1];
       if (Math.hypot(x - last[0], y - last[1]) >= LEAST_STEP) track.push([x, y]);
     }
-    line.setAttribute("points", track.map((point) => point.join()).join(" "));
+    drawTrack(track);
   };
   /** @param {PointerEvent} event */
   const up = (event) => {
@@ -113,7 +116,21 @@ export function takePen(stage, { onStroke, onClick, onDrop, gripAt, targetAt }) 
   const listeners = /** @type {[string, any][]} */ ([["pointerdown", down], ["pointermove", move], ["pointerup", up],
     ["pointercancel", up], ["pointerleave", leave]]);
   for (const [name, listener] of listeners) canvas.addEventListener(name, listener);
+  const stopKeys = listenToKeys(canvas, {
+    place: byId("canvas"),
+    onMove: (track) => {
+      drawTrack(track);
+      putMark(start, targetAt(...track[0]));
+      putMark(end, track.length > 1 ? targetAt(...track[track.length - 1]) : null);
+    },
+    onEnd: (track) => {
+      drop();
+      if (!track) return;
+      if (lengthOf(track) < CLICK_LENGTH) onClick(...track[0]);
+      else onStroke(track, false);
+    } });
   const putAway = () => {
+    stopKeys();
     for (const [name, listener] of listeners) canvas.removeEventListener(name, listener);
     controls.mouseButtons = before.buttons;
     controls.touches = before.touches;

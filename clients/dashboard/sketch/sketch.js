@@ -58,7 +58,8 @@ export function showSketch(panel) {
       h("header", {}, h("h2", { id: "sketch-title" }, "Sketch"), undo, redo), side,
       h("p", { className: "muted small" }, "Draw boundary curves on the surface until cells of four sides cover it. The right button,"
         + " or two fingers, turn the view; the middle one moves it. Ends snap to nodes and curves within 12 pixels, with Alt to none."
-        + " A click chooses a curve; the ends of a chosen one can be dragged.")),
+        + " A click chooses a curve; the ends of a chosen one can be dragged."
+        + " By keyboard, in the view: D shows a pen that the arrow keys move; D puts it down, and lifts it.")),
     h("section", { className: "section", "aria-label": "Curves" },
       summary, words, h("div", { className: "row" }, h("label", { className: "inline" }, "Curve", curve)),
       h("div", { className: "row" }, split, merge, redraw, remove), h("div", { className: "row" }, remesh, discard)),

@@ -70,8 +70,8 @@ export class Against {
     const { refined } = this;
     // Where no more triangles are allowed, to know more of their error is not worth the time.
     const flat = other && other.shape.starts.length > 1 && refined.count < most ? new FlatFaces(other.shape) : null;
-    await refined.refine((points) => findFeet(meshes, id, points, quads), { target, most, flat, isWanted: this.isWanted });
     const hasSides = telling !== "none" && other && other.shape.starts.length > 1;
+    await refined.refine((points) => findFeet(meshes, id, points, quads), { target, most, flat, isSigned: Boolean(hasSides), isWanted: this.isWanted });
     const sides = !hasSides ? null : telling === "solid" ? provenSides(refined, windingAbout(other, quads)) : sidesOf(refined, sidesAbout(other));
     this.send(refined, sides);
     return { error: worstError(refined, sides), triangles: refined.count, sides: sides?.slice(0, shape.points.length / 3) ?? null };

@@ -88,7 +88,9 @@ export class Eye {
     const turns = /** @type {Record<string, [number, number]>} */ ({
       ArrowLeft: [-TURN, 0], ArrowRight: [TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN] });
     const zooms = /** @type {Record<string, number>} */ ({ "+": 0.85, "=": 0.85, "-": 1 / 0.85 });
-    if (turns[event.key]) this.turn(...turns[event.key]);
+    if (turns[event.key] || zooms[event.key] || event.key === "f") this.endFlight();
+    if (turns[event.key] && event.shiftKey) this.move(...turns[event.key]);
+    else if (turns[event.key]) this.turn(...turns[event.key]);
     else if (zooms[event.key]) this.zoom(zooms[event.key]);
     else if (event.key === "f") this.onFit();
     else return;
@@ -103,6 +105,18 @@ export class Eye {
     place.makeSafe();
     this.camera.position.setFromSpherical(place).add(this.controls.target);
     this.controls.update();
+  }
+
+  /** Moves what is seen the way of an arrow, by a part of the view. @param {number} sideways @param {number} upward */
+  move(sideways, upward) {
+    const { camera, controls } = this;
+    camera.updateMatrix();
+    const reach = camera.position.distanceTo(controls.target);
+    const by = new Vector3().setFromMatrixColumn(camera.matrix, 0).multiplyScalar(-sideways * reach)
+      .addScaledVector(new Vector3().setFromMatrixColumn(camera.matrix, 1), upward * reach);
+    camera.position.add(by);
+    controls.target.add(by);
+    controls.update();
   }
 
   /** @param {number} factor */

@@ -1,6 +1,5 @@
 // A surface in triangles that are small where its distance from another one changes, as pieces for the graphics card.
 
-import { isClear, slackOf } from "./proof.js";
 import { Refined } from "./refine.js";
 import { PIECE_TRIANGLES, buildPiece, pieces, walk } from "./soup.js";
 
@@ -97,21 +96,17 @@ function buildHeat(base, first, refined, from, to, { centre, scale }, signs) {
 /** What it takes to know the error of signed distances. @typedef {{ sides: Int8Array, slack: number }} Signs sides: 1 outside, -1 inside, 0 neither for certain */
 
 /** @param {Refined} refined @param {Int8Array | null} sides @returns {Signs | null} */
-const signsOf = (refined, sides) => sides && { sides, slack: slackOf(refined) };
+const signsOf = (refined, sides) => sides && { sides, slack: refined.slack };
 
-/**
- * Where a triangle is surely away from the other surface, its signed distance has the error of the distance. Else it may pass through:
- * the signed distance is one that grows no faster than its place moves; and neither it nor what is shown is larger than the distances are.
- * @param {Refined} refined @param {number} t @param {Signs | null} signs
- */
+/** How far what is shown over a triangle may be off. @param {Refined} refined @param {number} t @param {Signs | null} signs */
 function errorOf(refined, t, signs) {
   if (!signs) return refined.errors[t];
   const { sides, slack } = signs;
-  const a = refined.corners[3 * t], b = refined.corners[3 * t + 1], c = refined.corners[3 * t + 2];
-  if (sides[a] !== 0 && sides[a] === sides[b] && sides[b] === sides[c] && isClear(refined, t, slack)) return refined.errors[t];
-  const { distance } = refined.feet;
-  const most = 2 * Math.max(distance[a], distance[b], distance[c]) + refined.errors[t];
-  return [a, b, c].some((vertex) => sides[vertex] === 0 && distance[vertex] > slack) ? most : Math.min(refined.reachOf(t), most);
+  const corners = [...refined.corners.subarray(3 * t, 3 * t + 3)];
+  if (corners.some((vertex) => sides[vertex] === 0 && refined.feet.distance[vertex] > slack)) return refined.eitherErrorOf(t);
+  // Normals may tell apart what is surely on one side.
+  const isOne = sides[corners[0]] === sides[corners[1]] && sides[corners[1]] === sides[corners[2]];
+  return isOne ? refined.signedErrorOf(t, slack) : Math.min(refined.reachOf(t), refined.eitherErrorOf(t));
 }
 
 /**

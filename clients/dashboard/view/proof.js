@@ -4,22 +4,8 @@
 /** @import { Refined } from "./refine.js" */
 /** @import { Winding } from "./winding.js" */
 
-/** What distances from the daemon may be off by, as a share of the coordinates: some hundred roundings. */
-const ROUNDING = 2 ** -44;
 /** Points of one part whose winding number is asked for, where that of the first one is not known. */
 const MOST_ASKED = 8;
-
-/** The rounding of distances. @param {Refined} refined */
-export function slackOf({ points, feet: { foot } }) {
-  let most = 0;
-  for (const row of [points, foot]) for (let at = 0; at < row.length; at++) most = Math.max(most, Math.abs(row[at]));
-  return ROUNDING * most;
-}
-
-/** Is a triangle surely away from the other surface? @param {Refined} refined @param {number} t @param {number} slack */
-export function isClear({ corners, feet: { distance }, errors }, t, slack) {
-  return Math.min(distance[corners[3 * t]], distance[corners[3 * t + 1]], distance[corners[3 * t + 2]]) > errors[t] + slack;
-}
 
 /**
  * @param {Refined} refined
@@ -28,7 +14,7 @@ export function isClear({ corners, feet: { distance }, errors }, t, slack) {
  */
 export function provenSides(refined, winding) {
   const { points, corners, feet: { distance } } = refined;
-  const slack = slackOf(refined);
+  const { slack } = refined;
   const count = points.length / 3;
   const parent = Uint32Array.from({ length: count }, (_, n) => n);
   const rootOf = (/** @type {number} */ n) => {
@@ -36,12 +22,12 @@ export function provenSides(refined, winding) {
     return n;
   };
   for (let t = 0; t < refined.count; t++) {
-    if (!isClear(refined, t, slack)) continue;
+    if (!refined.isClear(t, slack)) continue;
     const root = rootOf(corners[3 * t]);
     parent[rootOf(corners[3 * t + 1])] = root;
     parent[rootOf(corners[3 * t + 2])] = root;
   }
-  /** The farthest points of each part, whose winding numbers are known best. @type {Map<number, number[]>} */
+  /** Points of each part, among them the farthest ones, whose winding numbers are known best. @type {Map<number, number[]>} */
   const parts = new Map();
   for (let n = 0; n < count; n++) {
     if (distance[n] <= slack) continue;
@@ -49,7 +35,7 @@ export function provenSides(refined, winding) {
     const list = parts.get(root);
     if (!list) parts.set(root, [n]);
     else if (list.length < MOST_ASKED) list.push(n);
-    else if (distance[n] > distance[list[0]]) list[0] = n;
+    else if (distance[n] > distance[list[0]]) [list[0], list[1]] = [n, list[0]];
   }
   const sides = new Int8Array(count);
   for (const [root, list] of parts) {

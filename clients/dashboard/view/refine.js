@@ -16,13 +16,15 @@
 /** @import { FlatFaces } from "./flat.js" */
 /** @typedef {{ distance: Float64Array<ArrayBuffer>, foot: Float64Array<ArrayBuffer>, face: Int32Array<ArrayBuffer> }} Feet of points: distance from B, nearest point, its face */
 /** @typedef {(points: Float64Array<ArrayBuffer>) => Promise<Feet>} Measure */
-/** @typedef {{ target: number, most: number, flat: FlatFaces | null, isWanted: () => boolean }} Limits
- *   target: the error that is good enough; most: triangles; flat: the faces of B, where they are at hand; isWanted: go on? */
+/** @typedef {{ target: number, most: number, flat: FlatFaces | null, isSigned: boolean, isWanted: () => boolean }} Limits
+ *   target: the error that is good enough; most: triangles; flat: the faces of B, where they are at hand; isSigned: of the signed distance; isWanted: go on? */
 
 /** Of the worst error: triangles with less wait for a later round. */
 const SHARE_OF_WORST = 0.5;
 /** Of the longest side: shorter ones are not cut. */
 const LONG_SIDE = 0.7;
+/** What distances from the daemon may be off by, as a share of the coordinates: some hundred roundings. */
+const ROUNDING = 2 ** -44;
 /** More points than this have no numbers of their own within a side's key. */
 const KEY = 2 ** 26;
 /** With room for fewer triangles than this share of all, another round is not worth it. */
@@ -54,8 +56,33 @@ export class Refined {
     return this.origins.length;
   }
 
-  get worst() {
-    return this.errors.reduce((most, error) => Math.max(most, error), 0);
+  /** What distances may be off by, for their rounding. */
+  get slack() {
+    let most = 0;
+    for (const row of [this.points, this.feet.foot]) for (let at = 0; at < row.length; at++) most = Math.max(most, Math.abs(row[at]));
+    return ROUNDING * most;
+  }
+
+  /** Is a triangle surely away from B? @param {number} t @param {number} slack */
+  isClear(t, slack) {
+    const { distance } = this.feet;
+    return Math.min(distance[this.corners[3 * t]], distance[this.corners[3 * t + 1]], distance[this.corners[3 * t + 2]]) > this.errors[t] + slack;
+  }
+
+  /**
+   * How far linear interpolation of the signed distance may be off over a triangle. One that is surely away from B lies on one side of it;
+   * another one may pass through: the signed distance grows no faster than its place moves, and neither it nor what is shown is larger
+   * than the distances are.
+   * @param {number} t @param {number} slack
+   */
+  signedErrorOf(t, slack) {
+    return this.isClear(t, slack) ? this.errors[t] : Math.min(this.reachOf(t), this.eitherErrorOf(t));
+  }
+
+  /** The same where the side of the corners is not known either. @param {number} t */
+  eitherErrorOf(t) {
+    const { distance } = this.feet;
+    return 2 * Math.max(distance[this.corners[3 * t]], distance[this.corners[3 * t + 1]], distance[this.corners[3 * t + 2]]) + this.errors[t];
   }
 
   /**
@@ -81,14 +108,16 @@ export class Refined {
    * @param {Limits} limits
    * @returns {Map<number, number>}
    */
-  findMiddles({ target, most }) {
-    const bar = Math.max(target, SHARE_OF_WORST * this.worst);
+  findMiddles({ target, most, isSigned }) {
+    const { slack } = this;
+    const errors = isSigned ? this.errors.map((_, place) => this.signedErrorOf(place, slack)) : this.errors;
+    const bar = Math.max(target, SHARE_OF_WORST * errors.reduce((worst, error) => Math.max(worst, error), 0));
     /** @type {number[]} */
     let bad = [];
-    this.errors.forEach((error, place) => { if (error > bar) bad.push(place); });
+    errors.forEach((error, place) => { if (error > bar) bad.push(place); });
     const room = Math.floor((most - this.count) / 3);
     if (3 * room < LEAST_ROOM * most) return new Map();
-    if (bad.length > room) bad = bad.sort((one, other) => this.errors[other] - this.errors[one]).slice(0, room);
+    if (bad.length > room) bad = bad.sort((one, other) => errors[other] - errors[one]).slice(0, room);
     /** @type {Map<number, number>} */
     const middles = new Map();
     const known = this.points.length / 3;

@@ -39,7 +39,7 @@ export class Stage {
     this.canvas = this.renderer.domElement;
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
-    this.canvas.setAttribute("aria-label", "The meshes in 3D. Arrow keys turn, plus and minus zoom, F shows all.");
+    this.canvas.setAttribute("aria-label", "The meshes in 3D. Arrow keys turn, with Shift they move, plus and minus zoom, F shows all.");
     place.replaceChildren(this.canvas);
     this.place = place;
     this.onProgress = onProgress;

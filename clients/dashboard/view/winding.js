@@ -17,9 +17,9 @@ export class Winding {
     this.shape = shape;
     const { corners, faces } = trianglesOf(shape);
     this.corners = corners;
-    /** The box of the quad that a triangle is a half of, where that is not flat, six numbers each: within it the patch and its triangles
-     * may be on two sides of a point. */
-    this.boxes = isBilinear ? faces.map((face) => boxOfWarped(shape, face)) : [];
+    /** The quad that a triangle is a half of, where that is not flat: within the tetrahedron of its corners the patch and its triangles may
+     * be on two sides of a point. */
+    this.warped = isBilinear ? faces.map((face) => warpedOf(shape, face)) : [];
     const count = corners.length / 3;
     /** Cells a row of the grid over y and z. */
     this.side = Math.max(1, Math.min(MOST_CELLS, Math.ceil(Math.sqrt(count))));
@@ -50,8 +50,8 @@ export class Winding {
 
   /** The first or last column and row of a triangle, or of the quad round it. @param {number} t @param {(...all: number[]) => number} end */
   endOf(t, end) {
-    const box = this.boxes[t];
-    return [1, 2].map((k) => this.cellAt(box ? end(box[k], box[3 + k]) : end(this.at(3 * t, k), this.at(3 * t + 1, k), this.at(3 * t + 2, k)), k - 1));
+    const quad = this.warped[t];
+    return [1, 2].map((k) => this.cellAt(quad ? end(...quad.map((corner) => corner[k])) : end(this.at(3 * t, k), this.at(3 * t + 1, k), this.at(3 * t + 2, k)), k - 1));
   }
 
   /** The column or row of a place; those beyond the ends count as in the last one. @param {number} x @param {number} k */
@@ -68,8 +68,8 @@ export class Winding {
     const cell = this.cellAt(point[2], 1) * side + this.cellAt(point[1], 0);
     let winding = 0;
     for (let place = first[cell]; place < first[cell + 1]; place++) {
-      const box = this.boxes[list[place]];
-      if (box && [0, 1, 2].every((k) => box[k] <= point[k] && point[k] <= box[3 + k])) return null;
+      const quad = this.warped[list[place]];
+      if (quad && isWithin(quad, point)) return null;
       const turn = this.meets(3 * list[place], point);
       if (turn === null) return null;
       winding += turn;
@@ -111,10 +111,20 @@ function trianglesOf({ corners, starts }) {
   return { corners: out, faces: from };
 }
 
-/** @param {Shape} shape @param {number} face @returns {number[] | null} null: it is flat */
-function boxOfWarped({ points, corners, starts }, face) {
+/** The corners of a quad; null where it is flat, or no quad. @param {Shape} shape @param {number} face @returns {Float64Array[] | null} */
+function warpedOf({ points, corners, starts }, face) {
   if (starts[face + 1] - starts[face] !== 4) return null;
   const quad = [...corners.subarray(starts[face], starts[face + 1])].map((vertex) => points.subarray(3 * vertex, 3 * vertex + 3));
-  if (sideOfPlane(quad[0], quad[1], quad[2], quad[3]) === 0) return null;
-  return [Math.min, Math.max].flatMap((end) => [0, 1, 2].map((k) => end(...quad.map((corner) => corner[k]))));
+  return sideOfPlane(quad[0], quad[1], quad[2], quad[3]) === 0 ? null : quad;
+}
+
+/** Does a point lie in or on a tetrahedron? @param {Float64Array[]} corners @param {ArrayLike<number>} point */
+function isWithin(corners, point) {
+  for (let k = 0; k < 3; k++) {
+    if (corners.every((corner) => corner[k] < point[k]) || corners.every((corner) => corner[k] > point[k])) return false;
+  }
+  return corners.every((corner, place) => {
+    const [a, b, c] = corners.filter((_, other) => other !== place);
+    return sideOfPlane(a, b, c, point) !== -sideOfPlane(a, b, c, corner);
+  });
 }

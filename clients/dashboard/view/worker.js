@@ -3,7 +3,6 @@
 import { Meshes } from "../js/meshes.js";
 import { Transport } from "../js/transport.js";
 import { patchTint } from "./colours.js";
-import { moveVertices } from "./handle.js";
 import { readPly } from "./ply.js";
 import { buildPiece, gridSteps, pieces } from "./soup.js";
 import { cornerNormals, faceNormals, facesOfVertices, irregularVertices } from "./topology.js";
@@ -133,7 +132,8 @@ async function regions({ task, plan, request }) {
  * @param {{ task: number, centre: number[], radius: number, offset: number[], request: number, starts: boolean }} request
  *   starts: from where the vertices are now
  */
-function deform({ task, centre, radius, offset, request, starts: isStart }) {
+async function deform({ task, centre, radius, offset, request, starts: isStart }) {
+  const { moveVertices } = await import("./handle.js");
   const found = kept.get(task);
   if (!found) return;
   const { points } = found.shape;
