@@ -252,6 +252,20 @@ qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem)
     return job;
 }
 
+/** True for a stored request with this key: its own may be of a version that wrote requests in other words. */
+static bool has_key(const qm_store_job *row, const char *key)
+{
+    qm_job_request request;
+    qm_problem problem;
+    if (strcmp(row->key, key) == 0) return true;
+    if (!row->body || !qm_json_read_job(row->body, strlen(row->body), &request, &problem)) return false;
+    char *today = qm_job_make_key(&request);
+    bool is_same = today && strcmp(today, key) == 0;
+    free(today);
+    qm_job_request_reset(&request);
+    return is_same;
+}
+
 static qm_job *find_by_idempotency_key(qm_jobs *jobs, const char *key, const char *request_key,
                                        qm_problem *problem)
 {
@@ -264,7 +278,7 @@ static qm_job *find_by_idempotency_key(qm_jobs *jobs, const char *key, const cha
         return NULL;
     }
     qm_job *job = NULL;
-    if (strcmp(row.key, request_key) == 0)
+    if (has_key(&row, request_key))
         job = qm_jobs_find(jobs, row.id, problem);
     else
         *problem = qm_problem_make(QM_PROBLEM_IDEMPOTENCY_MISMATCH,
