@@ -34,14 +34,15 @@ const shadedShare = (page) => page.evaluate(async () => {
   return [...currentStage().models.get("a").regions?.image.data ?? []].filter((value, place) => place % 4 === 3 && value > 0).length;
 });
 
-async function open(layout) {
-  const page = await browser.open(`${daemon.url}/#sketch?a=${mesh.id}${layout ? `&layout=${layout}` : ""}`);
+async function open(layout, id = mesh.id) {
+  const page = await browser.open(`${daemon.url}/#sketch?a=${id}${layout ? `&layout=${layout}` : ""}`);
   await waitForPen(page);
   return page;
 }
 
 test("a curve is drawn by keyboard alone", async () => {
-  const page = await open();
+  const { mesh: own } = await daemon.client().meshes.create(off(roundedBox(12)), { name: "another box.off" });
+  const page = await open(undefined, own.id);
   const side = () => page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage().eye.side.toArray().join());
   await page.locator(".canvas canvas").focus();
   const before = await side();
@@ -67,6 +68,7 @@ test("a curve is drawn by keyboard alone", async () => {
   await page.keyboard.press("ArrowRight");
   assert.notEqual(await side(), before);
   await finish(page);
+  await daemon.client().layouts.delete(layout); // others look for the only one
 });
 
 test("a whole layout is drawn, undone and done again, and grown into a thousand quads", async () => {

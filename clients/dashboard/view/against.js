@@ -43,7 +43,9 @@ export class Against {
     this.surface = surface;
     this.post = post;
     this.isWanted = isWanted;
-    this.key = "";
+    this.key = this.question = "";
+    /** The distances of the points before any triangle is cut. @type {import("./refine.js").Feet | null} */
+    this.feet = null;
     /** @type {Refined | null} */
     this.refined = null;
     /** @type {Promise<unknown>} */
@@ -65,13 +67,24 @@ export class Against {
    */
   async paint(meshes, other, { id, key, quads, telling, target, most }) {
     const { shape, steps } = this.surface;
-    if (this.key !== key || !this.refined) this.refined = drawnTriangles(shape, steps);
-    this.key = key;
+    const hasSides = telling !== "none" && other && other.shape.starts.length > 1;
+    const question = `${target} ${most} ${Boolean(hasSides)}`;
+    if (this.key !== key) this.feet = null;
+    // What was cut for another question would be colours that depend on what was asked before: a link could not bring them back.
+    if (this.key !== key || this.question !== question || !this.refined) {
+      this.refined = drawnTriangles(shape, steps);
+      this.refined.feet = this.feet ?? this.refined.feet;
+    }
+    [this.key, this.question] = [key, question];
     const { refined } = this;
     // Where no more triangles are allowed, to know more of their error is not worth the time.
     const flat = other && other.shape.starts.length > 1 && refined.count < most ? new FlatFaces(other.shape) : null;
-    const hasSides = telling !== "none" && other && other.shape.starts.length > 1;
-    await refined.refine((points) => findFeet(meshes, id, points, quads), { target, most, flat, isSigned: Boolean(hasSides), isWanted: this.isWanted });
+    const measure = async (/** @type {Float64Array<ArrayBuffer>} */ points) => {
+      const feet = await findFeet(meshes, id, points, quads);
+      this.feet ??= feet;
+      return feet;
+    };
+    await refined.refine(measure, { target, most, flat, isSigned: Boolean(hasSides), isWanted: this.isWanted });
     const sides = !hasSides ? null : telling === "solid" ? provenSides(refined, windingAbout(other, quads)) : sidesOf(refined, sidesAbout(other));
     this.send(refined, sides);
     return { error: worstError(refined, sides), triangles: refined.count, sides: sides?.slice(0, shape.points.length / 3) ?? null };

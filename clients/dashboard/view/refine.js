@@ -92,7 +92,7 @@ export class Refined {
    */
   async refine(measure, limits) {
     if (this.errors.length === 0) {
-      this.feet = await measure(this.points);
+      if (this.feet.distance.length === 0) this.feet = await measure(this.points);
       this.errors = Float64Array.from({ length: this.count }, (_, place) => this.errorOf(place, limits.flat));
     }
     while (limits.isWanted()) {
