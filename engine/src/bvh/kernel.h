@@ -50,6 +50,8 @@ typedef struct qm_float_hit {
 /** The nearest bilinear patch: the distance, and its certified lower bound. */
 typedef struct qm_bilinear_hit {
     double distance, lower;
+    double
+        uv[2]; /* of the point at that distance; NAN where the distance is that of a triangle, and a twist */
     uint32_t face, pack;
 } qm_bilinear_hit;
 

@@ -142,11 +142,9 @@ static void offer_matches(bound_work *work)
             least = qm_min(least, high[0] + high[1] + high[2]);
         }
         if (!work->face->is_patch || !is_first(near, i)) continue;
-        qm_deviation_match alike;
-        qm_deviation_match_aligned(work->setup, work->face, work->piece, &near->rectangle[i].patch, &alike);
-        if (!alike.holds) continue;
-        qm_deviation_match_upper(&alike, high);
-        offer_high(work, high);
+        if (qm_deviation_match_aligned_upper(work->setup, work->face, work->piece, &near->rectangle[i].patch,
+                                             work->high_sum, high))
+            offer_high(work, high);
     }
 }
 
