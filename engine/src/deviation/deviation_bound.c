@@ -20,7 +20,7 @@
 #define WHOLE 0.25      /* radii: plane patches that are nearer to a piece of a patch are not cut in two */
 #define ATTACHED_PART 0x1p-6 /* of a height: the greatest loss to other parts of the base's patch */
 #define NEGLIGIBLE 0x1p-6    /* of base_margin: a loss below it is not reduced any further */
-#define BEND_PART 0x1p-4     /* of bend_error: the error of an integral over a part of a cell */
+#define BEND_PART 0x1p-3     /* of bend_error: the error of an integral over a part of a cell */
 #define TILT 1.25            /* how much steeper than needed a height is tilted */
 
 /** The state of one piece while it is bounded. */
