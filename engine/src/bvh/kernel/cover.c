@@ -29,7 +29,7 @@ double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *poin
         for (int part = 0; part < QM_PARTS; part++) {
             qm_vd max2 = qm_vd_set(0.0), best2 = qm_vd_set(upper * upper * NOT_LESS);
             bool is_open =
-                true; /* some lane may still be nearer than the best: mostly one point shows that none is */
+                true; /* some lane may be nearer than the best: mostly one point shows that none is */
             for (int i = 0; i < count && is_open; i++) {
                 qm_splat s = qm_splat_make(point[i]);
                 max2 = qm_vd_max(qm_pack_part_d2(candidates->pack[k], part, s.x, s.y, s.z), max2);
