@@ -375,8 +375,8 @@ static void check_all_numberings(const double c[4][3], const qm_vec corner[3], c
     }
 }
 
-/** Points off the interpolated ones, up or down the slope of two steep corners: found by searches for cases that only
- * the slope there bounds, and all of it. */
+/** Points off the interpolated ones, up or down the slope of one steep corner or two: found by searches for cases that
+ * only the slope there bounds, and all of it. */
 static void the_steepest_corner_counts(void **state)
 {
     (void)state;
@@ -397,6 +397,15 @@ static void the_steepest_corner_counts(void **state)
           {0.0251263, 0.934551, 0.0473244}},
          {{0.812714, 0.816072, 0.246733}, {0.292849, 0.788165, 0.218679}, {0.391021, 0.054837, 0.0327301}},
          {{1, 1}, {0.559889, 0.679694}, {0.308451, 0.123139}}},
+        /* One steep corner alone. */
+        {{{0.176481604, 0.209520854, -0.245128732},
+          {0.837275037, -0.382712426, -0.00882089588},
+          {0.83016584, 1.01585103, -0.225368553},
+          {-0.45540609, 0.946846525, -0.236985104}},
+         {{0.0573808327, 0.724773446, -0.188274586},
+          {0.715777182, 0.0486125568, -0.160531201},
+          {0.416683026, 0.345882438, -0.714406619}},
+         {{0.234750729, 0.868961028}, {1, 0.327785398}, {0, 0}}},
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
         check_all_numberings(cases[i].c, cases[i].corner, cases[i].uv);
@@ -522,6 +531,43 @@ static void a_sliver_is_as_near_as_a_side(void **state)
     QM_CHECK(bound < 1.6e-5, "bound %.17g", bound);
 }
 
+/**
+ * A triangle and a part of another patch at one height over a parallelogram, all of numbers with few digits: what lies
+ * between the surfaces is computed without rounding, so that the bound's own margin alone covers its roundings.
+ */
+static void exact_heights_are_in_the_bound(void **state)
+{
+    (void)state;
+    for (int number = 0; number < 4000; number++) {
+        qm_random random = qm_random_make(qm_check_seed(), (uint64_t)(30000 + number));
+        qm_vec origin, edge[2], corner[3];
+        double c[4][3], above[4][3];
+        static const double uv[4][2] = {{0.25, 0.25}, {0.75, 0.25}, {0.75, 0.75}, {0.25, 0.75}};
+        const qm_uv_box box = {{0.25, 0.25}, {0.75, 0.75}};
+        draw_edges(&random, &origin, edge);
+        if (!(qm_vec_norm(edge[1]) > 0.1)) continue;
+        qm_vec off = qm_vec_scale(0.25, qm_vec_cross(edge[0], edge[1])); /* products of ten digits each */
+        for (int i = 0; i < 4; i++) {
+            double u = i == 1 || i == 2, v = i >= 2;
+            qm_vec at = qm_vec_axpy(qm_vec_axpy(origin, u, edge[0]), v, edge[1]);
+            qm_vec_store(c[i], at);
+            qm_vec_store(above[i], qm_vec_add(at, off));
+        }
+        qm_bilinear patch = patch_of(c), source = patch_of(above);
+        for (int i = 0; i < 3; i++)
+            corner[i] = qm_bilinear_at(&source, uv[i][0], uv[i][1]);
+        long double length[3] = {off.x, off.y, off.z}, height = sqrtl(wide_dot(length, length));
+        double triangle = qm_bilinear_triangle_upper(&patch, corner, uv);
+        double rectangle = qm_bilinear_rectangle_upper(&source, &box, &patch, uv);
+        QM_CHECK(height <= (long double)triangle && (long double)triangle < height + 1e-13L,
+                 "seed %llu, case %d: %.20Lg is not the bound of %.17g of a triangle",
+                 (unsigned long long)qm_check_seed(), number, height, triangle);
+        QM_CHECK(height <= (long double)rectangle && (long double)rectangle < height + 1e-13L,
+                 "seed %llu, case %d: %.20Lg is not the bound of %.17g of a rectangle",
+                 (unsigned long long)qm_check_seed(), number, height, rectangle);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -532,6 +578,7 @@ int main(void)
         cmocka_unit_test(the_steepest_corner_counts),
         cmocka_unit_test(a_reflex_corner_is_not_passed_over),
         cmocka_unit_test(roundings_are_in_the_bound),
+        cmocka_unit_test(exact_heights_are_in_the_bound),
         cmocka_unit_test(a_sliver_is_as_near_as_a_side),
         cmocka_unit_test(no_point_of_a_rectangle_is_farther),
         cmocka_unit_test(all_of_a_rectangle_counts),

@@ -103,10 +103,55 @@ static void proofs_hold_up_to_the_distance(void **state)
              (unsigned long long)qm_check_seed(), (unsigned long long)proven, (unsigned long long)tried);
 }
 
+/** Rounds to so few digits that differences of coordinates, and sums of four of them, are exact. */
+static void shorten(double p[3])
+{
+    for (int k = 0; k < 3; k++)
+        p[k] = round(p[k] * 0x1p20) * 0x1p-20;
+}
+
+/**
+ * Where no coordinate is rounded before a proof, its own margins have to cover all of its roundings: it never goes beyond
+ * the distance, by however little. Half of the points are beside a side; others are over the patch, where a segment
+ * between two is rounded, by less than u.
+ */
+static void exact_patches_leave_nothing_to_the_promise(void **state)
+{
+    (void)state;
+    uint64_t count = qm_check_long() ? 100000 : 3000;
+    for (uint64_t number = 0; number < count; number++) {
+        qm_random random = qm_random_make(qm_check_seed(), 870000 + number);
+        double corner[4][3], p[3], off[3], reach = pow(10, qm_random_range(&random, -2, 1));
+        for (int i = 0; i < 4; i++) {
+            qm_random_point(&random, -1, 1, corner[i]);
+            shorten(corner[i]);
+        }
+        size_t side = qm_random_below(&random, 4), next = (side + 1) % 4, across = (side + 3) % 4;
+        double u = qm_random_range(&random, 0.1, 0.9), beside = qm_random_range(&random, 0, 2);
+        qm_random_direction(&random, off);
+        for (int k = 0; k < 3; k++) {
+            double on_side = corner[side][k] + u * (corner[next][k] - corner[side][k]);
+            bool is_beside = number % 2;
+            p[k] =
+                on_side + (is_beside ? beside * (corner[side][k] - corner[across][k]) : 0.0) + reach * off[k];
+        }
+        shorten(p);
+        const qm_vec c[4] = {qm_vec_load(corner[0]), qm_vec_load(corner[1]), qm_vec_load(corner[2]),
+                             qm_vec_load(corner[3])};
+        qm_bilinear patch = qm_bilinear_make(c);
+        qm_wide_distance truth = true_distance((const double(*)[3])corner, p);
+        double above = nextafter((double)truth.upper, INFINITY) + (number % 2 ? 0.0 : UNIT);
+        QM_CHECK(!qm_bilinear_is_beyond(&patch, qm_vec_load(p), above),
+                 "seed %llu, case %llu: beyond %.17g, is %.17Lg", (unsigned long long)qm_check_seed(),
+                 (unsigned long long)number, above, (long double)truth.upper);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(proofs_hold_up_to_the_distance),
+        cmocka_unit_test(exact_patches_leave_nothing_to_the_promise),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -47,9 +47,11 @@ typedef struct qm_float_hit {
     uint32_t pack, lane;
 } qm_float_hit;
 
-/** The nearest bilinear patch: the distance, and its certified lower bound. */
+/** The nearest bilinear patch: the distance, its certified lower bound, and the parameters of the point that far
+ * away: NAN where the distance is that of a triangle and a flatness bound. */
 typedef struct qm_bilinear_hit {
     double distance, lower;
+    double uv[2];
     uint32_t face, pack;
 } qm_bilinear_hit;
 

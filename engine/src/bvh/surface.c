@@ -43,6 +43,14 @@ static double local_distance(const qm_bvh *bvh, const qm_surface_point *foot, qm
     return qm_vec_distance(qm_frame_local(&bvh->frame, foot->position), p);
 }
 
+qm_surface_point qm_surface_patch_point(const qm_bvh *bvh, uint32_t face, const double uv[2])
+{
+    qm_bilinear patch = qm_bvh_load_patch(bvh, face);
+    qm_surface_point point = {.face = face, .uv = {uv[0], uv[1]}};
+    qm_vec_store(point.position, qm_frame_world(&bvh->frame, qm_bilinear_at(&patch, uv[0], uv[1])));
+    return point;
+}
+
 qm_surface_point qm_surface_face_foot(const qm_bvh *bvh, qm_quad_reading reading, uint32_t face, qm_vec p,
                                       double error)
 {
@@ -51,10 +59,7 @@ qm_surface_point qm_surface_face_foot(const qm_bvh *bvh, qm_quad_reading reading
     if (corners == 4 && reading == QM_QUADS_BILINEAR) {
         qm_bilinear patch = qm_bilinear_make(corner);
         qm_bilinear_footpoint found = qm_bilinear_project(&patch, p, error, INFINITY);
-        qm_surface_point foot = {.face = face, .uv = {found.uv[0], found.uv[1]}};
-        qm_vec_store(foot.position,
-                     qm_frame_world(&bvh->frame, qm_bilinear_at(&patch, found.uv[0], found.uv[1])));
-        return foot;
+        return qm_surface_patch_point(bvh, face, found.uv);
     }
     qm_surface_point foot = corner_foot(bvh, face, corner, corners, false, p);
     if (corners == 3) return foot;

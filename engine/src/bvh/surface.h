@@ -15,4 +15,7 @@ qm_surface_point qm_surface_triangle_foot(const qm_bvh *bvh, uint32_t pack, uint
 qm_surface_point qm_surface_face_foot(const qm_bvh *bvh, qm_quad_reading reading, uint32_t face, qm_vec p,
                                       double error);
 
+/** The point of a quad, as a bilinear patch, with these parameters. */
+qm_surface_point qm_surface_patch_point(const qm_bvh *bvh, uint32_t face, const double uv[2]);
+
 #endif

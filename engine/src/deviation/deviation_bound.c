@@ -20,7 +20,7 @@
 #define WHOLE 0.25      /* radii: plane patches that are nearer to a piece of a patch are not cut in two */
 #define ATTACHED_PART 0x1p-6 /* of a height: the greatest loss to other parts of the base's patch */
 #define NEGLIGIBLE 0x1p-6    /* of base_margin: a loss below it is not reduced any further */
-#define BEND_PART 0x1p-4     /* of bend_error: the error of an integral over a part of a cell */
+#define BEND_PART 0x1p-3     /* of bend_error: the error of an integral over a part of a cell */
 #define TILT 1.25            /* how much steeper than needed a height is tilted */
 
 /** The state of one piece while it is bounded. */
@@ -142,11 +142,9 @@ static void offer_matches(bound_work *work)
             least = qm_min(least, high[0] + high[1] + high[2]);
         }
         if (!work->face->is_patch || !is_first(near, i)) continue;
-        qm_deviation_match alike;
-        qm_deviation_match_aligned(work->setup, work->face, work->piece, &near->rectangle[i].patch, &alike);
-        if (!alike.holds) continue;
-        qm_deviation_match_upper(&alike, high);
-        offer_high(work, high);
+        if (qm_deviation_match_aligned_upper(work->setup, work->face, work->piece, &near->rectangle[i].patch,
+                                             work->high_sum, high))
+            offer_high(work, high);
     }
 }
 

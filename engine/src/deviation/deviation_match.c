@@ -334,6 +334,8 @@ void qm_deviation_match_make(const qm_deviation_setup *setup, const qm_deviation
     finish(setup, corner, match);
 }
 
+/* ---- the same parameters of two patches ---- */
+
 /** The parameters of a patch that go with those of another one when it is laid out in one of eight ways. */
 static void lay_out(int layout, double s, double t, double at[2])
 {
@@ -341,17 +343,26 @@ static void lay_out(int layout, double s, double t, double at[2])
     at[1 - (layout & 1)] = layout & 4 ? 1.0 - t : t;
 }
 
+/** The corner of a patch, (0, 0), (1, 0), (0, 1) or (1, 1). */
+static qm_vec corner_at(const qm_bilinear *patch, int corner)
+{
+    return qm_bilinear_at(patch, corner & 1 ? 1.0 : 0.0, corner & 2 ? 1.0 : 0.0);
+}
+
+/** The layout in which the corners of both patches are nearest to one another. */
 static int find_layout(const qm_bilinear *source, const qm_bilinear *target)
 {
     int best = 0;
-    double least = INFINITY;
+    double least = INFINITY, apart2[4][4];
+    for (int i = 0; i < 4; i++)
+        for (int k = 0; k < 4; k++)
+            apart2[i][k] = qm_vec_norm2(qm_vec_sub(corner_at(source, i), corner_at(target, k)));
     for (int layout = 0; layout < 8; layout++) {
         double sum = 0.0;
         for (int i = 0; i < 4; i++) {
-            double s = i & 1 ? 1.0 : 0.0, t = i & 2 ? 1.0 : 0.0, at[2];
-            lay_out(layout, s, t, at);
-            sum +=
-                qm_vec_norm2(qm_vec_sub(qm_bilinear_at(source, s, t), qm_bilinear_at(target, at[0], at[1])));
+            double at[2];
+            lay_out(layout, i & 1 ? 1.0 : 0.0, i & 2 ? 1.0 : 0.0, at);
+            sum += apart2[i][(at[0] > 0.5 ? 1 : 0) + (at[1] > 0.5 ? 2 : 0)];
         }
         if (!(sum < least)) continue;
         least = sum;
@@ -360,19 +371,27 @@ static int find_layout(const qm_bilinear *source, const qm_bilinear *target)
     return best;
 }
 
-void qm_deviation_match_aligned(const qm_deviation_setup *setup, const qm_deviation_face *face,
-                                const qm_deviation_piece *piece, const qm_bilinear *patch,
-                                qm_deviation_match *match)
+bool qm_deviation_match_aligned_upper(const qm_deviation_setup *setup, const qm_deviation_face *face,
+                                      const qm_deviation_piece *piece, const qm_bilinear *patch,
+                                      double enough, double high[3])
 {
     qm_vec corner[6];
+    double at[3][2], length[6], low[3], sum = 0.0, farthest = 0.0;
     int layout = find_layout(&face->patch, patch);
-    match->patch = patch;
-    match->slack = face->slack;
-    match->is_clamped = false;
     qm_deviation_piece_coefficients(face, piece, corner);
-    for (int i = 0; i < 3; i++)
-        lay_out(layout, piece->u[i], piece->v[i], match->at[i]);
-    finish(setup, corner, match);
+    for (int k = 0; k < 6; k++) {
+        int i = pair_of[k][0], j = pair_of[k][1];
+        if (k < 3) lay_out(layout, piece->u[k], piece->v[k], at[k]);
+        double apart = qm_vec_distance(corner[k], qm_bilinear_polar(patch, at[i], at[j]));
+        farthest = qm_max(farthest, apart);
+        length[k] = apart + face->slack;
+        if (k < 3) sum += length[k];
+        /* A linear function above the length is no less at the corners. */
+        if (k == 2 && !(sum < enough)) return false;
+    }
+    if (!(farthest <= FARTHEST * setup->extent)) return false;
+    qm_quadratic_open(length, low, high);
+    return true;
 }
 
 /* ---- the lower bound ---- */

@@ -142,12 +142,6 @@ void qm_deviation_match_make(const qm_deviation_setup *setup, const qm_deviation
                              const qm_deviation_piece *piece, const qm_bilinear *patch, const double start[2],
                              bool within, qm_deviation_match *match);
 
-/** Matches a piece of a patch to the same parameters of another patch, counted from its nearest corner: for
- * two patches that nearly coincide, however they are folded. */
-void qm_deviation_match_aligned(const qm_deviation_setup *setup, const qm_deviation_face *face,
-                                const qm_deviation_piece *piece, const qm_bilinear *patch,
-                                qm_deviation_match *match);
-
 /** True when all parameters are within the unit square. */
 static inline bool qm_deviation_match_is_inside(const qm_deviation_match *match)
 {
@@ -203,6 +197,15 @@ void qm_deviation_match_beside(const qm_deviation_face *face, const qm_deviation
 /** Values at the corners of a linear function that the distance to the patch is at most; the parameters are
  * all within the unit square. */
 void qm_deviation_match_upper(const qm_deviation_match *match, double high[3]);
+
+/**
+ * The same for a piece of a patch that is matched to the same parameters of another patch, counted from its nearest
+ * corner: for two patches that nearly coincide, however they are folded. False where the sum of the values would be no
+ * less than enough, which the three corners tell: of most patches, as they do not coincide.
+ */
+bool qm_deviation_match_aligned_upper(const qm_deviation_setup *setup, const qm_deviation_face *face,
+                                      const qm_deviation_piece *piece, const qm_bilinear *patch,
+                                      double enough, double high[3]);
 
 /** How far the corners' parameters are beyond lines that are foot inside of the four edges of the unit
  * square, as lengths; negative within. */

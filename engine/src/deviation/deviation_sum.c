@@ -154,58 +154,99 @@ static void add_piece(const share_sums *sums, const piece_growth *growth, const 
 typedef struct cell_corner {
     double height;
     size_t index;
+    int run; /* see find_runs */
 } cell_corner;
 
-static void order_corners(const cell_corner *a, const cell_corner *b, cell_corner *low, cell_corner *high)
+static void order(const cell_corner **a, const cell_corner **b)
 {
-    bool is_ordered = a->height < b->height;
-    cell_corner first = is_ordered ? *a : *b, last = is_ordered ? *b : *a;
-    *low = first;
-    *high = last;
+    if ((*a)->height < (*b)->height) return;
+    const cell_corner *first = *b;
+    *b = *a;
+    *a = first;
 }
 
-/** Adds a cell to the shares within each x, as seen from one side: part of it between its lowest and highest
- * corner, all of it from there on. */
-static void add_side(const cell_corner corner[3], double part, const double *x, double *share, double *steps)
+/** Adds a cell that has corners within some x and beyond others to the shares within each, as seen from one side:
+ * part of it between its lowest and highest corner, all of it from there on. */
+static void add_crossed(const cell_corner *low, const cell_corner *between, const cell_corner *high,
+                        double part, const double *x, double *share, double *steps)
 {
-    cell_corner low, between, high;
-    order_corners(&corner[0], &corner[1], &low, &high);
-    order_corners(&high, &corner[2], &between, &high);
-    order_corners(&low, &between, &low, &between);
-    steps[high.index] += part;
-    if (low.index == high.index) return;
-    const double heights[3] = {low.height, between.height, high.height};
+    order(&low, &between);
+    order(&between, &high);
+    order(&low, &between);
+    steps[high->index] += part;
+    const double heights[3] = {low->height, between->height, high->height};
     const ramp r = make_ramp(heights);
     double rise = part * r.rise, fall = part * r.fall;
-    for (size_t i = low.index; i < between.index; i++)
+    for (size_t i = low->index; i < between->index; i++)
         share[i] += (x[i] - r.value[0]) * (x[i] - r.value[0]) * rise;
-    for (size_t i = between.index; i < high.index; i++)
+    for (size_t i = between->index; i < high->index; i++)
         share[i] += part - (r.value[2] - x[i]) * (r.value[2] - x[i]) * fall;
 }
 
-/** Adds the cells of a height, opened by above, and its opposite by below: a point is within x if both are. */
-static void add_cells(const qm_quadratic *bend, double above, double below, const double *x, size_t count,
-                      double *share, double *steps)
+/** Sets for each corner how many of those after it in its row lie between the same two x. */
+static void find_runs(int cells, cell_corner *corner)
 {
-    double at[QM_QUADRATIC_CORNERS], part = 1.0 / (double)(bend->cells * bend->cells);
-    cell_corner side[2][QM_QUADRATIC_CORNERS];
-    qm_quadratic_values(bend, at);
-    for (int i = 0; i < (bend->cells + 1) * (bend->cells + 2) / 2; i++) {
-        const double height[2] = {at[i] + above, below - at[i]};
-        for (int k = 0; k < 2; k++)
-            side[k][i] = (cell_corner){height[k], height[k] > 0.0 ? lower_bound(x, count, height[k]) : 0};
+    for (int j = 0, first = 0; j <= cells; first += cells + 1 - j, j++) {
+        int last = first + cells - j;
+        corner[last].run = 0;
+        for (int i = last - 1; i >= first; i--)
+            corner[i].run = corner[i].index == corner[i + 1].index ? corner[i + 1].run + 1 : 0;
     }
-    for (int j = 0; j < bend->cells; j++)
-        for (int i = 0; i < 2 * (bend->cells - j) - 1; i++) {
-            int corner[3];
-            qm_quadratic_cell(bend->cells, j, i, corner);
-            /* Two sides count the cell twice. */
-            steps[0] -= part;
-            for (int k = 0; k < 2; k++) {
-                const cell_corner of[3] = {side[k][corner[0]], side[k][corner[1]], side[k][corner[2]]};
-                add_side(of, part, x, share, steps);
+}
+
+/** How many cells from an even one of a row on, the corners of which follow from one of its row and one of the row
+ * above, lie between the same two x. */
+static int count_alike(const cell_corner *row, const cell_corner *above)
+{
+    if (row->index != above->index) return 0;
+    int upright = row->run <= above->run ? row->run : above->run + 1; /* the even ones */
+    return upright + (row->run <= above->run ? row->run : above->run);
+}
+
+/** Adds all cells as seen from one side: those between the same two x together, which most are. */
+static void add_side(int cells, const cell_corner *corner, double part, const double *x, double *share,
+                     double *steps)
+{
+    for (int j = 0; j < cells; j++)
+        for (int i = 0, count; i < 2 * (cells - j) - 1; i += count) {
+            int c[3];
+            qm_quadratic_cell(cells, j, i, c);
+            const cell_corner *one = &corner[c[0]], *two = &corner[c[1]], *three = &corner[c[2]];
+            count = i % 2 ? one->index == two->index && one->index == three->index : count_alike(one, three);
+            if (count > 0) {
+                steps[one->index] += part * count;
+            } else {
+                add_crossed(one, two, three, part, x, share, steps);
+                count = 1;
             }
         }
+}
+
+/** The first index whose x is at least a height: mostly that of the corner before. */
+static size_t find_index(const double *x, size_t count, double height, size_t before)
+{
+    bool is_same = (before == count || x[before] >= height) && (before == 0 || x[before - 1] < height);
+    return is_same ? before : lower_bound(x, count, height);
+}
+
+/** Adds the cells of a height, opened by above, and its opposite by below: a point is within x if both are. */
+static void add_cells(int cells, const double at[QM_QUADRATIC_CORNERS], double above, double below,
+                      const double *x, size_t count, double *share, double *steps)
+{
+    int corners = (cells + 1) * (cells + 2) / 2;
+    double part = 1.0 / (double)(cells * cells);
+    for (int k = 0; k < 2; k++) {
+        cell_corner corner[QM_QUADRATIC_CORNERS];
+        size_t index = 0;
+        for (int i = 0; i < corners; i++) {
+            double height = k ? below - at[i] : at[i] + above;
+            if (height > 0.0) index = find_index(x, count, height, index);
+            corner[i] = (cell_corner){height, height > 0.0 ? index : 0, 0};
+        }
+        find_runs(cells, corner);
+        add_side(cells, corner, part, x, share, steps);
+    }
+    steps[0] -= part * (cells * cells); /* two sides count each cell twice */
 }
 
 /** The range of the distances over a piece whose height bends: a quadratic lies between its Bezier points. */
@@ -221,10 +262,16 @@ static qm_interval bent_range(const qm_quadratic *bend)
     return (qm_interval){qm_max(0.0, qm_max(low, -high)), qm_max(high, -low)};
 }
 
+/** The heights at the corners of the cells of a piece, once they are needed. */
+typedef struct cell_heights {
+    bool is_set;
+    double at[QM_QUADRATIC_CORNERS];
+} cell_heights;
+
 /** Adds a piece whose height bends, cell by cell where it lies within some x and beyond others; rows has room
  * for count + 1 shares and steps. */
-static void add_bent(const share_sums *sums, const qm_deviation_bounds *piece, bool from_above,
-                     const double *x, size_t count, const double area[2][2], double *rows)
+static void add_bent(const share_sums *sums, const qm_deviation_bounds *piece, cell_heights *heights,
+                     bool from_above, const double *x, size_t count, const double area[2][2], double *rows)
 {
     const qm_quadratic *bend = &piece->bend;
     const piece_growth whole = {.invalid = from_above ? -piece->invalid_high : piece->invalid_low};
@@ -243,8 +290,10 @@ static void add_bent(const share_sums *sums, const qm_deviation_bounds *piece, b
     qm_quadratic_linear_error(bend->value, open);
     open[0] = open[0] * part + bend->below;
     open[1] = open[1] * part + bend->above;
-    add_cells(bend, from_above ? open[1] : -open[0], from_above ? open[0] : -open[1], x + begin, end - begin,
-              share, steps);
+    if (!heights->is_set) qm_quadratic_values(bend, heights->at);
+    heights->is_set = true;
+    add_cells(bend->cells, heights->at, from_above ? open[1] : -open[0], from_above ? open[0] : -open[1],
+              x + begin, end - begin, share, steps);
     for (size_t i = begin; i < end; i++) {
         double within[2];
         sum += steps[i - begin];
@@ -287,8 +336,10 @@ qm_status qm_deviation_find_areas(qm_context *ctx, qm_deviation_piece_list piece
         const double other[2][2] = {{piece->area_high, piece->area_low},
                                     {piece->density_high, piece->density_low}};
         if (piece->bend.cells > 1) {
-            add_bent(&low, piece, true, x, count, area, (double *)(work + 8 * (count + 1)));
-            add_bent(&high, piece, false, x, count, other, (double *)(work + 8 * (count + 1)));
+            cell_heights heights;
+            heights.is_set = false;
+            add_bent(&low, piece, &heights, true, x, count, area, (double *)(work + 8 * (count + 1)));
+            add_bent(&high, piece, &heights, false, x, count, other, (double *)(work + 8 * (count + 1)));
             continue;
         }
         double flipped_low[3], flipped_high[3];

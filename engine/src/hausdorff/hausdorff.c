@@ -119,7 +119,8 @@ static void set_witness(const qm_search *search, qm_hausdorff_result *out)
         qm_bilinear_hit patch;
         search->kernel->closest_patch(side->target, p, hit.pack, error, &patch);
         certified = patch.lower;
-        out->to = qm_surface_face_foot(side->target, quads, patch.face, p, error);
+        out->to = isnan(patch.uv[0]) ? qm_surface_face_foot(side->target, quads, patch.face, p, error)
+                                     : qm_surface_patch_point(side->target, patch.face, patch.uv);
     } else {
         out->to = qm_surface_triangle_foot(side->target, hit.pack, hit.lane, p);
     }

@@ -565,9 +565,15 @@ static bool triangles_reached(qm_piece_work *work, const qm_bilinear_halves *hal
     qm_refined refined;
     bool is_refined = qm_candidates_refine(work, &whole, centre, near, &refined);
     bool covered = true, moved = false;
+    /* A cover of a whole triangle has a label for each of its corners. */
+    for (int i = 0; i < 4 && covered; i++) {
+        whole.in_reach[i] = work->kernel->in_reach(&work->candidates, c[i]);
+        covered = is_refined || whole.in_reach[i] != 0;
+    }
     for (int half = 0; half < 2 && covered; half++) {
         qm_polygon polygon = piece_triangle(work, c[0], c[1 + half], c[2 + half]);
-        reach_corners(work, &polygon);
+        for (int i = 0; i < 3; i++)
+            polygon.in_reach[i] = whole.in_reach[i == 0 ? 0 : half + i];
         covered = cover_with(work, is_refined ? &refined : NULL, &polygon, &moved);
     }
     set_slack(work, 0.0);

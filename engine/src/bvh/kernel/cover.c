@@ -18,6 +18,7 @@
 #define MIN_PROGRESS 0.02 /* fraction of an edge that a cut must gain, or the facet is not tried again */
 #define CUT_TRIES 3       /* of a cut point, each nearer to the corner that is within the cutoff */
 #define CUT_RETREAT 0.99
+#define NOT_LESS (1.0 + 0x1p-50) /* a square below another one times this may have the smaller root */
 
 double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *nearest)
 {
@@ -26,12 +27,15 @@ double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *poin
     *nearest = 0;
     for (int k = 0; k < candidates->count; k++) {
         for (int part = 0; part < QM_PARTS; part++) {
-            qm_vd max2 = qm_vd_set(0.0);
-            for (int i = 0; i < count; i++) {
+            qm_vd max2 = qm_vd_set(0.0), best2 = qm_vd_set(upper * upper * NOT_LESS);
+            bool is_open =
+                true; /* some lane may be nearer than the best: mostly one point shows that none is */
+            for (int i = 0; i < count && is_open; i++) {
                 qm_splat s = qm_splat_make(point[i]);
                 max2 = qm_vd_max(qm_pack_part_d2(candidates->pack[k], part, s.x, s.y, s.z), max2);
+                is_open = qm_vl_bits(max2 < best2) != 0;
             }
-            for (int lane = 0; lane < QM_WIDTH; lane++) {
+            for (int lane = 0; is_open && lane < QM_WIDTH; lane++) {
                 double here = sqrt(max2[lane]) + candidates->twist[k][part * QM_WIDTH + lane];
                 if (here < upper) {
                     upper = here;

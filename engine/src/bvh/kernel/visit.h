@@ -87,7 +87,7 @@ static inline void qm_visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lan
                                   double error, qm_last_patch *last, qm_bilinear_hit *hit)
 {
     uint32_t face = bvh->lanes[pack].face[lane];
-    qm_bilinear_footpoint foot = {.distance = sqrt(d2), .lower = sqrt(d2)};
+    qm_bilinear_footpoint foot = {.distance = sqrt(d2), .lower = sqrt(d2), .uv = {NAN, NAN}};
     double twist = qm_bvh_has_twists(bvh) ? (double)qm_bvh_twists(bvh, pack)[lane] : 0.0;
     bool certified = twist > 0.25 * error;
     if (certified || (twist > 0.0 && error == INFINITY)) {
@@ -99,6 +99,8 @@ static inline void qm_visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lan
     hit->lower = fmin(hit->lower, foot.lower);
     if (foot.distance < hit->distance || (foot.distance == hit->distance && face < hit->face)) {
         hit->distance = foot.distance;
+        hit->uv[0] = foot.uv[0];
+        hit->uv[1] = foot.uv[1];
         hit->face = face;
         hit->pack = pack;
     }
