@@ -9,7 +9,7 @@
 
 static const char *id_of(const char *method, const char *path)
 {
-    static char ids[2][QM_ID_SIZE];
+    static char ids[2][QM_HASH_SIZE];
     qm_problem problem;
     return qm_route_find(method, path, ids, &problem) ? ids[0] : NULL;
 }
@@ -21,6 +21,10 @@ static void test_known_paths(void **state)
     assert_string_equal(id_of("GET", "/v1/meshes/m_abc2"), "m_abc2");
     assert_string_equal(id_of("HEAD", "/v1/meshes/m_abc2"), "m_abc2");
     assert_string_equal(id_of("GET", "/v1/jobs/j_1/events"), "j_1");
+    const char *hash = "0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef";
+    assert_string_equal(id_of("HEAD", "/v1/meshes/sha256:0123456789abcdef0123456789abcdef0123456789abcdef"
+                                      "0123456789abcdef"),
+                        hash);
     assert_string_equal(id_of("GET", "/"), "");
     assert_string_equal(id_of("GET", "/dashboard/main.js"), "main.js");
     assert_string_equal(id_of("GET", "/dashboard/js/index.js"), "js/index.js");
@@ -29,7 +33,7 @@ static void test_known_paths(void **state)
 static void test_paths_of_two_names(void **state)
 {
     (void)state;
-    char ids[2][QM_ID_SIZE];
+    char ids[2][QM_HASH_SIZE];
     qm_problem problem;
     assert_non_null(qm_route_find("POST", "/v1/layouts/l_1/curves/17/split", ids, &problem));
     assert_string_equal(ids[0], "l_1");
@@ -49,7 +53,7 @@ static void test_unknown_paths(void **state)
         /* one character more than an id may have */
         "/v1/meshes/0123456789012345678901234567890123456789"};
     for (size_t i = 0; i < sizeof paths / sizeof paths[0]; i++) {
-        char ids[2][QM_ID_SIZE];
+        char ids[2][QM_HASH_SIZE];
         qm_problem problem;
         QM_CHECK(!qm_route_find("GET", paths[i], ids, &problem), "%s", paths[i]);
         QM_CHECK(problem.code == QM_PROBLEM_NOT_FOUND, "%s: %d", paths[i], (int)problem.code);
@@ -58,7 +62,7 @@ static void test_unknown_paths(void **state)
 
 static void check_allow(const char *method, const char *path, const char *allow)
 {
-    char ids[2][QM_ID_SIZE];
+    char ids[2][QM_HASH_SIZE];
     qm_problem problem;
     assert_null(qm_route_find(method, path, ids, &problem));
     assert_int_equal(problem.code, QM_PROBLEM_METHOD_NOT_ALLOWED);
