@@ -233,6 +233,7 @@ def test_a_sign_needs_a_solid(client, pair):
             job = ask(client, small, target, sign="outside")
             assert job["state"] == "failed" and job["problem"]["code"] == "not_closed" and job["problem"]["status"] == 422
             assert words in job["problem"]["detail"] and "mesh B" in job["problem"]["detail"]
+            assert 'the sign "normal" needs no solid, but has no proof' in job["problem"]["detail"]
             MET_CODES.add(job["problem"]["code"])
     points = client.upload(b"0 0 1\n0 1 2\n", format="xyz")["id"]
     for sign in ("outside", "normal"):

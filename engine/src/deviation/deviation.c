@@ -386,8 +386,12 @@ static qm_status require_solid(deviation_work *work)
     qm_status status = QM_OK;
     if (!options->solid)
         status = qm_solid_check(work->ctx, work->b, options->quads, options->thread_count, &found);
-    return status == QM_OK ? qm_solid_require(work->ctx, options->solid ? options->solid : &found, "B")
-                           : status;
+    if (status == QM_OK) status = qm_solid_require(work->ctx, options->solid ? options->solid : &found, "B");
+    if (status != QM_E_NOT_CLOSED || work->b->mesh.face_count == 0) return status;
+    char fault[QM_MESSAGE_SIZE];
+    memcpy(fault, work->ctx->message, sizeof fault);
+    return qm_context_fail(work->ctx, status, "%s; the sign \"normal\" needs no solid, but has no proof",
+                           fault);
 }
 
 /** Sets the signed figures, by the pieces unless the call was canceled before. */
