@@ -9,7 +9,6 @@
 
 #include "base/clock.h"
 #include "check.h"
-#include "report/report.h"
 
 enum { PATH_SIZE = 4096 };
 
@@ -39,8 +38,9 @@ static qm_job_request make_request(const cli_checked_pair *pair, const qm_report
 {
     qm_job_request request = cli_checked_request(pair, QM_JOB_COMPARISON);
     cli_ask_for_report(&request);
-    request.limit_count = (size_t)qm_report_limits(report->limit, report->range, request.limits);
-    cli_add_limit_bands(pair->check->rule.limit_in, pair->check->rule.limit_out, &request);
+    const qm_report_limits *limits = &report->limits;
+    request.limit_count = (size_t)qm_report_scale_limits(limits->distance, report->range, request.limits);
+    cli_add_limit_bands(limits->inside, limits->outside, &request);
     return request;
 }
 
@@ -80,7 +80,7 @@ static bool fetch(cli_checked_pair *pair, const qm_report *report, qm_text *out)
     qm_job_request request = make_request(pair, report);
     char *result = cli_ask_checked(pair, &request, true);
     bool is_made =
-        result && cli_session_fetch_report(pair->settings->session, report->limit, report->range, out);
+        result && cli_session_fetch_report(pair->settings->session, &report->limits, report->range, out);
     if (result && !is_made)
         cli_format_problem(pair->problem, sizeof pair->problem, pair->check->path[0], &pair->told);
     free(result);
@@ -94,7 +94,7 @@ bool cli_write_check_page(cli_checked_pair *pair)
     char path[PATH_SIZE];
     /* A report judges the greatest distance of both directions. */
     bool has_verdict = rule->percent >= 100.0 && rule->direction == QM_TWO_SIDED;
-    qm_report report = {.limit = has_verdict ? rule->limit : NAN,
+    qm_report report = {.limits = {has_verdict ? rule->limit : NAN, rule->limit_in, rule->limit_out},
                         .range = rule->limit > 0.0 ? 2.0 * rule->limit : NAN,
                         .thread_count = settings->threads};
     qm_text page = {0};

@@ -9,6 +9,7 @@
 
 #include "base/json.h"
 #include "ops/json_out.h"
+#include "report/report.h"
 
 /** As those of diff, grep and cmp: NO is the other answer, beyond a limit or colliding; 2 is trouble of any kind. */
 enum { EXIT_OK = 0, EXIT_NO = 1, EXIT_BAD_INPUT = 2, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3 };
@@ -134,8 +135,7 @@ typedef struct cli_job {
 cli_job cli_job_make(qm_job_kind kind);
 
 /** Adds the bands between and beyond signed limits, of which NAN is none, with a sign if there is none yet; false when there is no
- * room for them. */
-enum { CLI_LIMIT_BANDS = 3 };
+ * room for them, after a report. */
 bool cli_add_limit_bands(double limit_in, double limit_out, qm_job_request *request);
 
 /** The outcome of a job. In this process the meshes (the second one is NULL for a kind of one) and the result are set; with
@@ -195,9 +195,10 @@ bool cli_session_fetch(cli_session *session, const char *path, const void *bytes
 /** Fetches the array of the result of the last job, for free; false after a report that names server, and *numbers may be NULL. */
 bool cli_session_fetch_numbers(cli_session *session, const char *server, double **numbers, size_t *count);
 
-/** Appends the report of the last job, a comparison, to out; a limit or a range that is NAN is not given. False after a report of
+/** Appends the report of the last job, a comparison, to out; limits and a range that are NAN are not given. False after a report of
  * what is wrong. */
-bool cli_session_fetch_report(cli_session *session, double limit, double range, qm_text *out);
+bool cli_session_fetch_report(cli_session *session, const qm_report_limits *limits, double range,
+                              qm_text *out);
 
 /** The path of the last job, "" if there is none. */
 const char *cli_session_job_path(const cli_session *session);

@@ -351,11 +351,7 @@ static int run(int argc, char **argv)
         return EXIT_USAGE;
     }
     cli_settle_sign(request);
-    if (!cli_add_limit_bands(limits.in, limits.out, request)) {
-        fprintf(stderr, "quadmesh: --bands takes up to %d ranges beside the limits\n",
-                QM_JOB_MAX_BANDS - CLI_LIMIT_BANDS);
-        return EXIT_USAGE;
-    }
+    if (!cli_add_limit_bands(limits.in, limits.out, request)) return EXIT_USAGE;
     if (!settle_regions(&limits, request)) {
         fputs("quadmesh: --regions takes --limit, --limit-in or --limit-out\n", stderr);
         return EXIT_USAGE;

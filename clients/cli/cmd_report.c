@@ -11,12 +11,12 @@
 #include "base/host.h"
 #include "base/json.h"
 #include "options.h"
-#include "report/report.h"
 
 #define PLACES 5 /* worst places, unless told otherwise */
 
 typedef struct report_options {
-    double limit, range; /* NAN: not given */
+    qm_report_limits limits;
+    double range; /* NAN: not given */
     const char *output;
     const char *command; /* the command line */
 } report_options;
@@ -98,7 +98,7 @@ static bool make_here(const report_options *options, const cli_job *job, const c
                         .request = request.data ? request.data : "",
                         .command = options->command,
                         .made = now,
-                        .limit = options->limit,
+                        .limits = options->limits,
                         .region_limit = job->request.threshold,
                         .range = options->range,
                         .thread_count = job->request.threads};
@@ -117,13 +117,22 @@ static bool make_here(const report_options *options, const cli_job *job, const c
     return is_made;
 }
 
+static void print_limits(const char *word, const qm_report_limits *limits, const char *output)
+{
+    printf("%s", word);
+    if (!isnan(limits->distance)) printf(", limit %.9g", limits->distance);
+    if (!isnan(limits->inside)) printf(", limit %.9g inside", limits->inside);
+    if (!isnan(limits->outside)) printf(", limit %.9g outside", limits->outside);
+    printf(": %s\n", output);
+}
+
 static void print_verdict(const report_options *options, qm_report_verdict verdict)
 {
     static const char *const words[] = {"no limit, no verdict", "within", "beyond", "undecided"};
     if (verdict == QM_REPORT_NO_LIMIT)
         printf("%s: %s\n", words[verdict], options->output);
     else
-        printf("%s, limit %.9g: %s\n", words[verdict], options->limit, options->output);
+        print_limits(words[verdict], &options->limits, options->output);
 }
 
 static int finish(const void *user, const cli_job *job, const cli_job_output *output)
@@ -131,16 +140,14 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     const report_options *options = user;
     qm_text text = {0};
     bool is_made = output->session
-                       ? cli_session_fetch_report(output->session, options->limit, options->range, &text)
+                       ? cli_session_fetch_report(output->session, &options->limits, options->range, &text)
                        : make_here(options, job, output, &text);
     bool is_written = is_made && cli_write_file(options->output, text.data, text.size);
     if (is_made && !is_written) cli_report_unwritable(options->output, job->as_json);
     qm_text_reset(&text);
     if (!is_written) return EXIT_BAD_INPUT;
     qm_json *result = qm_json_parse(output->json);
-    qm_report_verdict verdict =
-        qm_report_judge(qm_json_get_number(result, "symmetric.hausdorff.lower"),
-                        qm_json_get_number(result, "symmetric.hausdorff.upper"), options->limit);
+    qm_report_verdict verdict = qm_report_judge(result, &options->limits);
     bool is_accurate = qm_json_is_true(result, "accurate");
     qm_json_free(result);
     if (job->as_json)
@@ -160,7 +167,7 @@ static int run(int argc, char **argv)
     cli_job job = cli_job_make(QM_JOB_COMPARISON);
     qm_job_request *request = &job.request;
     cli_ask_for_report(request);
-    report_options o = {.limit = NAN, .range = NAN};
+    report_options o = {.limits = {NAN, NAN, NAN}, .range = NAN};
     /* The parser changes the order of the words. */
     char *command = join_command(argc, argv);
     o.command = command;
@@ -175,8 +182,18 @@ static int run(int argc, char **argv)
         {.name = "limit",
          .value = "X",
          .type = CLI_NUMBER,
-         .target = &o.limit,
-         .help = "the permitted distance, in the unit of the meshes; without it there is no verdict"},
+         .target = &o.limits.distance,
+         .help = "the permitted distance, in the unit of the meshes; without a limit there is no verdict"},
+        {.name = "limit-in",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &o.limits.inside,
+         .help = "how far A may be inside of B, which is proven closed"},
+        {.name = "limit-out",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &o.limits.outside,
+         .help = "and how far outside"},
         {.name = "range",
          .value = "X",
          .type = CLI_POSITIVE,
@@ -216,7 +233,7 @@ static int run(int argc, char **argv)
     int status;
     if (cli_read_options(&cmd_report, options, sizeof options / sizeof *options, argc, argv, job.path,
                          &status)) {
-        if (request->regions && isnan(o.limit)) {
+        if (request->regions && isnan(o.limits.distance)) {
             fputs("quadmesh: --regions takes --limit\n", stderr);
             free(command);
             return EXIT_USAGE;
@@ -226,9 +243,13 @@ static int run(int argc, char **argv)
             return EXIT_USAGE;
         }
         cli_settle_sign(request);
+        if (!cli_add_limit_bands(o.limits.inside, o.limits.outside, request)) {
+            free(command);
+            return EXIT_USAGE;
+        }
         if (!job.server) request->threads = cli_count_threads(request->threads);
-        if (request->regions) request->threshold = o.limit;
-        request->limit_count = (size_t)qm_report_limits(o.limit, o.range, request->limits);
+        if (request->regions) request->threshold = o.limits.distance;
+        request->limit_count = (size_t)qm_report_scale_limits(o.limits.distance, o.range, request->limits);
         status = cli_check_writable(o.output, job.as_json) ? cli_run_job(&job, finish, &o) : EXIT_BAD_INPUT;
     }
     free(command);
@@ -245,6 +266,6 @@ const cli_command cmd_report = {
                    "in the\ncolours of distance, how distances spread, the worst places, and all figures as "
                    "proven intervals.\n",
     .exit_status =
-        "Exit status: 0 within the limit, or none was given; 1 beyond it; 2 bad input or wrong usage;\n"
+        "Exit status: 0 within the limits, or none was given; 1 beyond one; 2 bad input or wrong usage;\n"
         "3 undecided, stopped before, or interrupted.",
     .run = run};

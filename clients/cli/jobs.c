@@ -79,12 +79,18 @@ cli_job cli_job_make(qm_job_kind kind)
     return job;
 }
 
+enum { LIMIT_BANDS = 3 };
+
 bool cli_add_limit_bands(double limit_in, double limit_out, qm_job_request *request)
 {
     if (isnan(limit_in) && isnan(limit_out)) return true;
     double in = isnan(limit_in) ? INFINITY : limit_in, out = isnan(limit_out) ? INFINITY : limit_out;
     if (request->sign == QM_SIGN_NONE) request->sign = QM_SIGN_OUTSIDE;
-    if (request->band_count + CLI_LIMIT_BANDS > QM_JOB_MAX_BANDS) return false;
+    if (request->band_count + LIMIT_BANDS > QM_JOB_MAX_BANDS) {
+        fprintf(stderr, "quadmesh: --bands takes up to %d ranges beside the limits\n",
+                QM_JOB_MAX_BANDS - LIMIT_BANDS);
+        return false;
+    }
     /* Bands are of distances with the sign. */
     bool is_turned = request->sign == QM_SIGN_INSIDE;
     const double from = is_turned ? -out : -in, to = is_turned ? in : out;

@@ -391,15 +391,23 @@ bool cli_session_fetch_numbers(cli_session *session, const char *server, double 
     return is_read;
 }
 
-bool cli_session_fetch_report(cli_session *session, double limit, double range, qm_text *out)
+bool cli_session_fetch_report(cli_session *session, const qm_report_limits *limits, double range,
+                              qm_text *out)
 {
+    const struct {
+        const char *name;
+        double value;
+    } query[] = {{"limit", limits->distance},
+                 {"limit_in", limits->inside},
+                 {"limit_out", limits->outside},
+                 {"range", range}};
     char path[400], number[QM_NUMBER_SIZE], *bytes = NULL;
     size_t size = 0;
     int used = snprintf(path, sizeof path, "%s/report?", cli_session_job_path(session));
-    if (!isnan(limit))
-        used += snprintf(path + used, sizeof path - (size_t)used, "limit=%s&", qm_text_number(limit, number));
-    if (!isnan(range))
-        used += snprintf(path + used, sizeof path - (size_t)used, "range=%s&", qm_text_number(range, number));
+    for (size_t i = 0; i < sizeof query / sizeof *query; i++)
+        if (!isnan(query[i].value))
+            used += snprintf(path + used, sizeof path - (size_t)used, "%s=%s&", query[i].name,
+                             qm_text_number(query[i].value, number));
     path[used - 1] = '\0';
     FILE *file = open_memstream(&bytes, &size);
     bool is_fetched = file && cli_session_fetch(session, path, NULL, 0, "text/html", session->server, file);

@@ -159,11 +159,12 @@ export class Jobs {
   /**
    * The result of a comparison as a page of HTML that needs nothing beside itself.
    * @param {string} id
-   * @param {Options & { limit?: number, range?: number }} [options] the permitted distance, and the end of the colour scale
+   * @param {Options & { limit?: number, limitIn?: number, limitOut?: number, range?: number }} [options] the permitted distances, and the end
+   *   of the colour scale
    * @returns {Promise<string>}
    */
-  report(id, { limit, range, signal } = {}) {
-    return this.transport.text(`${pathOf(id)}/report`, { query: { limit, range }, headers: { Accept: "text/html" }, signal });
+  report(id, { limit, limitIn, limitOut, range, signal } = {}) {
+    return this.transport.text(`${pathOf(id)}/report`, { query: { limit, limit_in: limitIn, limit_out: limitOut, range }, headers: { Accept: "text/html" }, signal });
   }
 
   /**

@@ -105,6 +105,18 @@ static bool take_mesh(report_task *task, int side, const qm_json *document, qm_p
     return true;
 }
 
+/** Signed limits are about signed distances; false with a problem. */
+static bool has_sides(const report_task *task, const qm_json *document, qm_problem *problem)
+{
+    const qm_report_limits *limits = &task->report.limits;
+    if ((isnan(limits->inside) && isnan(limits->outside)) || qm_json_has(document, "request.sign"))
+        return true;
+    *problem =
+        qm_problem_make(QM_PROBLEM_CONFLICT,
+                        "`limit_in` and `limit_out` are of signed distances, and the comparison has no sign");
+    return false;
+}
+
 /** Takes both meshes, as they were when they were compared; false with a problem. */
 static bool take_meshes(report_task *task, qm_problem *problem)
 {
@@ -116,7 +128,8 @@ static bool take_meshes(report_task *task, qm_problem *problem)
     else if (!is_comparison)
         *problem = qm_problem_make(QM_PROBLEM_CONFLICT, "only comparisons have reports");
     else
-        are_taken = take_mesh(task, 0, document, problem) && take_mesh(task, 1, document, problem);
+        are_taken = has_sides(task, document, problem) && take_mesh(task, 0, document, problem) &&
+                    take_mesh(task, 1, document, problem);
     task->report.region_limit = qm_json_get_number(document, "request.limit");
     qm_json_free(document);
     if (!are_taken) return false;
@@ -145,7 +158,10 @@ void qm_handle_job_report(qm_request *request)
     qm_report *report = &task.report;
     qm_problem problem;
     char now[QM_TIME_SIZE];
-    if (!read_number(request, "limit", true, &report->limit) ||
+    qm_report_limits *limits = &report->limits;
+    if (!read_number(request, "limit", true, &limits->distance) ||
+        !read_number(request, "limit_in", true, &limits->inside) ||
+        !read_number(request, "limit_out", true, &limits->outside) ||
         !read_number(request, "range", false, &report->range))
         return;
     bool is_ready = take_result(&task, qm_request_id(request), &problem) && take_meshes(&task, &problem);

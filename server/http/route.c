@@ -40,7 +40,7 @@ static const char *const rows_query[] = {"dtype", NULL};
 static const char *const project_query[] = {"dtype",       "quads",     "order", "threads",
                                             "accelerator", "transform", NULL};
 static const char *const delete_query[] = {"job", NULL};
-static const char *const report_query[] = {"limit", "range", NULL};
+static const char *const report_query[] = {"limit", "limit_in", "limit_out", "range", NULL};
 static const char *const events_query[] = {"after", NULL};
 
 static const qm_route routes[] = {

@@ -87,7 +87,17 @@ const char *qm_report_unit(const qm_report_writer *w)
 
 /* ---- the verdict ---- */
 
-qm_report_verdict qm_report_judge(double lower, double upper, double limit)
+/** The intervals that limits are about, as paths of a result, in the order of qm_report_limits. */
+static const char *const limited[] = {"symmetric.hausdorff", "a_to_b.signed.inside.max",
+                                      "a_to_b.signed.outside.max"};
+enum { LIMITED = sizeof limited / sizeof *limited };
+
+static double limit_at(const qm_report_limits *limits, int i)
+{
+    return i == 0 ? limits->distance : i == 1 ? limits->inside : limits->outside;
+}
+
+static qm_report_verdict judge_interval(double lower, double upper, double limit)
 {
     return isnan(limit)     ? QM_REPORT_NO_LIMIT
            : upper <= limit ? QM_REPORT_WITHIN
@@ -95,56 +105,108 @@ qm_report_verdict qm_report_judge(double lower, double upper, double limit)
                             : QM_REPORT_UNDECIDED;
 }
 
-static qm_report_verdict find_verdict(const qm_report_writer *w)
+/** That of one limit. Sides that are not proven decide nothing. */
+static qm_report_verdict judge_limit(const qm_json *result, const qm_report_limits *limits, int i)
 {
-    qm_report_interval greatest = qm_report_find(w, "symmetric.hausdorff");
-    return qm_report_judge(greatest.lower, greatest.upper, w->report->limit);
+    char lower[48], upper[48];
+    snprintf(lower, sizeof lower, "%s.lower", limited[i]);
+    snprintf(upper, sizeof upper, "%s.upper", limited[i]);
+    bool is_proven = i == 0 || qm_json_is_true(result, "a_to_b.signed.proven");
+    return judge_interval(is_proven ? qm_json_get_number(result, lower) : 0.0,
+                          is_proven ? qm_json_get_number(result, upper) : INFINITY, limit_at(limits, i));
+}
+
+qm_report_verdict qm_report_judge(const qm_json *result, const qm_report_limits *limits)
+{
+    int count[4] = {0};
+    for (int i = 0; i < LIMITED; i++)
+        count[judge_limit(result, limits, i)]++;
+    return count[QM_REPORT_BEYOND] > 0      ? QM_REPORT_BEYOND
+           : count[QM_REPORT_UNDECIDED] > 0 ? QM_REPORT_UNDECIDED
+           : count[QM_REPORT_WITHIN] > 0    ? QM_REPORT_WITHIN
+                                            : QM_REPORT_NO_LIMIT;
 }
 
 /** More digits than the width leaves certain, so that a bound is not rounded across the limit. */
 #define VERDICT_SPARE 2
 
-static void add_verdict_words(qm_report_writer *w, qm_report_verdict verdict)
+static void add_distance_words(qm_report_writer *w)
 {
-    qm_report_interval greatest = qm_report_find(w, "symmetric.hausdorff");
+    double permitted = w->report->limits.distance;
+    qm_report_interval greatest = qm_report_find(w, limited[0]);
     char limit[QM_NUMBER_SIZE];
     int side;
-    qm_text_number(w->report->limit, limit);
-    switch (verdict) {
+    qm_text_number(permitted, limit);
+    qm_text_add_string(w->out, "<p>");
+    switch (judge_limit(w->result, &w->report->limits, 0)) {
     case QM_REPORT_WITHIN:
-        qm_text_printf(
-            w->out,
-            "<strong>Within the limit of %s</strong><p>Every point of A is within %s of B, and every "
-            "point of B within %s of A: the greatest distance is at most ",
-            limit, limit, limit);
+        qm_text_printf(w->out,
+                       "Every point of A is within %s of B, and every point of B within %s of A: the "
+                       "greatest distance is at most ",
+                       limit, limit);
         qm_report_add_bound(w->out, greatest, 1, VERDICT_SPARE);
         break;
     case QM_REPORT_BEYOND:
-        side = qm_report_find(w, "a_to_b.hausdorff").lower > w->report->limit ? 0 : 1;
-        qm_text_printf(
-            w->out,
-            "<strong>Beyond the limit of %s</strong><p>There is a point of %s whose distance from %s is "
-            "at least ",
-            limit, qm_report_mesh_names[side], qm_report_mesh_names[1 - side]);
+        side = qm_report_find(w, "a_to_b.hausdorff").lower > permitted ? 0 : 1;
+        qm_text_printf(w->out, "There is a point of %s whose distance from %s is at least ",
+                       qm_report_mesh_names[side], qm_report_mesh_names[1 - side]);
         qm_report_add_bound(w->out, qm_report_find(w, "%s.hausdorff", qm_report_side_names[side]), 0,
                             VERDICT_SPARE);
         break;
     case QM_REPORT_UNDECIDED:
-        qm_text_printf(w->out,
-                       "<strong>Undecided at the limit of %s</strong><p>The limit lies inside the interval "
-                       "of the greatest "
-                       "distance, ",
-                       limit);
+        qm_text_add_string(w->out, "The limit lies inside the interval of the greatest distance, ");
         qm_report_add_interval(w->out, greatest, false, VERDICT_SPARE);
         qm_text_add_string(w->out, ", so neither is proven. A comparison with a smaller gap may decide");
         break;
     case QM_REPORT_NO_LIMIT:
-        qm_text_add_string(
-            w->out, "<strong>No limit was given</strong><p>There is no verdict. The greatest distance is ");
+        qm_text_add_string(w->out, "The greatest distance is ");
         qm_report_add_interval(w->out, greatest, false, 0);
         break;
     }
     qm_text_add_string(w->out, ".</p>");
+}
+
+static void add_side_words(qm_report_writer *w, int i, const char *where)
+{
+    double permitted = limit_at(&w->report->limits, i);
+    qm_report_interval greatest = qm_report_find(w, "%s", limited[i]);
+    char limit[QM_NUMBER_SIZE];
+    if (isnan(permitted)) return;
+    qm_text_number(permitted, limit);
+    switch (judge_limit(w->result, &w->report->limits, i)) {
+    case QM_REPORT_WITHIN:
+        qm_text_printf(w->out, "<p>No point of A is farther %s B than %s: at most ", where, limit);
+        qm_report_add_bound(w->out, greatest, 1, VERDICT_SPARE);
+        break;
+    case QM_REPORT_BEYOND:
+        qm_text_printf(w->out, "<p>There is a point of A that is farther %s B than %s: at least ", where,
+                       limit);
+        qm_report_add_bound(w->out, greatest, 0, VERDICT_SPARE);
+        break;
+    default:
+        qm_text_printf(w->out, "<p>Whether a point of A is farther %s B than %s is not proven: ", where,
+                       limit);
+        qm_report_add_interval(w->out, greatest, false, VERDICT_SPARE);
+    }
+    qm_text_add_string(w->out, ".</p>");
+}
+
+static void add_verdict_words(qm_report_writer *w, qm_report_verdict verdict)
+{
+    static const char *const words[] = {"No limit was given: there is no verdict", "Within the limit",
+                                        "Beyond the limit", "Undecided at the limit"};
+    const qm_report_limits *limits = &w->report->limits;
+    char limit[QM_NUMBER_SIZE];
+    bool is_one = isnan(limits->inside) && isnan(limits->outside);
+    qm_text_printf(w->out, "<strong>%s", words[verdict]);
+    if (verdict != QM_REPORT_NO_LIMIT && is_one)
+        qm_text_printf(w->out, " of %s", qm_text_number(limits->distance, limit));
+    else if (verdict != QM_REPORT_NO_LIMIT)
+        qm_text_add_string(w->out, "s");
+    qm_text_add_string(w->out, "</strong>");
+    add_distance_words(w);
+    add_side_words(w, 1, "inside");
+    add_side_words(w, 2, "outside");
 }
 
 /** What holds between the surfaces that the meshes stand for, which are as near to them as their uncertainties say. */
@@ -158,7 +220,7 @@ static void add_true_words(qm_report_writer *w)
                 "greatest distance is ");
     qm_report_add_interval(w->out, greatest, false, VERDICT_SPARE);
     qm_text_printf(w->out, "%s.</p>",
-                   words[qm_report_judge(greatest.lower, greatest.upper, w->report->limit)]);
+                   words[judge_interval(greatest.lower, greatest.upper, w->report->limits.distance)]);
 }
 
 static void add_warnings(qm_report_writer *w)
@@ -176,7 +238,7 @@ static void add_warnings(qm_report_writer *w)
 static void add_verdict(qm_report_writer *w)
 {
     static const char *const classes[] = {"unlimited", "within", "beyond", "undecided"};
-    qm_report_verdict verdict = find_verdict(w);
+    qm_report_verdict verdict = qm_report_judge(w->result, &w->report->limits);
     qm_text_printf(
         w->out, "<section class=\"verdict %s\" aria-labelledby=\"verdict\"><h2 id=\"verdict\">Verdict</h2>",
         classes[verdict]);
@@ -438,7 +500,7 @@ static void open_document(qm_report_writer *w)
     qm_text_add_string(w->out, " against ");
     add_title_name(w, 1);
     qm_text_printf(w->out, "%s</title>\n<style>\n%s</style></head>\n<body><header><h1>",
-                   words[find_verdict(w)], qm_report_style);
+                   words[qm_report_judge(w->result, &w->report->limits)], qm_report_style);
     add_name(w, 0);
     qm_text_add_string(w->out, " (A) against ");
     add_name(w, 1);
@@ -476,7 +538,8 @@ bool qm_report_write(qm_context *ctx, const qm_report *report, qm_text *out, qm_
     }
     const char *quads = qm_json_get_string(w.result, "quads");
     w.quads = quads && strcmp(quads, "bilinear") == 0 ? QM_QUADS_BILINEAR : QM_QUADS_TRIANGLES;
-    w.scale = qm_scale_make(report->limit, report->range, qm_report_find(&w, "symmetric.hausdorff").upper);
+    w.scale = qm_scale_make(report->limits.distance, report->range,
+                            qm_report_find(&w, "symmetric.hausdorff").upper);
     bool good = write_document(&w);
     qm_json_free(w.result);
     return good;
@@ -484,7 +547,7 @@ bool qm_report_write(qm_context *ctx, const qm_report *report, qm_text *out, qm_
 
 _Static_assert(QM_REPORT_MAX_LIMITS == QM_SCALE_BANDS, "a limit for each band");
 
-int qm_report_limits(double limit, double range, double *out)
+int qm_report_scale_limits(double limit, double range, double *out)
 {
     if (!(limit > 0.0 || range > 0.0)) return 0;
     const qm_scale scale = qm_scale_make(limit, range, 0.0);

@@ -9,6 +9,7 @@
 #ifndef QM_REPORT_H
 #define QM_REPORT_H
 
+#include "base/json.h"
 #include "base/notes.h"
 #include "ops/mesh_load.h"
 #include "ops/problem.h"
@@ -22,26 +23,34 @@ typedef struct qm_report_mesh {
     const qm_loaded_mesh *loaded; /* with a tree that is a target, of patches too if quads are read so */
 } qm_report_mesh;
 
+/** The permitted distances, 0 or more; NAN: no limit. Without any there is no verdict. */
+typedef struct qm_report_limits {
+    double distance;        /* of both meshes from one another */
+    double inside, outside; /* how far A may be inside and outside of B: signed distances of A are needed */
+} qm_report_limits;
+
 typedef struct qm_report {
     qm_report_mesh mesh[2];
     const char *result;  /* the result object of a comparison; with the regions that it may have */
     const char *request; /* the request object that was asked */
     const char *command; /* the command line; NULL: none */
     const char *made;    /* when, RFC 3339 */
-    double limit;        /* the permitted distance, 0 or more; NAN: none, and then no verdict */
+    qm_report_limits limits;
     double region_limit; /* what the regions of the result are beyond, if it has any */
     double range;        /* the end of the colour scale, above 0; NAN: chosen (scale.h) */
     int thread_count;
 } qm_report;
 
-/** What a proven interval of the greatest distance says of a limit. */
+/** What proven intervals of greatest distances say of the limits. */
 typedef enum qm_report_verdict {
     QM_REPORT_NO_LIMIT,
     QM_REPORT_WITHIN,   /* no point is farther */
     QM_REPORT_BEYOND,   /* a point is farther */
-    QM_REPORT_UNDECIDED /* the limit lies inside the interval, or the interval is not known */
+    QM_REPORT_UNDECIDED /* a limit lies inside its interval, or the interval is not known */
 } qm_report_verdict;
-qm_report_verdict qm_report_judge(double lower, double upper, double limit);
+
+/** The verdict on a result object of a comparison: beyond, if a point is beyond any of the limits. */
+qm_report_verdict qm_report_judge(const qm_json *result, const qm_report_limits *limits);
 
 /** Appends the document. False with a problem: memory, a canceled context, no library for pictures. */
 bool qm_report_write(qm_context *ctx, const qm_report *report, qm_text *out, qm_problem *problem);
@@ -50,6 +59,6 @@ bool qm_report_write(qm_context *ctx, const qm_report *report, qm_text *out, qm_
  * scale for a limit and a range as above. None without either, as the scale then follows from the result. Writes at most
  * QM_REPORT_MAX_LIMITS numbers, and returns how many. */
 #define QM_REPORT_MAX_LIMITS 16
-int qm_report_limits(double limit, double range, double *out);
+int qm_report_scale_limits(double limit, double range, double *out);
 
 #endif

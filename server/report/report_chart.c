@@ -264,7 +264,7 @@ static double find_step(double length)
 static void add_distribution(qm_report_writer *w, int side)
 {
     const char *mesh = qm_report_mesh_names[side];
-    double limit = w->report->limit,
+    double limit = w->report->limits.distance,
            end = qm_report_find(w, "%s.hausdorff", qm_report_side_names[side]).upper;
     if (limit <= 4.0 * end) end = fmax(end, limit);
     if (!(isfinite(end) && end > 0.0)) {

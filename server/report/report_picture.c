@@ -304,7 +304,7 @@ bool qm_report_add_regions(qm_report_writer *w, int side)
     if (!qm_report_has(w, "%s.region_count", direction)) return true;
     double count = qm_report_number(w, "%s.region_count", direction), limit = w->report->region_limit;
     char number[QM_NUMBER_SIZE];
-    const char *beyond = limit == w->report->limit ? "the limit" : qm_text_number(limit, number);
+    const char *beyond = limit == w->report->limits.distance ? "the limit" : qm_text_number(limit, number);
     qm_text_printf(w->out, "<h3>Parts of %s beyond %s</h3>\n", name, beyond);
     if (!(count > 0.0)) {
         qm_text_printf(w->out, "<p>No part of %s is, or may be, beyond %s.</p>\n", name, beyond);

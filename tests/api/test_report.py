@@ -1,6 +1,7 @@
 """The report of a comparison: what it is, that its figures are those of the job, and what has none."""
 import hashlib
 import html
+import math
 import re
 
 import pytest
@@ -84,8 +85,23 @@ def test_names_are_no_markup(client, name):
     assert not re.search(r"<(?:script|svg onload)", page)
 
 
+def test_limits_of_the_sides(client, job):
+    inner, outer = (client.upload(shapes.cube(side, (-side / 2,) * 3), name="cube")["id"] for side in (1.0, 1.25))
+    found = compare(client, outer, inner, sign="outside")
+    assert found["result"]["a_to_b"]["signed"]["outside"]["max"]["lower"] <= math.sqrt(3) / 8
+    for query, words in (({"limit_out": 0.25}, "Within the limits"), ({"limit_out": 0.2}, "Beyond the limits"),
+                         ({"limit_in": 0}, "Within the limits"), ({"limit_in": 0, "limit_out": 0.2}, "Beyond the limits"),
+                         ({"limit": 0.1, "limit_out": 0.25}, "Beyond the limits")):
+        assert words in read(client, found, **query).text, query
+    # No sides, or none with proof.
+    problem = check_problem(client.get(f"/v1/jobs/{job['id']}/report?limit_in=1"), 409, "conflict")
+    assert "limit_in" in problem["detail"]
+    guessed = compare(client, outer, inner, sign="normal")
+    assert "Undecided at the limits" in read(client, guessed, limit_in=9, limit_out=9).text
+
+
 def test_bad_queries(client, job):
-    for query in ["limit=-1", "limit=x", "limit=", "limit=nan", "limit=inf", "limit=1e999", "range=0", "range=-2", "limit=1&limit=2", "scale=3"]:
+    for query in ["limit_in=-1", "limit_out=nan", "limit=-1", "limit=x", "limit=", "limit=nan", "limit=inf", "limit=1e999", "range=0", "range=-2", "limit=1&limit=2", "scale=3"]:
         check_problem(client.get(f"/v1/jobs/{job['id']}/report?{query}"), 400, "invalid_parameter")
     check_problem(client.get(f"/v1/jobs/{job['id']}/report", headers={"Accept": "application/pdf"}), 406, "not_acceptable")
     check_problem(client.get("/v1/jobs/j_aaaaaaaaaaaaaaaaaaaa/report"), 404, "job_not_found")

@@ -395,4 +395,16 @@ def test_sides_that_are_not_known(quadmesh, tmp_path, where):
     done = quadmesh("report", b, b, "-o", "report.html", *where)
     assert done.returncode == 0 and "On which side" not in Page((tmp_path / "report.html").read_text()).check().root.text()
     done = quadmesh("check", "b.obj", "b.obj", "--limit-in", 0.1, "--report", "check.html", *where)
-    assert "above -0.1" in Page((tmp_path / "check.html").read_text()).check().section(A_SIDE).text()
+    page = Page((tmp_path / "check.html").read_text()).check()
+    assert "above -0.1" in page.section(A_SIDE).text() and "Within the limits" in page.verdict().text()
+
+
+def test_limits_of_the_sides_are_judged(quadmesh, tmp_path, where):
+    a, b = write_box(tmp_path / "a.obj", 1.25), write_box(tmp_path / "b.obj", 1.0)
+    for limits, status, word in ((["--limit-out", 0.5], 0, "within"), (["--limit-out", 0.4, "--limit-in", 0], 1, "beyond"),
+                                 (["--limit-in", 0, "--sign", "inside"], 0, "within"),
+                                 (["--limit-out", 0.5, "--sign", "normal"], 3, "undecided")):
+        done = quadmesh("report", a, b, *limits, "-o", "report.html", *where)
+        assert done.returncode == status and done.stdout.startswith(word + ", limit "), (limits, done)
+        page = Page((tmp_path / "report.html").read_text()).check()
+        assert word.capitalize() in page.verdict().text() and "in each band of signed distance" in page.section(A_SIDE).text()

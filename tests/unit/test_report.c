@@ -171,17 +171,71 @@ static void the_limit_is_the_edge_of_a_band(void **state)
     check_scale(1.0, 1.0, 0.0);
 }
 
+/** The verdict on a result whose greatest distance is in [lower, upper], null where not finite, and which has signed figures. */
+static qm_report_verdict judge(double lower, double upper, const char *side, qm_report_limits limits)
+{
+    char text[400], end[2][32];
+    snprintf(end[0], sizeof end[0], isnan(lower) ? "null" : "%.17g", lower);
+    snprintf(end[1], sizeof end[1], isnan(upper) ? "null" : "%.17g", upper);
+    snprintf(text, sizeof text, "{\"symmetric\":{\"hausdorff\":{\"lower\":%s,\"upper\":%s}},\"a_to_b\":{%s}}",
+             end[0], end[1], side);
+    qm_json *result = qm_json_parse(text);
+    assert_non_null(result);
+    qm_report_verdict verdict = qm_report_judge(result, &limits);
+    qm_json_free(result);
+    return verdict;
+}
+
 static void a_verdict_needs_proof(void **state)
 {
     (void)state;
-    assert_int_equal(qm_report_judge(0.0, 1.0, (double)NAN), QM_REPORT_NO_LIMIT);
-    assert_int_equal(qm_report_judge(0.5, 1.0, 1.0), QM_REPORT_WITHIN);
-    assert_int_equal(qm_report_judge(1.0, 1.5, 1.0), QM_REPORT_UNDECIDED);
-    assert_int_equal(qm_report_judge(nextafter(1.0, 2.0), 1.5, 1.0), QM_REPORT_BEYOND);
-    assert_int_equal(qm_report_judge(0.0, 0.0, 0.0), QM_REPORT_WITHIN);
-    /* An end that does not fit into a double is null in the result. */
-    assert_int_equal(qm_report_judge(0.0, (double)NAN, 1.0), QM_REPORT_UNDECIDED);
-    assert_int_equal(qm_report_judge((double)NAN, (double)NAN, 1.0), QM_REPORT_UNDECIDED);
+    const double none = NAN;
+    const struct {
+        double lower, upper, limit;
+        qm_report_verdict verdict;
+    } cases[] = {{0.0, 1.0, none, QM_REPORT_NO_LIMIT},
+                 {0.5, 1.0, 1.0, QM_REPORT_WITHIN},
+                 {1.0, 1.5, 1.0, QM_REPORT_UNDECIDED},
+                 {nextafter(1.0, 2.0), 1.5, 1.0, QM_REPORT_BEYOND},
+                 {0.0, 0.0, 0.0, QM_REPORT_WITHIN},
+                 /* An end that does not fit into a double is null in the result. */
+                 {0.0, none, 1.0, QM_REPORT_UNDECIDED},
+                 {none, none, 1.0, QM_REPORT_UNDECIDED}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const qm_report_limits limits = {cases[i].limit, none, none};
+        QM_CHECK(judge(cases[i].lower, cases[i].upper, "", limits) == cases[i].verdict, "case %zu", i);
+    }
+}
+
+static void signed_limits_are_about_sides(void **state)
+{
+    (void)state;
+    static const char proven[] = "\"signed\":{\"proven\":true,\"inside\":{\"max\":{\"lower\":1,\"upper\":2}},"
+                                 "\"outside\":{\"max\":{\"lower\":3,\"upper\":4}}}";
+    static const char guessed[] =
+        "\"signed\":{\"proven\":false,\"inside\":{\"max\":{\"lower\":1,\"upper\":2}},"
+        "\"outside\":{\"max\":{\"lower\":3,\"upper\":4}}}";
+    const double none = NAN;
+    const struct {
+        const char *side;
+        qm_report_limits limits;
+        qm_report_verdict verdict;
+    } cases[] = {{proven, {none, 2.0, none}, QM_REPORT_WITHIN},
+                 {proven, {none, 1.5, none}, QM_REPORT_UNDECIDED},
+                 {proven, {none, 0.5, none}, QM_REPORT_BEYOND},
+                 {proven, {none, none, 4.0}, QM_REPORT_WITHIN},
+                 {proven, {none, none, 2.0}, QM_REPORT_BEYOND},
+                 {proven, {none, 2.0, 4.0}, QM_REPORT_WITHIN},
+                 {proven, {none, 2.0, 3.5}, QM_REPORT_UNDECIDED},
+                 /* Beyond one limit is beyond, whatever is open. */
+                 {proven, {none, 1.5, 2.0}, QM_REPORT_BEYOND},
+                 {proven, {4.0, 2.0, 2.0}, QM_REPORT_BEYOND},
+                 {proven, {2.0, 2.0, 4.0}, QM_REPORT_BEYOND},
+                 {guessed, {none, 9.0, 9.0}, QM_REPORT_UNDECIDED},
+                 {guessed, {none, none, 2.0}, QM_REPORT_UNDECIDED},
+                 {"", {none, 9.0, none}, QM_REPORT_UNDECIDED}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++)
+        QM_CHECK(judge(3.0, 4.0, cases[i].side, cases[i].limits) == cases[i].verdict, "case %zu", i);
 }
 
 int main(void)
@@ -194,6 +248,7 @@ int main(void)
         cmocka_unit_test(text_is_no_markup),
         cmocka_unit_test(the_limit_is_the_edge_of_a_band),
         cmocka_unit_test(a_verdict_needs_proof),
+        cmocka_unit_test(signed_limits_are_about_sides),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
