@@ -95,8 +95,27 @@ class Daemon:
         return Client(base_url=self.url, timeout=PATIENCE + 10, verify=False)  # plain HTTP: no certificates to load
 
 
-# The codes of all problems that any test has met; test_description.py looks at them last.
-MET_CODES = set()
+class MetCodes:
+    """The codes of all problems that any test of the run has met: an empty file for each, as several processes may share the run.
+    test_description.py looks at them last; runs of other folders keep none."""
+    folder = None
+
+    def add(self, code):
+        if self.folder:
+            (self.folder / str(code)).touch()
+
+    def read(self):
+        return {file.name for file in self.folder.iterdir()}
+
+
+MET_CODES = MetCodes()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def folder_of_codes(tmp_path_factory):
+    base = tmp_path_factory.getbasetemp()
+    MET_CODES.folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "problem-codes"
+    MET_CODES.folder.mkdir(exist_ok=True)
 
 
 def note_problem(reply):

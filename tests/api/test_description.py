@@ -105,8 +105,13 @@ def test_each_problem_has_a_page(client):
 
 @pytest.mark.looks_back
 def test_every_problem_code_was_met():
-    """The daemons of this run have sent each of them but those for faults of the daemon itself and of a shared store."""
-    assert {code for _, code in problems()} - MET_CODES - {"internal", "store_unavailable"} == set()
+    """The daemons of this run have sent each of them but those for faults of the daemon itself and of a shared store. Other
+    processes may have tests before them still."""
+    wanted = {code for _, code in problems()} - {"internal", "store_unavailable"}
+    end = time.monotonic() + PATIENCE
+    while wanted - MET_CODES.read() and time.monotonic() < end and "PYTEST_XDIST_WORKER" in os.environ:
+        time.sleep(0.1)
+    assert wanted - MET_CODES.read() == set()
 
 
 def test_a_mesh_whose_bytes_are_gone_is_a_fault_of_the_daemon(make_daemon):
