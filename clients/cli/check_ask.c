@@ -42,10 +42,11 @@ static bool load_here(cli_checked_pair *pair)
         return false;
     }
     pair->is_loaded = true;
+    qm_notes notes[2] = {pair->notes[0], pair->notes[1]};
     for (int side = 0; side < 2; side++)
-        if (!pair->notes[side].unit[0])
-            memcpy(pair->notes[side].unit, pair->mesh[side].unit, sizeof pair->mesh[side].unit);
-    if (qm_job_check_units(pair->notes, &problem)) return true;
+        if (!notes[side].unit[0]) memcpy(notes[side].unit, pair->mesh[side].unit, sizeof notes[side].unit);
+    memcpy(pair->notes, notes, sizeof notes);
+    if (qm_job_check_units(notes, &problem)) return true;
     keep_problem(pair, 1, &problem);
     return false;
 }

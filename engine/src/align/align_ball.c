@@ -176,7 +176,7 @@ qm_status qm_align_enclose(qm_context *ctx, const qm_mesh *mesh, qm_align_ball *
         for (size_t i = 0; i < 4 * mesh->face_count; i++)
             if (mesh->faces[i] != QM_NO_INDEX) qm_bits_add(used, mesh->faces[i]);
         const size_t count = gather(mesh, used, out->center, exponent, point);
-        qm_vec center;
+        qm_vec center = {0.0, 0.0, 0.0};
         enclose_points(point, count, &center, &out->lower, &out->upper);
         /* Scaling back is exact, but for subnormal numbers. */
         out->lower = out->lower > 0.0 ? nextafter(ldexp(out->lower, exponent), 0.0) : 0.0;
