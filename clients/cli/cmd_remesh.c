@@ -1,0 +1,81 @@
+/**
+ * cmd_remesh.c: a quad mesh of a surface, without a layout.
+ */
+#include <math.h>
+#include <stdio.h>
+
+#include "base/host.h"
+#include "options.h"
+#include "qm/quads.h"
+
+#define DEGREE 0.017453292519943295
+
+typedef struct remesh_options {
+    const char *surface, *output;
+    qm_quads_options how;
+    double crease_degrees;
+    bool as_json;
+} remesh_options;
+
+static int remesh(qm_context *ctx, const remesh_options *o, const qm_loaded_mesh *surface)
+{
+    qm_mesh quads;
+    qm_quads_record record;
+    qm_quality quality;
+    qm_status status = qm_quads_make(ctx, surface->bvh, &o->how, &quads, &record);
+    if (status != QM_OK) {
+        cli_report_status(o->surface, status, ctx, o->as_json);
+        return EXIT_BAD_INPUT;
+    }
+    qm_quality_measure(&quads, &quality);
+    bool is_written = cli_write_mesh(ctx, o->output, &quads, o->as_json);
+    fprintf(stderr, "%zu quads sing %zu incons %zu open %zu folded %zu unmatched %zu thirds %zu; folded %zu least %.3f\n", quads.face_count,
+            record.crosses_turned, record.steps_inconsistent, record.steps_open, record.steps_folded, record.unmatched,
+            record.halved, quality.folded, quality.least_jacobian);
+    qm_mesh_reset(ctx, &quads);
+    return is_written ? EXIT_OK : EXIT_BAD_INPUT;
+}
+
+static int run(int argc, char **argv)
+{
+    remesh_options o = {.how = qm_quads_options_default(), .crease_degrees = 40.0};
+    const cli_option options[] = {
+        {.name = "output",
+         .letter = 'o',
+         .value = "OUT",
+         .type = CLI_TEXT,
+         .is_required = true,
+         .target = &o.output,
+         .help = "the mesh, in the format of its name, else PLY; - is standard output"},
+        {.name = "quads",
+         .value = "N",
+         .type = CLI_SIZE,
+         .min = 1,
+         .max = 1e9,
+         .target = &o.how.quads,
+         .help = "about so many quads (default 5000)"},
+        {.name = "json", .type = CLI_FLAG, .target = &o.as_json, .help = "the result as JSON, or the problem document"}};
+    int status;
+    if (!cli_read_options(&cmd_remesh, options, sizeof options / sizeof *options, argc, argv, &o.surface, &status))
+        return status;
+    if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
+    o.how.crease_angle = o.crease_degrees * DEGREE;
+    qm_context ctx = qm_host_context();
+    ctx.cancel = &cli_interrupted;
+    const qm_preparation preparation = {.parts = QM_BVH_TARGET, .thread_count = o.how.thread_count};
+    qm_loaded_mesh surface;
+    if (!cli_load_mesh(&ctx, o.surface, o.as_json, &preparation, &surface)) return EXIT_BAD_INPUT;
+    status = remesh(&ctx, &o, &surface);
+    qm_loaded_mesh_reset(&ctx, &surface);
+    return status;
+}
+
+const cli_command cmd_remesh = {
+    .name = "remesh",
+    .arguments = "SURFACE -o OUT [options]",
+    .summary = "a quad mesh of a surface",
+    .takes = "a surface and -o OUT",
+    .path_count = 1,
+    .description = "Makes a mesh of quads of about equal size.\n\n",
+    .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
+    .run = run};
