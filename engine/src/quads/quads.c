@@ -8,7 +8,6 @@
 #include "quads/quads_internal.h"
 
 #define TRIANGLE_SIDE 0.55 /* of the triangles on which fields are found, in sides of a quad */
-#define SHORTEST_CREASE 1.5 /* in sides of a quad */
 #define LEAST_QUADS 24      /* of a component */
 
 qm_quads_options qm_quads_options_default(void)
@@ -168,7 +167,7 @@ static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*
     const qm_mesh *surface = qm_bvh_mesh(bvh);
     qm_trimesh m;
     qm_status status = qm_trimesh_build(ctx, surface->positions, surface->vertex_count, corner, count, &m);
-    if (status == QM_OK) status = qm_quads_find_features(ctx, &m, options->crease_angle, SHORTEST_CREASE * size);
+    if (status == QM_OK) status = qm_quads_find_features(ctx, &m, options->crease_angle, size);
     if (status == QM_OK) status = copy_features(ctx, &m, out);
     if (status == QM_OK) status = qm_quads_remesh(ctx, &m, bvh, TRIANGLE_SIDE * size, options->thread_count);
     if (status == QM_OK) status = qm_quads_separate_features(ctx, &m);

@@ -17,9 +17,9 @@
 #include "qm/quads.h"
 #include "quads/trimesh.h"
 
-/** Marks edges whose faces meet at an angle as features, and vertices where features bend sharply as fixed. Features
- * that are shorter in all than shortest are left out. */
-qm_status qm_quads_find_features(qm_context *ctx, qm_trimesh *m, double crease_angle, double shortest);
+/** Marks edges whose faces meet at an angle as features, and vertices where features bend sharply as fixed. What is
+ * a crease only below the size of a quad is left out. */
+qm_status qm_quads_find_features(qm_context *ctx, qm_trimesh *m, double crease_angle, double size);
 
 /** Makes the edges about as long as length; vertices lie on the surface of bvh. */
 qm_status qm_quads_remesh(qm_context *ctx, qm_trimesh *m, const qm_bvh *bvh, double length, int thread_count);

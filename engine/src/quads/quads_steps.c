@@ -427,40 +427,60 @@ static void set_halves(qm_trimesh *m, uint32_t h, const int32_t first[2], const 
     }
 }
 
-/** Splits edges with a step beyond 1 in half: the mesh then has a vertex at each corner of the grid that it passes. Turns
- * are not kept. */
+/** Inserts a vertex in the middle of the step of an edge. */
+static qm_status split_step(qm_context *ctx, qm_trimesh *m, uint32_t h)
+{
+    uint32_t t = m->twin[h], vertex;
+    int32_t first[2], rest[2];
+    int quarters = 0;
+    for (int axis = 0; axis < 2; axis++) {
+        first[axis] = m->step[h][axis] / 2;
+        rest[axis] = m->step[h][axis] - first[axis];
+    }
+    for (; t != QM_NO_INDEX && quarters < 3; quarters++) {
+        int32_t back[2] = {-m->step[h][0], -m->step[h][1]};
+        turn(back, quarters);
+        if (back[0] == m->step[t][0] && back[1] == m->step[t][1]) break;
+    }
+    qm_vec middle = qm_vec_mix(m->position[m->from[h]], m->position[qm_trimesh_to(m, h)], 0.5);
+    qm_status status = qm_trimesh_split(ctx, m, h, middle, &vertex);
+    if (status != QM_OK) return status;
+    set_halves(m, h, first, rest);
+    if (t == QM_NO_INDEX) return QM_OK;
+    for (int axis = 0; axis < 2; axis++)
+        first[axis] = -first[axis], rest[axis] = -rest[axis];
+    turn(first, quarters);
+    turn(rest, quarters);
+    set_halves(m, t, rest, first);
+    return QM_OK;
+}
+
+/** The square of the length of a step; 0 if no component is beyond 1. */
+static int32_t excess_length(const int32_t step[2])
+{
+    return abs(step[0]) > 1 || abs(step[1]) > 1 ? step[0] * step[0] + step[1] * step[1] : 0;
+}
+
+/**
+ * Splits edges with a step beyond 1 in half: the mesh then has a vertex at each corner of the grid that it passes. Turns
+ * are not kept. The longest come first: the new edge to the opposite corner is then shorter than the one that is split.
+ */
 static qm_status split_steps(qm_context *ctx, qm_trimesh *m)
 {
-    for (uint32_t h = 0; h < 3 * m->face_count; h++) {
-        while (abs(m->step[h][0]) > 1 || abs(m->step[h][1]) > 1) {
-            uint32_t t = m->twin[h], vertex;
-            int32_t first[2], rest[2], back[2] = {0, 0};
-            for (int axis = 0; axis < 2; axis++) {
-                first[axis] = m->step[h][axis] / 2;
-                rest[axis] = m->step[h][axis] - first[axis];
-            }
-            int quarters = 0;
-            if (t != QM_NO_INDEX) {
-                for (; quarters < 4; quarters++) {
-                    back[0] = -m->step[h][0], back[1] = -m->step[h][1];
-                    turn(back, quarters);
-                    if (back[0] == m->step[t][0] && back[1] == m->step[t][1]) break;
-                }
-            }
-            qm_vec middle = qm_vec_mix(m->position[m->from[h]], m->position[qm_trimesh_to(m, h)], 0.5);
-            qm_status status = qm_trimesh_split(ctx, m, h, middle, &vertex);
-            if (status != QM_OK) return status;
-            set_halves(m, h, first, rest);
-            if (t == QM_NO_INDEX) continue;
-            for (int axis = 0; axis < 2; axis++)
-                first[axis] = -first[axis], rest[axis] = -rest[axis];
-            turn(first, quarters);
-            turn(rest, quarters);
-            set_halves(m, t, rest, first);
+    for (;;) {
+        int32_t longest = 0;
+        for (uint32_t h = 0; h < 3 * m->face_count; h++) {
+            int32_t length = excess_length(m->step[h]);
+            if (length > longest) longest = length;
         }
-        if (h % 4096 == 0 && qm_context_canceled(ctx)) return QM_E_CANCELED;
+        if (longest == 0) return QM_OK;
+        for (uint32_t h = 0; h < 3 * m->face_count; h++) {
+            if (excess_length(m->step[h]) < longest) continue;
+            qm_status status = split_step(ctx, m, h);
+            if (status != QM_OK) return status;
+        }
+        if (qm_context_canceled(ctx)) return QM_E_CANCELED;
     }
-    return QM_OK;
 }
 
 static bool alloc_work(steps_work *w)
