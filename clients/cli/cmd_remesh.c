@@ -54,6 +54,11 @@ static int run(int argc, char **argv)
          .max = 1e9,
          .target = &o.how.quads,
          .help = "about so many quads (default 5000)"},
+        {.name = "creases",
+         .value = "DEG",
+         .type = CLI_NUMBER,
+         .target = &o.crease_degrees,
+         .help = "edges whose faces meet at a sharper angle stay edges (default 40; 180: none)"},
         {.name = "json", .type = CLI_FLAG, .target = &o.as_json, .help = "the result as JSON, or the problem document"}};
     int status;
     if (!cli_read_options(&cmd_remesh, options, sizeof options / sizeof *options, argc, argv, &o.surface, &status))

@@ -31,6 +31,7 @@
 #define FOLD_COST 12.0  /* of a path: for each face that it turns upside down */
 #define LONG_COST 4.0   /* for a step beyond 1 */
 #define MIN_COST 0.05
+#define LAST_REACH 64.0   /* cost beyond which the search for an opposite has no limit */
 #define REPAIR_ROUNDS 12
 
 typedef struct steps_work {
@@ -271,8 +272,8 @@ static void apply(const steps_work *w, uint32_t node)
     }
 }
 
-/** Moves an excess of 1 out of a face, to its nearest opposite. *is_done is false if there is none that it can reach. */
-static qm_status move_excess(steps_work *w, uint32_t face, int axis, bool *is_done)
+/** Moves an excess of 1 out of a face, to its nearest opposite. *is_done is false if there is none within reach. */
+static qm_status move_excess(steps_work *w, uint32_t face, int axis, double reach, bool *is_done)
 {
     int sign = w->excess[face][axis] > 0 ? 1 : -1;
     *is_done = false;
@@ -284,6 +285,7 @@ static qm_status move_excess(steps_work *w, uint32_t face, int axis, bool *is_do
     while (w->heap.count > 0) {
         qm_heap_item item = qm_heap_pop(&w->heap);
         uint32_t node = item.number, h = node / 4;
+        if (item.key > reach) break;
         if (item.key > w->distance[node]) continue;
         int at_axis = node >> 1 & 1, at_sign = node & 1 ? 1 : -1;
         bool is_boundary = w->m->twin[h] == QM_NO_INDEX;
@@ -310,16 +312,23 @@ static qm_status close_faces(steps_work *w, qm_quads_record *record)
             w->excess[f][axis] = m->step[3 * f][axis] + m->step[3 * f + 1][axis] + m->step[3 * f + 2][axis];
         record->steps_inconsistent += w->excess[f][0] != 0 || w->excess[f][1] != 0;
     }
-    for (uint32_t f = 0; f < m->face_count; f++) {
-        for (int axis = 0; axis < 2; axis++) {
-            bool is_done = true;
-            while (w->excess[f][axis] != 0 && is_done) {
-                qm_status status = move_excess(w, f, axis, &is_done);
-                if (status != QM_OK) return status;
+    /* Near pairs first: taken in any order, the last ones would be far apart. */
+    size_t open = SIZE_MAX;
+    for (double reach = 2.0; open > 0; reach = reach > LAST_REACH ? INFINITY : 2.0 * reach) {
+        open = 0;
+        for (uint32_t f = 0; f < m->face_count; f++) {
+            for (int axis = 0; axis < 2; axis++) {
+                bool is_done = true;
+                while (w->excess[f][axis] != 0 && is_done) {
+                    qm_status status = move_excess(w, f, axis, reach, &is_done);
+                    if (status != QM_OK) return status;
+                }
+                open += w->excess[f][axis] != 0;
             }
-            record->steps_open += w->excess[f][axis] != 0;
         }
+        if (isinf(reach)) break;
     }
+    record->steps_open += open;
     return QM_OK;
 }
 
