@@ -14,7 +14,6 @@
 
 #include <stdlib.h>
 #include <string.h>
-#include <stdio.h>
 
 typedef struct pairing {
     qm_context *ctx;
@@ -170,7 +169,6 @@ static size_t pair_rest(pairing *p, qm_quads_record *record)
     size_t alone = 0;
     for (uint32_t f = 0; f < m->face_count; f++)
         record->unmatched += p->mate[f] == QM_NO_INDEX;
-    if (getenv("QD")) for (uint32_t f = 0; f < m->face_count; f++) if (p->mate[f] == QM_NO_INDEX) { printf("f%u:", f); for (uint32_t k = 3*f; k < 3*f+3; k++) printf(" v%u (%d %d) tw f%u%s", m->from[k], m->step[k][0], m->step[k][1], m->twin[k]/3, m->is_feature[k]?"F":""); printf("\n"); }
     for (int crosses = 0; crosses < 2; crosses++)
         for (uint32_t f = 0; f < m->face_count; f++)
             if (p->mate[f] == QM_NO_INDEX) find_partner(p, f, crosses);

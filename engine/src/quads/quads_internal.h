@@ -8,6 +8,7 @@
  *   quads_position.c   a grid at each vertex: where the corners of quads are to lie (position field)
  *   quads_steps.c      integers: how many quads lie between the ends of each edge, made consistent by a flow
  *   quads_extract.c    edges of no step are contracted; two triangles at a diagonal step make a quad
+ *   quads_tidy.c       quads that are contracted, edges that are turned, so that fewer vertices are irregular
  *   quads_polish.c     corners move along the surface for better shapes
  */
 #ifndef QM_QUADS_INTERNAL_H
@@ -86,6 +87,9 @@ typedef struct qm_quads_result {
     qm_mesh mesh, features;
     uint8_t *is_fixed, *is_feature;
 } qm_quads_result;
+
+/** Contracts quads along a diagonal and turns edges while that makes vertices more regular. */
+qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r);
 
 /** Moves vertices along the surface, those of features along these. */
 qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);

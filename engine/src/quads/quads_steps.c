@@ -32,6 +32,7 @@
 #define LONG_COST 4.0   /* for a step beyond 1 */
 #define MIN_COST 0.05
 #define LAST_REACH 64.0   /* cost beyond which the search for an opposite has no limit */
+#define FOLLOW_ROUNDS 3
 #define REPAIR_ROUNDS 12
 
 typedef struct steps_work {
@@ -401,6 +402,10 @@ static bool unfold_vertex(const steps_work *w, uint32_t vertex)
 
 static void unfold(const steps_work *w)
 {
+    /* The flow has changed steps one by one: what lies between its paths follows here. */
+    for (int round = 0; round < FOLLOW_ROUNDS; round++)
+        for (uint32_t v = 0; v < w->m->vertex_count; v++)
+            unfold_vertex(w, v);
     bool is_changing = true;
     for (int round = 0; round < REPAIR_ROUNDS && is_changing; round++) {
         is_changing = false;
