@@ -7,7 +7,7 @@
 
 #include "quads/quads_internal.h"
 
-#define TRIANGLE_SIDE 0.55 /* of the triangles on which fields are found, in sides of a quad */
+#define TRIANGLE_SIDE 0.9 /* of the triangles on which fields are found, in sides of a quad */
 #define LEAST_QUADS 24      /* of a component */
 
 qm_quads_options qm_quads_options_default(void)

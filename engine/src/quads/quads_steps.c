@@ -30,6 +30,7 @@
 
 #define FOLD_COST 12.0  /* of a path: for each face that it turns upside down */
 #define LONG_COST 4.0   /* for a step beyond 1 */
+#define STEP_COST 0.1 /* of any change: less would let paths wander */
 #define MIN_COST 0.05
 #define LAST_REACH 64.0   /* cost beyond which the search for an opposite has no limit */
 #define FOLLOW_ROUNDS 3
@@ -185,7 +186,7 @@ static double change_cost(const steps_work *w, uint32_t h, int axis, int change)
 {
     double target = w->target[h][axis];
     int32_t now = w->m->step[h][axis], then = now + change;
-    double cost = 1.0 + fabs(then - target) - fabs(now - target);
+    double cost = STEP_COST + fabs(then - target) - fabs(now - target);
     int beyond = abs(then) - 1;
     if (beyond > 0) cost += LONG_COST * beyond;
     return qm_max(cost, MIN_COST);
