@@ -29,9 +29,11 @@ static int remesh(qm_context *ctx, const remesh_options *o, const qm_loaded_mesh
     }
     qm_quality_measure(&quads, &quality);
     bool is_written = cli_write_mesh(ctx, o->output, &quads, o->as_json);
-    fprintf(stderr, "%zu quads sing %zu incons %zu open %zu folded %zu unmatched %zu thirds %zu; folded %zu least %.3f\n", quads.face_count,
-            record.crosses_turned, record.steps_inconsistent, record.steps_open, record.steps_folded, record.unmatched,
-            record.halved, quality.folded, quality.least_jacobian);
+    fprintf(
+        stderr,
+        "%zu quads sing %zu incons %zu open %zu folded %zu unmatched %zu thirds %zu; folded %zu least %.3f\n",
+        quads.face_count, record.crosses_turned, record.steps_inconsistent, record.steps_open,
+        record.steps_folded, record.unmatched, record.halved, quality.folded, quality.least_jacobian);
     qm_mesh_reset(ctx, &quads);
     return is_written ? EXIT_OK : EXIT_BAD_INPUT;
 }
@@ -59,9 +61,13 @@ static int run(int argc, char **argv)
          .type = CLI_NUMBER,
          .target = &o.crease_degrees,
          .help = "edges whose faces meet at a sharper angle stay edges (default 40; 180: none)"},
-        {.name = "json", .type = CLI_FLAG, .target = &o.as_json, .help = "the result as JSON, or the problem document"}};
+        {.name = "json",
+         .type = CLI_FLAG,
+         .target = &o.as_json,
+         .help = "the result as JSON, or the problem document"}};
     int status;
-    if (!cli_read_options(&cmd_remesh, options, sizeof options / sizeof *options, argc, argv, &o.surface, &status))
+    if (!cli_read_options(&cmd_remesh, options, sizeof options / sizeof *options, argc, argv, &o.surface,
+                          &status))
         return status;
     if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
     o.how.crease_angle = o.crease_degrees * DEGREE;
@@ -75,12 +81,11 @@ static int run(int argc, char **argv)
     return status;
 }
 
-const cli_command cmd_remesh = {
-    .name = "remesh",
-    .arguments = "SURFACE -o OUT [options]",
-    .summary = "a quad mesh of a surface",
-    .takes = "a surface and -o OUT",
-    .path_count = 1,
-    .description = "Makes a mesh of quads of about equal size.\n\n",
-    .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
-    .run = run};
+const cli_command cmd_remesh = {.name = "remesh",
+                                .arguments = "SURFACE -o OUT [options]",
+                                .summary = "a quad mesh of a surface",
+                                .takes = "a surface and -o OUT",
+                                .path_count = 1,
+                                .description = "Makes a mesh of quads of about equal size.\n\n",
+                                .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
+                                .run = run};

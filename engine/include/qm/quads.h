@@ -10,8 +10,9 @@
 #include "qm/bvh.h"
 
 typedef struct qm_quads_options {
-    size_t quads;        /* wanted number of quads, at least 1; what comes out differs by some percent */
-    double crease_angle; /* radians between normals of faces: edges with more are followed; 0: only boundaries are */
+    size_t quads; /* wanted number of quads, at least 1; what comes out differs by some percent */
+    double
+        crease_angle; /* radians between normals of faces: edges with more are followed; 0: only boundaries are */
     int thread_count;
 } qm_quads_options;
 
@@ -24,10 +25,10 @@ typedef struct qm_quads_record {
     double size;               /* side of a quad, for the largest component */
     size_t crosses_turned;     /* vertices round which directions turn */
     size_t steps_inconsistent; /* faces in which rounded steps did not close */
-    size_t steps_open;         /* of these, those that the flow could not close (0 unless creases contradict) */
-    size_t steps_folded;       /* faces that lie upside down in the grid */
-    size_t unmatched;          /* triangles that had no partner by their steps: thin parts */
-    size_t halved;             /* components that were cut into quads by their midpoints, for want of a matching */
+    size_t steps_open;   /* of these, those that the flow could not close (0 unless creases contradict) */
+    size_t steps_folded; /* faces that lie upside down in the grid */
+    size_t unmatched;    /* triangles that had no partner by their steps: thin parts */
+    size_t halved;       /* components that were cut into quads by their midpoints, for want of a matching */
 } qm_quads_record;
 
 /**

@@ -8,7 +8,7 @@
 #include "quads/quads_internal.h"
 
 #define TRIANGLE_SIDE 0.9 /* of the triangles on which fields are found, in sides of a quad */
-#define LEAST_QUADS 24      /* of a component */
+#define LEAST_QUADS 24    /* of a component */
 
 qm_quads_options qm_quads_options_default(void)
 {
@@ -161,8 +161,8 @@ static qm_status lay_out(qm_context *ctx, qm_trimesh *m, double size, qm_quads_r
     return status;
 }
 
-static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*corner)[3], size_t count, double size,
-                           const qm_quads_options *options, part *out, qm_quads_record *record)
+static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*corner)[3], size_t count,
+                           double size, const qm_quads_options *options, part *out, qm_quads_record *record)
 {
     const qm_mesh *surface = qm_bvh_mesh(bvh);
     qm_trimesh m;
@@ -172,7 +172,8 @@ static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*
     if (status == QM_OK) status = qm_quads_remesh(ctx, &m, bvh, TRIANGLE_SIDE * size, options->thread_count);
     if (status == QM_OK) status = qm_quads_separate_features(ctx, &m);
     if (status == QM_OK) status = lay_out(ctx, &m, size, record);
-    if (status == QM_OK) status = qm_quads_extract(ctx, &m, &out->mesh, &out->is_fixed, &out->is_feature, record);
+    if (status == QM_OK)
+        status = qm_quads_extract(ctx, &m, &out->mesh, &out->is_fixed, &out->is_feature, record);
     qm_trimesh_reset(ctx, &m);
     return status;
 }
@@ -181,8 +182,8 @@ static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*
  * All components.
  */
 
-static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const triangles *t, const qm_quads_options *options,
-                            part *parts, qm_quads_record *record)
+static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const triangles *t,
+                            const qm_quads_options *options, part *parts, qm_quads_record *record)
 {
     const double *positions = qm_bvh_mesh(bvh)->positions;
     const uint32_t(*corner)[3] = (const uint32_t(*)[3])t->corner;
@@ -226,7 +227,8 @@ static qm_status join_parts(qm_context *ctx, const part *parts, size_t count, qm
     for (size_t k = 0; k < count; k++) {
         const part *p = &parts[k];
         if (p->mesh.face_count > 0) {
-            memcpy(r->mesh.positions + 3 * vertex, p->mesh.positions, 3 * p->mesh.vertex_count * sizeof(double));
+            memcpy(r->mesh.positions + 3 * vertex, p->mesh.positions,
+                   3 * p->mesh.vertex_count * sizeof(double));
             memcpy(r->is_fixed + vertex, p->is_fixed, p->mesh.vertex_count);
             memcpy(r->is_feature + 4 * face, p->is_feature, 4 * p->mesh.face_count);
             for (size_t c = 0; c < 4 * p->mesh.face_count; c++)
@@ -272,7 +274,8 @@ qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_optio
     *out = (qm_mesh){0};
     const qm_mesh *surface = qm_bvh_mesh(bvh);
     if (options->quads == 0) return qm_context_fail(ctx, QM_E_ARGUMENT, "the number of quads is 0");
-    if (surface->face_count == 0) return qm_context_fail(ctx, QM_E_ARGUMENT, "a point set has no faces to be remeshed");
+    if (surface->face_count == 0)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "a point set has no faces to be remeshed");
     qm_quads_record own = {0};
     if (!record) record = &own;
     *record = (qm_quads_record){0};

@@ -197,9 +197,11 @@ static void write_pairs(const pairing *p, qm_mesh *out, uint8_t *is_feature)
         if (h != QM_NO_INDEX) {
             uint32_t t = m->twin[h];
             if (t < h) continue;
-            uint32_t tn = qm_trimesh_next(t), tp = qm_trimesh_prev(t), hn = qm_trimesh_next(h), hp = qm_trimesh_prev(h);
+            uint32_t tn = qm_trimesh_next(t), tp = qm_trimesh_prev(t), hn = qm_trimesh_next(h),
+                     hp = qm_trimesh_prev(h);
             const uint32_t corner[4] = {m->from[tn], m->from[tp], m->from[hn], m->from[hp]};
-            const uint8_t feature[4] = {m->is_feature[tn], m->is_feature[tp], m->is_feature[hn], m->is_feature[hp]};
+            const uint8_t feature[4] = {m->is_feature[tn], m->is_feature[tp], m->is_feature[hn],
+                                        m->is_feature[hp]};
             add_quad(out, is_feature, corner, feature);
         } else {
             h = boundary_of(m, f);
@@ -242,55 +244,71 @@ static void write_thirds(const pairing *p, qm_mesh *out, uint8_t *is_feature)
     }
 }
 
-static qm_status write_quads(const pairing *p, bool by_thirds, qm_mesh *out, uint8_t **is_fixed, uint8_t **is_feature)
+/** True if a pair would be a face that repeats a corner: its triangles have two edges in common. */
+static bool has_pillow(const pairing *p)
+{
+    const qm_trimesh *m = p->m;
+    for (uint32_t f = 0; f < m->face_count; f++) {
+        uint32_t h = p->mate[f];
+        if (h != QM_NO_INDEX && m->from[qm_trimesh_prev(h)] == m->from[qm_trimesh_prev(m->twin[h])])
+            return true;
+    }
+    return false;
+}
+
+static void count_quads(const pairing *p, bool by_thirds, size_t *faces, size_t *vertices)
+{
+    const qm_trimesh *m = p->m;
+    size_t edges = 0, alone = 0;
+    for (uint32_t h = 0; h < 3 * m->face_count; h++)
+        edges += m->twin[h] == QM_NO_INDEX || m->twin[h] > h;
+    for (uint32_t f = 0; f < m->face_count; f++)
+        alone += p->mate[f] == QM_NO_INDEX;
+    *faces = by_thirds ? 3 * m->face_count : (m->face_count + alone) / 2;
+    *vertices = m->vertex_count + (by_thirds ? edges + m->face_count : alone);
+}
+
+static qm_status write_quads(const pairing *p, bool by_thirds, qm_mesh *out, uint8_t **is_fixed,
+                             uint8_t **is_feature)
 {
     qm_context *ctx = p->ctx;
     const qm_trimesh *m = p->m;
-    size_t faces = 3 * m->face_count, vertices = m->vertex_count + 4 * m->face_count;
-    double *positions = qm_context_alloc(ctx, vertices, 3 * sizeof *positions);
-    uint32_t *corners = qm_context_alloc(ctx, faces, 4 * sizeof *corners);
-    uint8_t *features = qm_context_alloc(ctx, faces, 4);
-    uint8_t *fixed = qm_context_alloc(ctx, vertices, 1);
-    qm_status status = QM_E_NO_MEMORY;
-    if (positions && corners && features && fixed) {
-        *out = (qm_mesh){.positions = positions, .faces = corners, .vertex_count = m->vertex_count};
-        memset(fixed, 0, vertices);
-        for (uint32_t v = 0; v < m->vertex_count; v++) {
-            qm_vec_store(positions + 3 * (size_t)v, m->position[v]);
-            fixed[v] = m->is_fixed[v];
-        }
+    size_t faces, vertices;
+    count_quads(p, by_thirds, &faces, &vertices);
+    *out = (qm_mesh){.positions = qm_context_alloc(ctx, vertices, 3 * sizeof *out->positions),
+                     .faces = qm_context_alloc(ctx, faces, 4 * sizeof *out->faces)};
+    *is_feature = qm_context_alloc(ctx, faces, 4);
+    *is_fixed = qm_context_alloc(ctx, vertices, 1);
+    bool has_memory = out->positions && out->faces && *is_feature && *is_fixed;
+    if (has_memory) {
+        out->vertex_count = m->vertex_count;
+        memset(*is_fixed, 0, vertices);
+        memcpy(*is_fixed, m->is_fixed, m->vertex_count);
+        for (uint32_t v = 0; v < m->vertex_count; v++)
+            qm_vec_store(out->positions + 3 * (size_t)v, m->position[v]);
         if (by_thirds)
-            write_thirds(p, out, features);
+            write_thirds(p, out, *is_feature);
         else
-            write_pairs(p, out, features);
-        /* arrays of their true size */
-        size_t used_faces = out->face_count, used_vertices = out->vertex_count;
-        double *tight_positions = qm_context_resize(ctx, positions, vertices, used_vertices, 3 * sizeof *positions);
-        uint32_t *tight_corners = qm_context_resize(ctx, corners, faces, used_faces, 4 * sizeof *corners);
-        *is_feature = qm_context_resize(ctx, features, faces, used_faces, 4);
-        *is_fixed = qm_context_resize(ctx, fixed, vertices, used_vertices, 1);
-        out->positions = tight_positions, out->faces = tight_corners;
-        return QM_OK; /* blocks that shrink stay */
+            write_pairs(p, out, *is_feature);
+        QM_ASSERT(out->face_count == faces && out->vertex_count == vertices);
     }
-    qm_context_free(ctx, positions, vertices, 3 * sizeof *positions);
-    qm_context_free(ctx, corners, faces, 4 * sizeof *corners);
-    qm_context_free(ctx, features, faces, 4);
-    qm_context_free(ctx, fixed, vertices, 1);
-    return status;
+    out->face_count = faces, out->vertex_count = vertices;
+    return has_memory ? QM_OK : QM_E_NO_MEMORY;
 }
 
-qm_status qm_quads_extract(qm_context *ctx, qm_trimesh *m, qm_mesh *out, uint8_t **is_fixed, uint8_t **is_feature,
-                           qm_quads_record *record)
+qm_status qm_quads_extract(qm_context *ctx, qm_trimesh *m, qm_mesh *out, uint8_t **is_fixed,
+                           uint8_t **is_feature, qm_quads_record *record)
 {
     qm_status status = contract_all(ctx, m);
     if (status != QM_OK) return status;
     size_t faces = m->face_count;
-    pairing p = {ctx, m, qm_context_alloc(ctx, faces, sizeof *p.mate), qm_context_alloc(ctx, faces, sizeof *p.before),
+    pairing p = {ctx, m, qm_context_alloc(ctx, faces, sizeof *p.mate),
+                 qm_context_alloc(ctx, faces, sizeof *p.before),
                  qm_context_alloc(ctx, 3 * faces, sizeof *p.queue)};
     status = p.mate && p.before && p.queue ? QM_OK : QM_E_NO_MEMORY;
     if (status == QM_OK) {
         pair_by_steps(&p);
-        bool by_thirds = pair_rest(&p, record) > 0;
+        bool by_thirds = pair_rest(&p, record) > 0 || has_pillow(&p);
         record->halved += by_thirds;
         status = write_quads(&p, by_thirds, out, is_fixed, is_feature);
     }

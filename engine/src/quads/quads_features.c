@@ -8,7 +8,7 @@
 #define SHORTEST 3.0    /* of connected creases, in sides of a quad */
 #define FINE_RADIUS 0.7 /* of the faces whose normals tell of a crease, in sides of a quad */
 #define FINE_ROUNDS 3   /* a crease that goes opens the sides of the next one */
-#define SHARP_BEND 0.5 /* cosine of the bend of a feature at which its vertex is a corner: 60 degrees */
+#define SHARP_BEND 0.5  /* cosine of the bend of a feature at which its vertex is a corner: 60 degrees */
 
 static void mark(qm_trimesh *m, uint32_t h, uint8_t value)
 {
@@ -35,8 +35,8 @@ typedef struct crease_side {
 } crease_side;
 
 /** Gathers faces from start on, without crossing features; seen has the mark of each face that was gathered before. */
-static crease_side gather_side(const qm_trimesh *m, uint32_t start, uint32_t other, qm_vec centre, double radius,
-                               uint32_t *seen, uint32_t mark_value, uint32_t *queue)
+static crease_side gather_side(const qm_trimesh *m, uint32_t start, uint32_t other, qm_vec centre,
+                               double radius, uint32_t *seen, uint32_t mark_value, uint32_t *queue)
 {
     crease_side side = {{0, 0, 0}, false};
     size_t head = 0, tail = 0;
@@ -66,7 +66,8 @@ static crease_side gather_side(const qm_trimesh *m, uint32_t start, uint32_t oth
 static qm_status drop_fine(qm_context *ctx, qm_trimesh *m, double angle, double radius)
 {
     size_t faces = m->face_count, halves = 3 * faces;
-    uint32_t *seen = qm_context_alloc(ctx, faces, sizeof *seen), *queue = qm_context_alloc(ctx, faces, sizeof *queue);
+    uint32_t *seen = qm_context_alloc(ctx, faces, sizeof *seen),
+             *queue = qm_context_alloc(ctx, faces, sizeof *queue);
     uint8_t *is_kept = qm_context_alloc(ctx, halves, 1);
     bool has_memory = seen && queue && is_kept;
     if (has_memory) {
@@ -165,7 +166,8 @@ qm_status qm_quads_separate_features(qm_context *ctx, qm_trimesh *m)
             if (!m->is_feature[h]) opposite = h;
         }
         if (features == 2) {
-            qm_vec middle = qm_vec_mix(m->position[m->from[opposite]], m->position[qm_trimesh_to(m, opposite)], 0.5);
+            qm_vec middle =
+                qm_vec_mix(m->position[m->from[opposite]], m->position[qm_trimesh_to(m, opposite)], 0.5);
             status = qm_trimesh_split(ctx, m, opposite, middle, &vertex);
         } else if (features == 3) {
             /* a vertex inside: split an edge would put it on a feature, and two of the faces would still have two */

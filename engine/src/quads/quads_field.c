@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-#define SWEEPS 8        /* of each level */
+#define SWEEPS 8 /* of each level */
 #define FINEST_SWEEPS 6
 
 qm_quads_match qm_quads_match_crosses(qm_vec qa, qm_vec na, qm_vec qb, qm_vec nb)
@@ -66,7 +66,8 @@ static void restrict_features(const qm_quads_graph *fine, const qm_quads_graph *
         if (!is_set[i]) continue;
         qm_vec q = cross[i];
         if (coarse_set[p]) {
-            qm_quads_match match = qm_quads_match_crosses(coarse_cross[p], coarse->normal[p], q, fine->normal[i]);
+            qm_quads_match match =
+                qm_quads_match_crosses(coarse_cross[p], coarse->normal[p], q, fine->normal[i]);
             q = qm_vec_add(match.a, match.b);
         }
         coarse_cross[p] = into_plane(q, coarse->normal[p]);
@@ -74,7 +75,8 @@ static void restrict_features(const qm_quads_graph *fine, const qm_quads_graph *
     }
 }
 
-static bool build_graph(qm_context *ctx, const qm_trimesh *m, qm_quads_graph *g, uint8_t *is_set, qm_vec *cross)
+static bool build_graph(qm_context *ctx, const qm_trimesh *m, qm_quads_graph *g, uint8_t *is_set,
+                        qm_vec *cross)
 {
     size_t count = m->face_count;
     if (!qm_quads_graph_alloc(ctx, g, count, 3 * count)) return false;

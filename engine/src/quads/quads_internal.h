@@ -33,7 +33,8 @@ typedef struct qm_quads_graph {
     size_t count;
     qm_vec *normal;
     double *weight;
-    uint32_t *start; /* count + 1 entries: the links of node i are link[start[i]] ... link[start[i + 1] - 1] */
+    uint32_t
+        *start; /* count + 1 entries: the links of node i are link[start[i]] ... link[start[i + 1] - 1] */
     uint32_t *link;
     size_t link_capacity;
     uint32_t *parent; /* the node of the next coarser level; NULL at the coarsest */
@@ -72,15 +73,15 @@ qm_status qm_quads_find_grids(qm_context *ctx, const qm_trimesh *m, const qm_vec
                               qm_quads_grids *out);
 
 /** Writes the steps of all half-edges, which are consistent in each face and along features. */
-qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cross, const qm_quads_grids *grids,
-                              double size, qm_quads_record *record);
+qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cross,
+                              const qm_quads_grids *grids, double size, qm_quads_record *record);
 
 /**
  * Contracts edges without a step and pairs the triangles that are left. m is used up; out receives quads, is_fixed a flag for
  * each of its vertices and is_feature one for each side of its faces (from a corner to the next one).
  */
-qm_status qm_quads_extract(qm_context *ctx, qm_trimesh *m, qm_mesh *out, uint8_t **is_fixed, uint8_t **is_feature,
-                           qm_quads_record *record);
+qm_status qm_quads_extract(qm_context *ctx, qm_trimesh *m, qm_mesh *out, uint8_t **is_fixed,
+                           uint8_t **is_feature, qm_quads_record *record);
 
 /** The quads of all components, and the features of the surface as segments: faces that repeat a corner. */
 typedef struct qm_quads_result {

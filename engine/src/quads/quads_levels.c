@@ -60,7 +60,8 @@ static size_t match_neighbours(qm_quads_graph *g)
 }
 
 /** The links of the coarser graph, each once; children lists its nodes' children in order. */
-static void join_links(const qm_quads_graph *fine, qm_quads_graph *coarse, const uint32_t (*child)[2], uint32_t *seen)
+static void join_links(const qm_quads_graph *fine, qm_quads_graph *coarse, const uint32_t (*child)[2],
+                       uint32_t *seen)
 {
     uint32_t links = 0;
     for (size_t i = 0; i < coarse->count; i++)
@@ -101,8 +102,9 @@ static bool coarsen(qm_context *ctx, qm_quads_graph *fine, qm_quads_graph *coars
         }
         for (uint32_t i = 0; i < count; i++) {
             double length = qm_vec_norm(coarse->normal[i]);
-            coarse->normal[i] = length > 1e-9 * coarse->weight[i] ? qm_vec_scale(1.0 / length, coarse->normal[i])
-                                                                  : fine->normal[child[i][0]];
+            coarse->normal[i] = length > 1e-9 * coarse->weight[i]
+                                    ? qm_vec_scale(1.0 / length, coarse->normal[i])
+                                    : fine->normal[child[i][0]];
         }
         join_links(fine, coarse, (const uint32_t(*)[2])child, seen);
     }

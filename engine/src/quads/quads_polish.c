@@ -116,12 +116,15 @@ static qm_status project_all(polish *p)
                                          p->thread_count, &out);
     if (status != QM_OK) return status;
     for (size_t v = 0; v < m->vertex_count; v++)
-        if (p->kind[v] == QM_TRIMESH_FREE) memcpy(m->positions + 3 * v, p->nearest + 3 * v, 3 * sizeof(double));
+        if (p->kind[v] == QM_TRIMESH_FREE)
+            memcpy(m->positions + 3 * v, p->nearest + 3 * v, 3 * sizeof(double));
     if (!p->features) return QM_OK;
     size_t count = 0;
     for (size_t v = 0; v < m->vertex_count; v++)
-        if (p->kind[v] == QM_TRIMESH_ON_LINE) memmove(p->target + 3 * count++, p->target + 3 * v, 3 * sizeof(double));
-    status = qm_project_points(p->ctx, p->features, QM_QUADS_TRIANGLES, p->target, count, p->thread_count, &out);
+        if (p->kind[v] == QM_TRIMESH_ON_LINE)
+            memmove(p->target + 3 * count++, p->target + 3 * v, 3 * sizeof(double));
+    status =
+        qm_project_points(p->ctx, p->features, QM_QUADS_TRIANGLES, p->target, count, p->thread_count, &out);
     count = 0;
     for (size_t v = 0; v < m->vertex_count && status == QM_OK; v++)
         if (p->kind[v] == QM_TRIMESH_ON_LINE)
@@ -148,7 +151,8 @@ static double worst_sine(const polish *p, uint32_t v)
     for (uint32_t k = p->start[v]; k < p->start[v + 1]; k++) {
         face_corners(p, p->corner[k] / 4, corner);
         double sine = qm_quad_min_sine(corner);
-        if (p->kind[v] == QM_TRIMESH_FREE && qm_vec_dot(qm_quad_normal(corner), normal) < 0.0) sine = qm_min(sine, -sine);
+        if (p->kind[v] == QM_TRIMESH_FREE && qm_vec_dot(qm_quad_normal(corner), normal) < 0.0)
+            sine = qm_min(sine, -sine);
         worst = qm_min(worst, sine);
     }
     return worst;
@@ -182,7 +186,8 @@ static qm_status improve_vertex(polish *p, uint32_t v, bool *has_moved)
     for (double share = 1.0; share > 0.2 && status == QM_OK; share /= 2.0)
         status = try_position(p, v, qm_vec_mix(start, centre, share), &worst, has_moved);
     uint32_t c = p->corner[p->start[v]];
-    double reach = qm_vec_distance(at(p, corner_vertex(p, c / 4, c + 1)), at(p, corner_vertex(p, c / 4, c + 2)));
+    double reach =
+        qm_vec_distance(at(p, corner_vertex(p, c / 4, c + 1)), at(p, corner_vertex(p, c / 4, c + 2)));
     qm_vec normal = vertex_normal(p, v);
     qm_vec u = qm_vec_cross(normal, fabs(normal.x) < 0.6 ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0});
     double length = qm_vec_norm(u);
@@ -233,7 +238,8 @@ qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *sur
     size_t vertices = r->mesh.vertex_count, corners = 4 * r->mesh.face_count;
     qm_bvh *features = NULL;
     qm_status status = QM_OK;
-    if (r->features.face_count > 0) status = qm_bvh_build(ctx, &r->features, QM_BVH_TARGET, thread_count, &features);
+    if (r->features.face_count > 0)
+        status = qm_bvh_build(ctx, &r->features, QM_BVH_TARGET, thread_count, &features);
     polish p = {.ctx = ctx, .r = r, .surface = surface, .features = features, .thread_count = thread_count};
     p.start = qm_context_alloc(ctx, vertices + 1, sizeof *p.start);
     p.corner = qm_context_alloc(ctx, corners, sizeof *p.corner);

@@ -87,7 +87,8 @@ static void restrict_nodes(const grid_nodes *fine, const grid_nodes *coarse)
     for (uint32_t i = 0; i < g->count; i++) {
         uint32_t p = g->parent[i];
         qm_vec n = coarse->graph->normal[p];
-        coarse->position[p] = qm_vec_axpy(coarse->position[p], g->weight[i] / coarse->graph->weight[p], fine->position[i]);
+        coarse->position[p] =
+            qm_vec_axpy(coarse->position[p], g->weight[i] / coarse->graph->weight[p], fine->position[i]);
         bool is_first = qm_vec_norm2(coarse->cross[p]) == 0.0;
         if (!is_first && fine->kind[i] <= coarse->kind[p]) continue;
         qm_vec q = qm_vec_axpy(fine->cross[i], -qm_vec_dot(n, fine->cross[i]), n);
@@ -130,7 +131,8 @@ static bool build_graph(qm_context *ctx, const qm_trimesh *m, qm_quads_graph *g)
 }
 
 /** Directions at vertices: along a feature, or the mean of the faces' crosses. */
-static void spread_crosses(const qm_trimesh *m, const qm_vec *face_cross, const qm_quads_graph *g, const grid_nodes *l)
+static void spread_crosses(const qm_trimesh *m, const qm_vec *face_cross, const qm_quads_graph *g,
+                           const grid_nodes *l)
 {
     for (uint32_t v = 0; v < m->vertex_count; v++) {
         uint32_t line[2];
@@ -194,7 +196,8 @@ qm_status qm_quads_find_grids(qm_context *ctx, const qm_trimesh *m, const qm_vec
 {
     qm_quads_levels levels = {.count = 1};
     grid_nodes nodes[QM_QUADS_MAX_LEVELS] = {{0}};
-    qm_status status = build_graph(ctx, m, &levels.graph[0]) ? qm_quads_levels_build(ctx, &levels) : QM_E_NO_MEMORY;
+    qm_status status =
+        build_graph(ctx, m, &levels.graph[0]) ? qm_quads_levels_build(ctx, &levels) : QM_E_NO_MEMORY;
     size_t total = 0;
     for (int k = 0; k < levels.count; k++)
         total += levels.graph[k].count;
@@ -205,7 +208,8 @@ qm_status qm_quads_find_grids(qm_context *ctx, const qm_trimesh *m, const qm_vec
         size_t done = 0;
         for (int k = 0; k < levels.count; k++) {
             qm_vec *v = vectors + done;
-            nodes[k] = (grid_nodes){&levels.graph[k], v, v + total, v + 2 * total, v + 3 * total, kind + done};
+            nodes[k] =
+                (grid_nodes){&levels.graph[k], v, v + total, v + 2 * total, v + 3 * total, kind + done};
             done += levels.graph[k].count;
         }
         spread_crosses(m, cross, &levels.graph[0], &nodes[0]);

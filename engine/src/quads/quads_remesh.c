@@ -101,7 +101,8 @@ static void count_valences(const qm_trimesh *m, int *valence)
 
 static qm_vec face_normal_of(const qm_trimesh *m, uint32_t a, uint32_t b, uint32_t c)
 {
-    return qm_vec_cross(qm_vec_sub(m->position[b], m->position[a]), qm_vec_sub(m->position[c], m->position[a]));
+    return qm_vec_cross(qm_vec_sub(m->position[b], m->position[a]),
+                        qm_vec_sub(m->position[c], m->position[a]));
 }
 
 static bool is_flat(qm_vec a, qm_vec b)
@@ -114,7 +115,8 @@ static void flip_edges(qm_trimesh *m, int *valence)
     for (uint32_t h = 0; h < 3 * m->face_count; h++) {
         uint32_t t = m->twin[h];
         if (t == QM_NO_INDEX || t < h || m->is_feature[h]) continue;
-        uint32_t u = m->from[h], v = m->from[t], w = m->from[qm_trimesh_prev(h)], x = m->from[qm_trimesh_prev(t)];
+        uint32_t u = m->from[h], v = m->from[t], w = m->from[qm_trimesh_prev(h)],
+                 x = m->from[qm_trimesh_prev(t)];
         int du = valence[u] - 6, dv = valence[v] - 6, dw = valence[w] - 6, dx = valence[x] - 6;
         if (-2 * du - 2 * dv + 2 * dw + 2 * dx + 4 >= 0) continue;
         qm_vec before = qm_trimesh_normal(m, h / 3), other = qm_trimesh_normal(m, t / 3);
@@ -175,7 +177,8 @@ static qm_status centre_vertices(qm_context *ctx, qm_trimesh *m, const qm_bvh *b
         status = qm_project_points(ctx, bvh, QM_QUADS_TRIANGLES, target, count, thread_count, &projection);
     for (uint32_t v = 0; v < count && status == QM_OK; v++) {
         uint32_t line[2];
-        if (qm_trimesh_kind(m, v, line) == QM_TRIMESH_FREE) try_move(m, v, qm_vec_load(nearest + 3 * (size_t)v));
+        if (qm_trimesh_kind(m, v, line) == QM_TRIMESH_FREE)
+            try_move(m, v, qm_vec_load(nearest + 3 * (size_t)v));
     }
     qm_context_free(ctx, target, count, 3 * sizeof *target);
     qm_context_free(ctx, nearest, count, 3 * sizeof *nearest);

@@ -28,11 +28,11 @@
 
 #include "core/heap.h"
 
-#define FOLD_COST 12.0  /* of a path: for each face that it turns upside down */
-#define LONG_COST 4.0   /* for a step beyond 1 */
-#define STEP_COST 0.1 /* of any change: less would let paths wander */
+#define FOLD_COST 12.0 /* of a path: for each face that it turns upside down */
+#define LONG_COST 4.0  /* for a step beyond 1 */
+#define STEP_COST 0.1  /* of any change: less would let paths wander */
 #define MIN_COST 0.05
-#define LAST_REACH 64.0   /* cost beyond which the search for an opposite has no limit */
+#define LAST_REACH 64.0 /* cost beyond which the search for an opposite has no limit */
 #define FOLLOW_ROUNDS 3
 #define REPAIR_ROUNDS 12
 
@@ -40,9 +40,9 @@ typedef struct steps_work {
     qm_context *ctx;
     qm_trimesh *m;
     uint8_t *turned;
-    float (*target)[2];  /* of each half-edge: its vector in the frame of its face, in quads */
+    float (*target)[2];   /* of each half-edge: its vector in the frame of its face, in quads */
     int32_t (*excess)[2]; /* of each face: sum of its steps */
-    double *distance;    /* of each node of the search */
+    double *distance;     /* of each node of the search */
     uint32_t *stamp, *before;
     uint32_t stamp_value;
     qm_heap heap;
@@ -53,10 +53,17 @@ static void turn(int32_t s[2], int quarters)
 {
     int32_t x = s[0], y = s[1];
     switch (quarters & 3) {
-    case 1: s[0] = -y, s[1] = x; break;
-    case 2: s[0] = -x, s[1] = -y; break;
-    case 3: s[0] = y, s[1] = -x; break;
-    default: break;
+    case 1:
+        s[0] = -y, s[1] = x;
+        break;
+    case 2:
+        s[0] = -x, s[1] = -y;
+        break;
+    case 3:
+        s[0] = y, s[1] = -x;
+        break;
+    default:
+        break;
     }
 }
 
@@ -86,7 +93,8 @@ static void find_turns(const steps_work *w, const qm_vec *cross, double size)
         uint32_t t = m->twin[h];
         w->turned[h] = 0;
         if (t == QM_NO_INDEX) continue;
-        double here = atan2(w->target[h][1], w->target[h][0]), there = atan2(-w->target[t][1], -w->target[t][0]);
+        double here = atan2(w->target[h][1], w->target[h][0]),
+               there = atan2(-w->target[t][1], -w->target[t][0]);
         if (t > h)
             w->turned[h] = (uint8_t)quarters_between(here, there);
         else
@@ -113,13 +121,15 @@ static int feature_axis(const steps_work *w, uint32_t h)
 
 /** Corners of the grids of both ends that are nearest to each other near the middle of the edge: both stand for one corner, and
  * the step is the way from the origin of the first to that of the second. */
-static void read_step(const qm_trimesh *m, uint32_t h, qm_vec face_cross, const qm_quads_grids *g, double size,
-                      int32_t out[2])
+static void read_step(const qm_trimesh *m, uint32_t h, qm_vec face_cross, const qm_quads_grids *g,
+                      double size, int32_t out[2])
 {
     uint32_t end[2] = {m->from[h], qm_trimesh_to(m, h)};
-    qm_vec middle = qm_vec_mix(m->position[end[0]], m->position[end[1]], 0.5), normal = qm_trimesh_normal(m, h / 3);
+    qm_vec middle = qm_vec_mix(m->position[end[0]], m->position[end[1]], 0.5),
+           normal = qm_trimesh_normal(m, h / 3);
     double area = qm_vec_norm(normal), least = INFINITY;
-    qm_vec other = qm_vec_cross(area > 0.0 ? qm_vec_scale(1.0 / area, normal) : (qm_vec){0, 0, 1}, face_cross);
+    qm_vec other =
+        qm_vec_cross(area > 0.0 ? qm_vec_scale(1.0 / area, normal) : (qm_vec){0, 0, 1}, face_cross);
     qm_vec corner[2][4];
     int32_t count[2][4][2];
     for (int s = 0; s < 2; s++) {
@@ -226,7 +236,8 @@ static bool push(steps_work *w, uint32_t node, double distance, uint32_t before)
  * Lets an excess of a sign leave a face. entry is the half-edge by which it came, or QM_NO_INDEX at the start. Leaving by a
  * boundary is the node of that half-edge itself, after all others: node_count + h.
  */
-static bool leave(steps_work *w, uint32_t face, int axis, int sign, uint32_t entry, double distance, uint32_t before)
+static bool leave(steps_work *w, uint32_t face, int axis, int sign, uint32_t entry, double distance,
+                  uint32_t before)
 {
     const qm_trimesh *m = w->m;
     bool has_memory = true;
@@ -250,7 +261,8 @@ static bool leave(steps_work *w, uint32_t face, int axis, int sign, uint32_t ent
         }
         int twin_axis, twin_change;
         across(w, h, axis, change, &twin_axis, &twin_change);
-        if (w->excess[t / 3][twin_axis] * twin_change < 0) { /* it ends there: the face is closed, if this was all */
+        if (w->excess[t / 3][twin_axis] * twin_change <
+            0) { /* it ends there: the face is closed, if this was all */
             int32_t rest = w->excess[t / 3][twin_axis] + twin_change;
             if (rest == 0 && w->excess[t / 3][1 - twin_axis] == 0 &&
                 area_after(w, t, QM_NO_INDEX, twin_axis, twin_change) < 0)
@@ -523,8 +535,8 @@ static void free_work(steps_work *w, size_t faces)
     qm_heap_reset(w->ctx, &w->heap);
 }
 
-qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cross, const qm_quads_grids *grids,
-                              double size, qm_quads_record *record)
+qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cross,
+                              const qm_quads_grids *grids, double size, qm_quads_record *record)
 {
     steps_work w = {.ctx = ctx, .m = m};
     size_t faces = m->face_count;

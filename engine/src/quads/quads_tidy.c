@@ -15,9 +15,9 @@
 typedef struct tidy {
     qm_context *ctx;
     qm_quads_result *r;
-    uint32_t *twin;  /* of each side (4 * face + k); QM_NO_INDEX at a boundary */
+    uint32_t *twin;   /* of each side (4 * face + k); QM_NO_INDEX at a boundary */
     uint8_t *is_gone; /* of each face */
-    uint32_t *out;   /* of each vertex: a side from it */
+    uint32_t *out;    /* of each vertex: a side from it */
     uint32_t *stamp, stamp_value;
     uint8_t *is_bound; /* of each vertex: on a feature */
 } tidy;
@@ -78,7 +78,8 @@ static sector sector_at(const tidy *t, uint32_t side)
     s = first;
     do {
         uint32_t back = prev_side(s);
-        qm_vec p = at(t, from(t, s)), a = qm_vec_sub(at(t, from(t, next_side(s))), p), b = qm_vec_sub(at(t, from(t, back)), p);
+        qm_vec p = at(t, from(t, s)), a = qm_vec_sub(at(t, from(t, next_side(s))), p),
+               b = qm_vec_sub(at(t, from(t, back)), p);
         angle += atan2(qm_vec_norm(qm_vec_cross(a, b)), qm_vec_dot(a, b));
         found.quads++;
         is_whole = !is_feature[back];
@@ -325,7 +326,8 @@ static qm_status close_gaps(tidy *t)
         qm_mesh_reset(t->ctx, &r->mesh);
         qm_context_free(t->ctx, r->is_fixed, old_vertices, 1);
         qm_context_free(t->ctx, r->is_feature, old_faces, 4);
-        r->mesh = (qm_mesh){.positions = positions, .faces = corners, .vertex_count = vertices, .face_count = faces};
+        r->mesh = (qm_mesh){
+            .positions = positions, .faces = corners, .vertex_count = vertices, .face_count = faces};
         r->is_fixed = fixed, r->is_feature = features;
         return QM_OK;
     }

@@ -59,7 +59,6 @@ int qm_trimesh_kind(const qm_trimesh *m, uint32_t vertex, uint32_t line[2])
  * Memory.
  */
 
-
 static void free_vertices(qm_context *ctx, qm_trimesh *m)
 {
     qm_context_free(ctx, m->position, m->vertex_capacity, sizeof *m->position);
@@ -226,8 +225,8 @@ static void split_fans(qm_trimesh *m, const double *positions, uint32_t *renamed
     memcpy(m->from, renamed, count * sizeof *renamed);
 }
 
-qm_status qm_trimesh_build(qm_context *ctx, const double *positions, size_t vertex_count, const uint32_t (*corner)[3],
-                           size_t face_count, qm_trimesh *out)
+qm_status qm_trimesh_build(qm_context *ctx, const double *positions, size_t vertex_count,
+                           const uint32_t (*corner)[3], size_t face_count, qm_trimesh *out)
 {
     *out = (qm_trimesh){0};
     qm_trimesh *m = out;

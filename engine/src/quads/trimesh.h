@@ -18,11 +18,12 @@ typedef struct qm_trimesh {
     uint32_t *out;     /* a half-edge from the vertex; QM_NO_INDEX: no face uses it */
     uint8_t *is_fixed; /* a corner, whatever its features are */
     size_t face_count, face_capacity;
-    uint32_t *from;       /* of each half-edge; QM_NO_INDEX: the face was removed */
-    uint32_t *twin;       /* QM_NO_INDEX at a boundary */
-    uint8_t *is_feature;  /* of each half-edge, equal for twins; boundaries are features */
-    int32_t (*step)[2];   /* of each half-edge: integers in the frame of its face, which quad_steps.h explains */
-    uint32_t *stamp;      /* of each vertex, scratch */
+    uint32_t *from;      /* of each half-edge; QM_NO_INDEX: the face was removed */
+    uint32_t *twin;      /* QM_NO_INDEX at a boundary */
+    uint8_t *is_feature; /* of each half-edge, equal for twins; boundaries are features */
+    int32_t (
+        *step)[2];   /* of each half-edge: integers in the frame of its face, which quad_steps.h explains */
+    uint32_t *stamp; /* of each vertex, scratch */
     uint32_t stamp_value;
 } qm_trimesh;
 
@@ -81,8 +82,8 @@ int qm_trimesh_kind(const qm_trimesh *m, uint32_t vertex, uint32_t line[2]);
  *
  * Returns QM_OK; QM_E_NO_MEMORY. *out is the caller's, for qm_trimesh_reset, after an error too.
  */
-qm_status qm_trimesh_build(qm_context *ctx, const double *positions, size_t vertex_count, const uint32_t (*corner)[3],
-                           size_t face_count, qm_trimesh *out);
+qm_status qm_trimesh_build(qm_context *ctx, const double *positions, size_t vertex_count,
+                           const uint32_t (*corner)[3], size_t face_count, qm_trimesh *out);
 void qm_trimesh_reset(qm_context *ctx, qm_trimesh *m);
 
 /** Inserts a vertex into an edge; its two halves are features as the edge was; the steps are the caller's to set. *vertex
