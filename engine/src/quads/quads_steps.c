@@ -32,9 +32,16 @@
 #define LONG_COST 4.0  /* for a step beyond 1 */
 #define STEP_COST 0.1  /* of any change: less would let paths wander */
 #define MIN_COST 0.05
+#define FIRST_REACH 0.5
 #define LAST_REACH 64.0 /* cost beyond which the search for an opposite has no limit */
 #define FOLLOW_ROUNDS 3
 #define REPAIR_ROUNDS 12
+
+/** A node of the search, as the search with this stamp has left it. */
+typedef struct path_node {
+    double distance;
+    uint32_t stamp, before;
+} path_node;
 
 typedef struct steps_work {
     qm_context *ctx;
@@ -42,11 +49,10 @@ typedef struct steps_work {
     uint8_t *turned;
     float (*target)[2];   /* of each half-edge: its vector in the frame of its face, in quads */
     int32_t (*excess)[2]; /* of each face: sum of its steps */
-    double *distance;     /* of each node of the search */
-    uint32_t *stamp, *before;
-    uint32_t stamp_value;
+    path_node *node;
+    uint32_t stamp;
+    double reach; /* paths that cost more are not searched */
     qm_heap heap;
-    double carried; /* sum of the costs so far */
 } steps_work;
 
 static void turn(int32_t s[2], int quarters)
@@ -223,13 +229,12 @@ static void across(const steps_work *w, uint32_t h, int axis, int change, int *t
     *twin_change = s[*twin_axis];
 }
 
-static bool push(steps_work *w, uint32_t node, double distance, uint32_t before)
+static bool push(steps_work *w, uint32_t number, double distance, uint32_t before)
 {
-    if (w->stamp[node] == w->stamp_value && w->distance[node] <= distance) return true;
-    w->stamp[node] = w->stamp_value;
-    w->distance[node] = distance;
-    w->before[node] = before;
-    return qm_heap_push(w->ctx, &w->heap, (qm_heap_item){distance, node, 0}) == QM_OK;
+    path_node *node = &w->node[number];
+    if (distance > w->reach || (node->stamp == w->stamp && node->distance <= distance)) return true;
+    *node = (path_node){distance, w->stamp, before};
+    return qm_heap_push(w->ctx, &w->heap, (qm_heap_item){distance, number, 0}) == QM_OK;
 }
 
 /**
@@ -282,31 +287,29 @@ static void apply(const steps_work *w, uint32_t node)
         int32_t step[2] = {w->m->step[h][0], w->m->step[h][1]};
         step[axis] += change;
         set_step(w, h, step);
-        node = w->before[node];
+        node = w->node[node].before;
     }
 }
 
 /** Moves an excess of 1 out of a face, to its nearest opposite. *is_done is false if there is none within reach. */
-static qm_status move_excess(steps_work *w, uint32_t face, int axis, double reach, bool *is_done)
+static qm_status move_excess(steps_work *w, uint32_t face, int axis, bool *is_done)
 {
     int sign = w->excess[face][axis] > 0 ? 1 : -1;
     *is_done = false;
     w->excess[face][axis] -= sign;
-    w->stamp_value++;
+    w->stamp++;
     w->heap.count = 0;
     if (!leave(w, face, axis, sign, QM_NO_INDEX, 0.0, QM_NO_INDEX)) return QM_E_NO_MEMORY;
     size_t popped = 0;
     while (w->heap.count > 0) {
         qm_heap_item item = qm_heap_pop(&w->heap);
         uint32_t node = item.number, h = node / 4;
-        if (item.key > reach) break;
-        if (item.key > w->distance[node]) continue;
+        if (item.key > w->node[node].distance) continue;
         int at_axis = node >> 1 & 1, at_sign = node & 1 ? 1 : -1;
         bool is_boundary = w->m->twin[h] == QM_NO_INDEX;
         if (is_boundary || w->excess[h / 3][at_axis] * at_sign < 0) {
             if (!is_boundary) w->excess[h / 3][at_axis] += at_sign;
             apply(w, node);
-            w->carried += item.key;
             *is_done = true;
             return QM_OK;
         }
@@ -328,19 +331,19 @@ static qm_status close_faces(steps_work *w, qm_quads_record *record)
     }
     /* Near pairs first: taken in any order, the last ones would be far apart. */
     size_t open = SIZE_MAX;
-    for (double reach = 2.0; open > 0; reach = reach > LAST_REACH ? INFINITY : 2.0 * reach) {
+    for (w->reach = FIRST_REACH; open > 0; w->reach = w->reach > LAST_REACH ? INFINITY : 2.0 * w->reach) {
         open = 0;
         for (uint32_t f = 0; f < m->face_count; f++) {
             for (int axis = 0; axis < 2; axis++) {
                 bool is_done = true;
                 while (w->excess[f][axis] != 0 && is_done) {
-                    qm_status status = move_excess(w, f, axis, reach, &is_done);
+                    qm_status status = move_excess(w, f, axis, &is_done);
                     if (status != QM_OK) return status;
                 }
                 open += w->excess[f][axis] != 0;
             }
         }
-        if (isinf(reach)) break;
+        if (isinf(w->reach)) break;
     }
     record->steps_open += open;
     return QM_OK;
@@ -516,11 +519,9 @@ static bool alloc_work(steps_work *w)
     w->turned = qm_context_alloc(w->ctx, 3 * faces, sizeof *w->turned);
     w->target = qm_context_alloc(w->ctx, 3 * faces, sizeof *w->target);
     w->excess = qm_context_alloc(w->ctx, faces, sizeof *w->excess);
-    w->distance = qm_context_alloc(w->ctx, nodes, sizeof *w->distance);
-    w->stamp = qm_context_alloc(w->ctx, nodes, sizeof *w->stamp);
-    w->before = qm_context_alloc(w->ctx, nodes, sizeof *w->before);
-    if (w->stamp) memset(w->stamp, 0, nodes * sizeof *w->stamp);
-    return w->turned && w->target && w->excess && w->distance && w->stamp && w->before;
+    w->node = qm_context_alloc(w->ctx, nodes, sizeof *w->node);
+    if (w->node) memset(w->node, 0, nodes * sizeof *w->node);
+    return w->turned && w->target && w->excess && w->node;
 }
 
 static void free_work(steps_work *w, size_t faces)
@@ -529,9 +530,7 @@ static void free_work(steps_work *w, size_t faces)
     qm_context_free(w->ctx, w->turned, 3 * faces, sizeof *w->turned);
     qm_context_free(w->ctx, w->target, 3 * faces, sizeof *w->target);
     qm_context_free(w->ctx, w->excess, faces, sizeof *w->excess);
-    qm_context_free(w->ctx, w->distance, nodes, sizeof *w->distance);
-    qm_context_free(w->ctx, w->stamp, nodes, sizeof *w->stamp);
-    qm_context_free(w->ctx, w->before, nodes, sizeof *w->before);
+    qm_context_free(w->ctx, w->node, nodes, sizeof *w->node);
     qm_heap_reset(w->ctx, &w->heap);
 }
 
