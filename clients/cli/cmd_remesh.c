@@ -1,9 +1,10 @@
 /**
  * cmd_remesh.c: a quad mesh of a surface, without a layout.
  */
-#include <math.h>
 #include <stdio.h>
+#include <string.h>
 
+#include "base/clock.h"
 #include "base/host.h"
 #include "options.h"
 #include "qm/quads.h"
@@ -17,25 +18,38 @@ typedef struct remesh_options {
     bool as_json;
 } remesh_options;
 
+static void print_result(const remesh_options *o, const qm_mesh *quads, const qm_mesh_facts *facts,
+                         const qm_quads_record *record, double elapsed_ms)
+{
+    /* Standard output holds either the mesh or what is said of it. */
+    FILE *out = strcmp(o->output, "-") == 0 ? stderr : stdout;
+    qm_quality quality;
+    qm_quality_measure(quads, &quality);
+    const char *format = o->as_json
+                             ? "{\"quads\":%zu,\"irregular_vertices\":%zu,\"components\":%zu,\"folded\":%zu,"
+                               "\"least_scaled_jacobian\":%.6g,\"edge\":%.9g,\"elapsed_ms\":%.3f}\n"
+                             : "%zu quads, %zu irregular vertices, %zu components, %zu folded, least scaled "
+                               "Jacobian %.3g, edges of about %.4g, in %.1f ms\n";
+    fprintf(out, format, quads->face_count, facts->irregular_vertices, facts->components, quality.folded,
+            quality.least_jacobian, record->size, elapsed_ms);
+}
+
 static int remesh(qm_context *ctx, const remesh_options *o, const qm_loaded_mesh *surface)
 {
     qm_mesh quads;
+    qm_mesh_facts facts;
     qm_quads_record record;
-    qm_quality quality;
+    double start = qm_clock_now_ms();
     qm_status status = qm_quads_make(ctx, surface->bvh, &o->how, &quads, &record);
-    if (status != QM_OK) {
+    double elapsed_ms = qm_clock_now_ms() - start;
+    if (status == QM_OK) status = qm_mesh_find_facts(ctx, &quads, &facts);
+    bool is_done = status == QM_OK && cli_write_mesh(ctx, o->output, &quads, o->as_json);
+    if (is_done)
+        print_result(o, &quads, &facts, &record, elapsed_ms);
+    else if (status != QM_OK)
         cli_report_status(o->surface, status, ctx, o->as_json);
-        return EXIT_BAD_INPUT;
-    }
-    qm_quality_measure(&quads, &quality);
-    bool is_written = cli_write_mesh(ctx, o->output, &quads, o->as_json);
-    fprintf(
-        stderr,
-        "%zu quads sing %zu incons %zu open %zu folded %zu unmatched %zu thirds %zu; folded %zu least %.3f\n",
-        quads.face_count, record.crosses_turned, record.steps_inconsistent, record.steps_open,
-        record.steps_folded, record.unmatched, record.halved, quality.folded, quality.least_jacobian);
     qm_mesh_reset(ctx, &quads);
-    return is_written ? EXIT_OK : EXIT_BAD_INPUT;
+    return is_done ? EXIT_OK : EXIT_BAD_INPUT;
 }
 
 static int run(int argc, char **argv)
@@ -81,11 +95,14 @@ static int run(int argc, char **argv)
     return status;
 }
 
-const cli_command cmd_remesh = {.name = "remesh",
-                                .arguments = "SURFACE -o OUT [options]",
-                                .summary = "a quad mesh of a surface",
-                                .takes = "a surface and -o OUT",
-                                .path_count = 1,
-                                .description = "Makes a mesh of quads of about equal size.\n\n",
-                                .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
-                                .run = run};
+const cli_command cmd_remesh = {
+    .name = "remesh",
+    .arguments = "SURFACE -o OUT [options]",
+    .summary = "a quad mesh of a surface",
+    .takes = "a surface and -o OUT",
+    .path_count = 1,
+    .description = "Makes a mesh of quads of about equal size, without a layout. Boundaries and creases "
+                   "become edges of it.\n"
+                   "Parts that are thinner than a quad may lose their shape: more quads keep them.\n\n",
+    .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
+    .run = run};

@@ -22,7 +22,7 @@ typedef struct qm_trimesh {
     uint32_t *twin;      /* QM_NO_INDEX at a boundary */
     uint8_t *is_feature; /* of each half-edge, equal for twins; boundaries are features */
     int32_t (
-        *step)[2];   /* of each half-edge: integers in the frame of its face, which quad_steps.h explains */
+        *step)[2];   /* of each half-edge: integers in the frame of its face, which quads_steps.c explains */
     uint32_t *stamp; /* of each vertex, scratch */
     uint32_t stamp_value;
 } qm_trimesh;
