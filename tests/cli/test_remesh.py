@@ -23,7 +23,7 @@ def test_the_result_as_json(quadmesh, tmp_path):
     result = json.loads(quadmesh("remesh", torus, "-o", "out.obj", "--quads", "600", "--json").stdout)
     assert result["quads"] == len(faces_of(tmp_path / "out.obj"))
     assert result["components"] == 1 and result["folded"] == 0
-    again = quadmesh("remesh", torus, "-o", "-", "--quads", "600", "--threads", "3", "--json")
+    again = quadmesh("remesh", torus, "-o", "-", "--quads", "600", "--threads", "3", "--json", text=False)
     assert json.loads(again.stderr)["quads"] == result["quads"]
 
 
