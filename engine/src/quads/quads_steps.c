@@ -32,16 +32,29 @@
 #define LONG_COST 4.0  /* for a step beyond 1 */
 #define STEP_COST 0.1  /* of any change: less would let paths wander */
 #define MIN_COST 0.05
-#define FIRST_REACH 0.5
-#define LAST_REACH 64.0 /* cost beyond which the search for an opposite has no limit */
 #define FOLLOW_ROUNDS 3
 #define REPAIR_ROUNDS 12
 
 /** A node of the search, as the search with this stamp has left it. */
 typedef struct path_node {
     double distance;
-    uint32_t stamp, before;
+    uint32_t stamp, before, source;
 } path_node;
+
+/** An excess of 1, of a sign, from which paths grow. */
+typedef struct path_source {
+    uint32_t face;
+    int axis, sign;
+    double best; /* cost of its cheapest path to another; INFINITY: none yet */
+    bool is_joined;
+} path_source;
+
+/** A path from one source to another, or out of a boundary. */
+typedef struct path_meeting {
+    double cost;
+    uint32_t end[2];    /* nodes, that lie in one face; QM_NO_INDEX: the source itself, or a boundary */
+    uint32_t source[2]; /* the second is QM_NO_INDEX at a boundary */
+} path_meeting;
 
 typedef struct steps_work {
     qm_context *ctx;
@@ -51,7 +64,12 @@ typedef struct steps_work {
     int32_t (*excess)[2]; /* of each face: sum of its steps */
     path_node *node;
     uint32_t stamp;
-    double reach; /* paths that cost more are not searched */
+    uint32_t *arrival; /* of each face, axis and sign: the first node that came there in this search */
+    path_source *source;
+    size_t source_count, source_capacity;
+    uint32_t growing; /* the source whose paths are being lengthened */
+    path_meeting *meeting;
+    size_t meeting_count, meeting_capacity;
     qm_heap heap;
 } steps_work;
 
@@ -232,8 +250,8 @@ static void across(const steps_work *w, uint32_t h, int axis, int change, int *t
 static bool push(steps_work *w, uint32_t number, double distance, uint32_t before)
 {
     path_node *node = &w->node[number];
-    if (distance > w->reach || (node->stamp == w->stamp && node->distance <= distance)) return true;
-    *node = (path_node){distance, w->stamp, before};
+    if (node->stamp == w->stamp && node->distance <= distance) return true;
+    *node = (path_node){distance, w->stamp, before, w->growing};
     return qm_heap_push(w->ctx, &w->heap, (qm_heap_item){distance, number, 0}) == QM_OK;
 }
 
@@ -291,7 +309,7 @@ static void apply(const steps_work *w, uint32_t node)
     }
 }
 
-/** Moves an excess of 1 out of a face, to its nearest opposite. *is_done is false if there is none within reach. */
+/** Moves an excess of 1 out of a face, to its nearest opposite. *is_done is false if there is none. */
 static qm_status move_excess(steps_work *w, uint32_t face, int axis, bool *is_done)
 {
     int sign = w->excess[face][axis] > 0 ? 1 : -1;
@@ -320,7 +338,145 @@ static qm_status move_excess(steps_work *w, uint32_t face, int axis, bool *is_do
     return QM_OK;
 }
 
-/** Nodes of boundaries are those of a half-edge without twin: no excess can come in by it, so they have no other meaning. */
+/*
+ * Paths grow from all excesses at once, each into what is nearer to it than to the others. Where two meet whose excesses
+ * cancel, there is a path between them; those that are the cheapest of both their ends are applied, and the rest starts anew.
+ */
+
+static bool add_meeting(steps_work *w, path_meeting met)
+{
+    if (w->meeting_count == w->meeting_capacity) {
+        size_t capacity = 2 * w->meeting_capacity + 64;
+        path_meeting *grown =
+            qm_context_resize(w->ctx, w->meeting, w->meeting_capacity, capacity, sizeof *w->meeting);
+        if (!grown) return false;
+        w->meeting = grown, w->meeting_capacity = capacity;
+    }
+    for (int k = 0; k < 2; k++)
+        if (met.source[k] != QM_NO_INDEX)
+            w->source[met.source[k]].best = qm_min(w->source[met.source[k]].best, met.cost);
+    w->meeting[w->meeting_count++] = met;
+    return true;
+}
+
+static uint32_t *arrival_at(const steps_work *w, uint32_t face, int axis, int sign)
+{
+    return &w->arrival[4 * face + 2 * (uint32_t)axis + (sign > 0)];
+}
+
+#define AT_SOURCE 0x80000000u /* of an arrival: the number of a source, not of a node */
+
+/** Notes that a node was reached, and whether the opposite was reached from another source. */
+static bool arrive(steps_work *w, uint32_t face, int axis, int sign, uint32_t node, double distance)
+{
+    uint32_t *mine = arrival_at(w, face, axis, sign), other = *arrival_at(w, face, axis, -sign);
+    if (*mine == QM_NO_INDEX) *mine = node;
+    if (other == QM_NO_INDEX) return true;
+    path_meeting met = {
+        .cost = distance, .end = {node, QM_NO_INDEX}, .source = {w->growing, other & ~AT_SOURCE}};
+    if (!(other & AT_SOURCE)) {
+        met.cost += w->node[other].distance;
+        met.end[1] = other;
+        met.source[1] = w->node[other].source;
+    }
+    if (node & AT_SOURCE) met.end[0] = QM_NO_INDEX;
+    return met.source[0] == met.source[1] || add_meeting(w, met);
+}
+
+static qm_status list_sources(steps_work *w)
+{
+    size_t count = 0;
+    for (uint32_t f = 0; f < w->m->face_count; f++)
+        count += (size_t)(w->excess[f][0] != 0) + (size_t)(w->excess[f][1] != 0);
+    w->source_count = 0;
+    if (count > w->source_capacity) {
+        qm_context_free(w->ctx, w->source, w->source_capacity, sizeof *w->source);
+        w->source_capacity = 0;
+        w->source = qm_context_alloc(w->ctx, count, sizeof *w->source);
+        if (!w->source) return QM_E_NO_MEMORY;
+        w->source_capacity = count;
+    }
+    for (uint32_t f = 0; f < w->m->face_count; f++)
+        for (int axis = 0; axis < 2; axis++)
+            if (w->excess[f][axis] != 0)
+                w->source[w->source_count++] =
+                    (path_source){f, axis, w->excess[f][axis] > 0 ? 1 : -1, INFINITY, false};
+    return QM_OK;
+}
+
+static qm_status grow_paths(steps_work *w)
+{
+    w->stamp++;
+    w->heap.count = w->meeting_count = 0;
+    memset(w->arrival, 0xff, 4 * w->m->face_count * sizeof *w->arrival);
+    for (uint32_t i = 0; i < w->source_count; i++) {
+        const path_source *s = &w->source[i];
+        w->growing = i;
+        w->excess[s->face][s->axis] -= s->sign;
+        bool has_memory = arrive(w, s->face, s->axis, s->sign, i | AT_SOURCE, 0.0) &&
+                          leave(w, s->face, s->axis, s->sign, QM_NO_INDEX, 0.0, QM_NO_INDEX);
+        w->excess[s->face][s->axis] += s->sign;
+        if (!has_memory) return QM_E_NO_MEMORY;
+    }
+    for (size_t popped = 0; w->heap.count > 0; popped++) {
+        qm_heap_item item = qm_heap_pop(&w->heap);
+        uint32_t node = item.number, h = node / 4;
+        if (item.key > w->node[node].distance) continue;
+        w->growing = w->node[node].source;
+        /* the other end of a cheaper path would have come half of the way */
+        if (item.key > 0.5 * w->source[w->growing].best + LONG_COST) continue;
+        int axis = node >> 1 & 1, sign = node & 1 ? 1 : -1;
+        if (w->m->twin[h] == QM_NO_INDEX) {
+            const path_meeting met = {item.key, {node, QM_NO_INDEX}, {w->growing, QM_NO_INDEX}};
+            if (!add_meeting(w, met)) return QM_E_NO_MEMORY;
+            continue;
+        }
+        if (!arrive(w, h / 3, axis, sign, node, item.key) || !leave(w, h / 3, axis, sign, h, item.key, node))
+            return QM_E_NO_MEMORY;
+        if (popped % 4096 == 0 && qm_context_canceled(w->ctx)) return QM_E_CANCELED;
+    }
+    return QM_OK;
+}
+
+static int compare_meetings(const void *a, const void *b)
+{
+    const path_meeting *x = a, *y = b;
+    if (x->cost != y->cost) return x->cost < y->cost ? -1 : 1;
+    if (x->source[0] != y->source[0]) return x->source[0] < y->source[0] ? -1 : 1;
+    if (x->source[1] != y->source[1]) return x->source[1] < y->source[1] ? -1 : 1;
+    if (x->end[0] != y->end[0]) return x->end[0] < y->end[0] ? -1 : 1;
+    return (x->end[1] > y->end[1]) - (x->end[1] < y->end[1]);
+}
+
+/** Applies the paths that are the cheapest of both ends; returns their number. */
+static size_t join_sources(steps_work *w)
+{
+    size_t joined = 0;
+    if (w->meeting_count > 0) qsort(w->meeting, w->meeting_count, sizeof *w->meeting, compare_meetings);
+    for (size_t i = 0; i < w->meeting_count; i++) {
+        const path_meeting *met = &w->meeting[i];
+        bool is_cheapest = true;
+        for (int k = 0; k < 2; k++) {
+            if (met->source[k] == QM_NO_INDEX) continue;
+            const path_source *s = &w->source[met->source[k]];
+            is_cheapest = is_cheapest && !s->is_joined && s->best == met->cost;
+        }
+        if (!is_cheapest) continue;
+        joined++;
+        for (int k = 0; k < 2; k++) {
+            if (met->source[k] == QM_NO_INDEX) continue;
+            path_source *s = &w->source[met->source[k]];
+            s->is_joined = true;
+            w->excess[s->face][s->axis] -= s->sign;
+            apply(w, met->end[k]);
+        }
+    }
+    return joined;
+}
+
+/** Closes the faces. Nodes of boundaries are those of a half-edge without twin: nothing can come in by it, so they have no other
+ * meaning. What the common growth does not join, such as an excess of 2 and its own image round a singular vertex, is
+ * moved one by one. */
 static qm_status close_faces(steps_work *w, qm_quads_record *record)
 {
     const qm_trimesh *m = w->m;
@@ -329,23 +485,23 @@ static qm_status close_faces(steps_work *w, qm_quads_record *record)
             w->excess[f][axis] = m->step[3 * f][axis] + m->step[3 * f + 1][axis] + m->step[3 * f + 2][axis];
         record->steps_inconsistent += w->excess[f][0] != 0 || w->excess[f][1] != 0;
     }
-    /* Near pairs first: taken in any order, the last ones would be far apart. */
-    size_t open = SIZE_MAX;
-    for (w->reach = FIRST_REACH; open > 0; w->reach = w->reach > LAST_REACH ? INFINITY : 2.0 * w->reach) {
-        open = 0;
-        for (uint32_t f = 0; f < m->face_count; f++) {
-            for (int axis = 0; axis < 2; axis++) {
-                bool is_done = true;
-                while (w->excess[f][axis] != 0 && is_done) {
-                    qm_status status = move_excess(w, f, axis, &is_done);
-                    if (status != QM_OK) return status;
-                }
-                open += w->excess[f][axis] != 0;
-            }
-        }
-        if (isinf(w->reach)) break;
+    size_t joined = 1;
+    while (joined > 0) {
+        qm_status status = list_sources(w);
+        if (status == QM_OK) status = grow_paths(w);
+        if (status != QM_OK) return status;
+        joined = join_sources(w);
     }
-    record->steps_open += open;
+    for (uint32_t f = 0; f < m->face_count; f++) {
+        for (int axis = 0; axis < 2; axis++) {
+            bool is_done = true;
+            while (w->excess[f][axis] != 0 && is_done) {
+                qm_status status = move_excess(w, f, axis, &is_done);
+                if (status != QM_OK) return status;
+            }
+            record->steps_open += w->excess[f][axis] != 0;
+        }
+    }
     return QM_OK;
 }
 
@@ -520,8 +676,9 @@ static bool alloc_work(steps_work *w)
     w->target = qm_context_alloc(w->ctx, 3 * faces, sizeof *w->target);
     w->excess = qm_context_alloc(w->ctx, faces, sizeof *w->excess);
     w->node = qm_context_alloc(w->ctx, nodes, sizeof *w->node);
+    w->arrival = qm_context_alloc(w->ctx, 4 * faces, sizeof *w->arrival);
     if (w->node) memset(w->node, 0, nodes * sizeof *w->node);
-    return w->turned && w->target && w->excess && w->node;
+    return w->turned && w->target && w->excess && w->node && w->arrival;
 }
 
 static void free_work(steps_work *w, size_t faces)
@@ -531,6 +688,9 @@ static void free_work(steps_work *w, size_t faces)
     qm_context_free(w->ctx, w->target, 3 * faces, sizeof *w->target);
     qm_context_free(w->ctx, w->excess, faces, sizeof *w->excess);
     qm_context_free(w->ctx, w->node, nodes, sizeof *w->node);
+    qm_context_free(w->ctx, w->arrival, 4 * faces, sizeof *w->arrival);
+    qm_context_free(w->ctx, w->source, w->source_capacity, sizeof *w->source);
+    qm_context_free(w->ctx, w->meeting, w->meeting_capacity, sizeof *w->meeting);
     qm_heap_reset(w->ctx, &w->heap);
 }
 
