@@ -54,10 +54,12 @@ bool qm_quads_graph_alloc(qm_context *ctx, qm_quads_graph *graph, size_t count, 
 qm_status qm_quads_levels_build(qm_context *ctx, qm_quads_levels *levels);
 void qm_quads_levels_reset(qm_context *ctx, qm_quads_levels *levels);
 
-/** Cross c of cross b (0 to 3: turned by quarters) that is nearest to a cross of a; both around their normals. */
+/** A direction of each of two crosses. */
 typedef struct qm_quads_match {
     qm_vec a, b;
 } qm_quads_match;
+
+/** The directions of two crosses, round their normals, that differ least in space. */
 qm_quads_match qm_quads_match_crosses(qm_vec qa, qm_vec na, qm_vec qb, qm_vec nb);
 
 /** A cross for each face: cross receives its first direction, of length 1. Faces with a feature follow it. */

@@ -9,7 +9,7 @@
 #include "mesh/quad_shape.h"
 #include "qm/project.h"
 
-#define ROUNDS 5
+#define ROUNDS 5 /* more would draw vertices off tips */
 #define UNFOLD_ROUNDS 10
 #define WANTED_SINE 0.3 /* quads below it try to be better */
 

@@ -257,7 +257,7 @@ static bool push(steps_work *w, uint32_t number, double distance, uint32_t befor
 
 /**
  * Lets an excess of a sign leave a face. entry is the half-edge by which it came, or QM_NO_INDEX at the start. Leaving by a
- * boundary is the node of that half-edge itself, after all others: node_count + h.
+ * boundary is a node of that half-edge itself.
  */
 static bool leave(steps_work *w, uint32_t face, int axis, int sign, uint32_t entry, double distance,
                   uint32_t before)

@@ -200,7 +200,7 @@ static void pair_twins(qm_trimesh *m, size_t vertex_count, uint32_t *start, edge
     }
 }
 
-/** Gives each fan a vertex: from is rewritten from the vertices of the input, which *origin receives. */
+/** Gives each fan a vertex: until then from has the vertices of the input. */
 static void split_fans(qm_trimesh *m, const double *positions, uint32_t *renamed)
 {
     size_t count = 3 * m->face_count;
