@@ -67,7 +67,7 @@ static int run(int argc, char **argv)
          .value = "N",
          .type = CLI_SIZE,
          .min = 1,
-         .max = 1e9,
+         .max = 1e7,
          .target = &o.how.quads,
          .help = "about so many quads (default 5000)"},
         {.name = "creases",

@@ -435,12 +435,13 @@ static void bad_input_is_told(void **state)
     (void)state;
     qm_context ctx = qm_context_make();
     qm_random random = qm_random_make(qm_check_seed(), 0);
-    qm_mesh shape[3] = {qm_shape_points(&random, 20), qm_shape_plane(2, 0.0), qm_shape_copies(3)};
+    qm_mesh shape[4] = {qm_shape_points(&random, 20), qm_shape_plane(2, 0.0), qm_shape_copies(3),
+                        qm_shape_cube(1e90)};
     for (size_t v = 0; v < shape[2].vertex_count; v++) /* a triangle without area */
         for (size_t k = 0; k < 3; k++)
             shape[2].positions[3 * v + k] = k == 0 ? (double)v : 0.0;
-    const qm_status expected[3] = {QM_E_ARGUMENT, QM_E_ARGUMENT, QM_E_EMPTY};
-    for (int i = 0; i < 3; i++) {
+    const qm_status expected[4] = {QM_E_ARGUMENT, QM_E_ARGUMENT, QM_E_EMPTY, QM_E_SCALE};
+    for (int i = 0; i < 4; i++) {
         qm_bvh *bvh;
         qm_mesh out;
         qm_quads_options options = qm_quads_options_default();

@@ -8,7 +8,9 @@
 #include "quads/quads_internal.h"
 
 #define TRIANGLE_SIDE 0.9 /* of the triangles on which fields are found, in sides of a quad */
-#define LEAST_QUADS 24    /* of a component */
+#define LARGEST                                                                                              \
+    1e75 /* diagonal of a surface: squares of areas would not be finite beyond 1e77, nor normal below 1e-77 */
+#define LEAST_QUADS 24 /* of a component */
 
 qm_quads_options qm_quads_options_default(void)
 {
@@ -276,6 +278,11 @@ qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_optio
     if (options->quads == 0) return qm_context_fail(ctx, QM_E_ARGUMENT, "the number of quads is 0");
     if (surface->face_count == 0)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "a point set has no faces to be remeshed");
+    const qm_box box = qm_mesh_bounding_box(surface);
+    double diagonal = qm_mesh_box_diagonal(&box);
+    if (diagonal > LARGEST || (diagonal > 0.0 && diagonal < 1.0 / LARGEST))
+        return qm_context_fail(ctx, QM_E_SCALE,
+                               "areas of a surface of diagonal %.3g are beyond double precision", diagonal);
     qm_quads_record own = {0};
     if (!record) record = &own;
     *record = (qm_quads_record){0};
