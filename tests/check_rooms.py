@@ -27,6 +27,7 @@ ROOMS = {
     'engine/src/align': 'core',
     'engine/src/matrix': 'core',
     'engine/src/layout': 'core bvh mesh',
+    'engine/src/quads': 'core bvh mesh',
     'engine/src/reconstruct': 'core bvh mesh layout',
     'server/base': '',
     'server/format': 'base',

@@ -32,7 +32,8 @@ static const struct {
                 {NULL, &cmd_quality},
                 {NULL, &cmd_self_collide},
                 {NULL, &cmd_patches},
-                {NULL, &cmd_reconstruct}};
+                {NULL, &cmd_reconstruct},
+                {NULL, &cmd_remesh}};
 enum { COMMAND_COUNT = sizeof commands / sizeof commands[0] };
 
 static void print_help(FILE *file)

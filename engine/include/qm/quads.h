@@ -1,0 +1,54 @@
+/**
+ * quads.h: a mesh of quads of about equal size from any surface of triangles and quads.
+ *
+ * Directions and corners of the quads come from smooth fields, the numbers of quads between them from an integer flow:
+ * so every face is a quad, and vertices are irregular only where the directions turn round them or rows had to end.
+ */
+#ifndef QM_QUADS_H
+#define QM_QUADS_H
+
+#include "qm/bvh.h"
+
+typedef struct qm_quads_options {
+    size_t quads; /* wanted number of quads, at least 1; what comes out differs by some percent */
+    double
+        crease_angle; /* radians between normals of faces: edges with more are followed; 0: only boundaries are */
+    int thread_count;
+} qm_quads_options;
+
+/** 5,000 quads, creases above 40 degrees, one thread. */
+qm_quads_options qm_quads_options_default(void);
+
+/** What happened on the way. */
+typedef struct qm_quads_record {
+    size_t components;         /* of the surface */
+    double size;               /* side of a quad, for the largest component */
+    size_t crosses_turned;     /* vertices round which directions turn */
+    size_t steps_inconsistent; /* faces in which rounded steps did not close */
+    size_t steps_open;   /* of these, those that the flow could not close (0 unless creases contradict) */
+    size_t steps_folded; /* faces that lie upside down in the grid */
+    size_t unmatched;    /* triangles that had no partner by their steps: thin parts */
+    size_t halved;       /* components that were cut into quads by their midpoints, for want of a matching */
+} qm_quads_record;
+
+/**
+ * Makes a quad mesh of a surface.
+ *
+ * bvh     of the surface, with QM_BVH_TARGET; quads count as two triangles
+ * record  may be NULL
+ *
+ * Edges of the surface with more than two faces, or between faces of opposite orientation, count as boundaries. Each
+ * component gets quads by its share of the area, and at least a few. Every face of the result is a quad; the result is
+ * manifold. It is the same for any number of threads.
+ *
+ * Ownership: borrows the tree; *out is the caller's, for qm_mesh_reset. After an error it is empty.
+ * Returns:   QM_OK; QM_E_ARGUMENT (no target, no faces, quads 0); QM_E_EMPTY (no area); QM_E_SCALE (a diagonal beyond 1e75 or below 1e-75);
+ *            QM_E_NO_MEMORY; QM_E_CANCELED.
+ * Source:    W. Jakob, M. Tarini, D. Panozzo, O. Sorkine-Hornung, Instant field-aligned meshes, 2015 (the fields);
+ *            J. Huang, Y. Zhou, M. Niessner, J. R. Shewchuk, L. J. Guibas, QuadriFlow: a scalable and robust method for
+ *            quadrangulation, 2018 (integers on edges by flow).
+ */
+qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options, qm_mesh *out,
+                        qm_quads_record *record);
+
+#endif

@@ -1,0 +1,304 @@
+/**
+ * quads.c: quads of a surface, component by component.
+ */
+#include "qm/quads.h"
+
+#include <string.h>
+
+#include "quads/quads_internal.h"
+
+#define TRIANGLE_SIDE 0.9 /* of the triangles on which fields are found, in sides of a quad */
+#define LARGEST                                                                                              \
+    1e75 /* diagonal of a surface: squares of areas would not be finite beyond 1e77, nor normal below 1e-77 */
+#define LEAST_QUADS 24 /* of a component */
+
+qm_quads_options qm_quads_options_default(void)
+{
+    return (qm_quads_options){.quads = 5000, .crease_angle = 0.69813170079773183, .thread_count = 1};
+}
+
+/** Triangles of the surface, component by component. */
+typedef struct triangles {
+    size_t count;
+    uint32_t (*corner)[3];
+    uint32_t *component; /* of each triangle */
+    size_t component_count;
+} triangles;
+
+static size_t count_triangles(const qm_mesh *mesh)
+{
+    size_t count = 0;
+    for (size_t f = 0; f < mesh->face_count; f++)
+        count += mesh->faces[4 * f + 3] == QM_NO_INDEX ? 1 : 2;
+    return count;
+}
+
+static void list_triangles(const qm_mesh *mesh, triangles *t)
+{
+    t->count = 0;
+    for (size_t f = 0; f < mesh->face_count; f++) {
+        const uint32_t *c = mesh->faces + 4 * f;
+        memcpy(t->corner[t->count++], c, 3 * sizeof *c);
+        if (c[3] == QM_NO_INDEX) continue;
+        const uint32_t second[3] = {c[0], c[2], c[3]};
+        memcpy(t->corner[t->count++], second, sizeof second);
+    }
+}
+
+static uint32_t find_root(uint32_t *parent, uint32_t v)
+{
+    while (parent[v] != v)
+        v = parent[v] = parent[parent[v]];
+    return v;
+}
+
+/** Numbers the components, connected by vertices, in the order of their first triangles, and sorts the triangles by them. */
+static qm_status sort_components(qm_context *ctx, size_t vertex_count, triangles *t)
+{
+    uint32_t *parent = qm_context_alloc(ctx, vertex_count, sizeof *parent);
+    uint32_t *number = qm_context_alloc(ctx, vertex_count, sizeof *number);
+    uint32_t(*sorted)[3] = qm_context_alloc(ctx, t->count, sizeof *sorted);
+    uint32_t *of = qm_context_alloc(ctx, t->count, sizeof *of);
+    uint32_t *place = qm_context_alloc(ctx, t->count + 1, sizeof *place);
+    bool has_memory = parent && number && sorted && of && place;
+    if (has_memory) {
+        for (uint32_t v = 0; v < vertex_count; v++)
+            parent[v] = v, number[v] = QM_NO_INDEX;
+        for (size_t i = 0; i < t->count; i++) {
+            for (int k = 1; k < 3; k++) {
+                uint32_t a = find_root(parent, t->corner[i][0]), b = find_root(parent, t->corner[i][k]);
+                if (a != b) parent[a > b ? a : b] = a > b ? b : a;
+            }
+        }
+        memset(place, 0, (t->count + 1) * sizeof *place);
+        for (size_t i = 0; i < t->count; i++) {
+            uint32_t root = find_root(parent, t->corner[i][0]);
+            if (number[root] == QM_NO_INDEX) number[root] = (uint32_t)t->component_count++;
+            of[i] = number[root];
+            place[of[i] + 1]++;
+        }
+        for (size_t k = 0; k < t->component_count; k++)
+            place[k + 1] += place[k];
+        for (size_t i = 0; i < t->count; i++) {
+            uint32_t to = place[of[i]]++;
+            memcpy(sorted[to], t->corner[i], sizeof *sorted);
+            t->component[to] = of[i];
+        }
+        memcpy(t->corner, sorted, t->count * sizeof *sorted);
+    }
+    qm_context_free(ctx, parent, vertex_count, sizeof *parent);
+    qm_context_free(ctx, number, vertex_count, sizeof *number);
+    qm_context_free(ctx, sorted, t->count, sizeof *sorted);
+    qm_context_free(ctx, of, t->count, sizeof *of);
+    qm_context_free(ctx, place, t->count + 1, sizeof *place);
+    return has_memory ? QM_OK : QM_E_NO_MEMORY;
+}
+
+static double area_of(const double *positions, const uint32_t (*corner)[3], size_t count)
+{
+    double sum = 0.0;
+    for (size_t i = 0; i < count; i++) {
+        qm_vec p[3];
+        for (int k = 0; k < 3; k++)
+            p[k] = qm_vec_load(positions + 3 * (size_t)corner[i][k]);
+        sum += 0.5 * qm_vec_norm(qm_vec_cross(qm_vec_sub(p[1], p[0]), qm_vec_sub(p[2], p[0])));
+    }
+    return sum;
+}
+
+/*
+ * One component.
+ */
+
+/** The quads of a component, and its features as pairs of points. */
+typedef struct part {
+    qm_mesh mesh;
+    uint8_t *is_fixed, *is_feature;
+    double *segments; /* segment_count rows of two points */
+    size_t segment_count;
+} part;
+
+static void reset_part(qm_context *ctx, part *p)
+{
+    qm_context_free(ctx, p->is_fixed, p->mesh.vertex_count, 1);
+    qm_context_free(ctx, p->is_feature, p->mesh.face_count, 4);
+    qm_context_free(ctx, p->segments, p->segment_count, 6 * sizeof *p->segments);
+    qm_mesh_reset(ctx, &p->mesh);
+    *p = (part){0};
+}
+
+static qm_status copy_features(qm_context *ctx, const qm_trimesh *m, part *out)
+{
+    size_t count = 0;
+    for (uint32_t h = 0; h < 3 * m->face_count; h++)
+        count += m->is_feature[h] && (m->twin[h] == QM_NO_INDEX || m->twin[h] > h);
+    if (count == 0) return QM_OK;
+    out->segments = qm_context_alloc(ctx, count, 6 * sizeof *out->segments);
+    if (!out->segments) return QM_E_NO_MEMORY;
+    out->segment_count = count;
+    double *row = out->segments;
+    for (uint32_t h = 0; h < 3 * m->face_count; h++) {
+        if (!m->is_feature[h] || (m->twin[h] != QM_NO_INDEX && m->twin[h] < h)) continue;
+        qm_vec_store(row, m->position[m->from[h]]);
+        qm_vec_store(row + 3, m->position[qm_trimesh_to(m, h)]);
+        row += 6;
+    }
+    return QM_OK;
+}
+
+static qm_status lay_out(qm_context *ctx, qm_trimesh *m, double size, qm_quads_record *record)
+{
+    size_t faces = m->face_count, vertices = m->vertex_count;
+    qm_vec *cross = qm_context_alloc(ctx, faces, sizeof *cross);
+    qm_vec *grid = qm_context_alloc(ctx, 3 * vertices, sizeof *grid);
+    qm_status status = cross && grid ? QM_OK : QM_E_NO_MEMORY;
+    if (status == QM_OK) {
+        qm_quads_grids grids = {grid, grid + vertices, grid + 2 * vertices};
+        status = qm_quads_find_crosses(ctx, m, cross);
+        if (status == QM_OK) status = qm_quads_find_grids(ctx, m, cross, size, &grids);
+        if (status == QM_OK) status = qm_quads_find_steps(ctx, m, cross, &grids, size, record);
+    }
+    qm_context_free(ctx, cross, faces, sizeof *cross);
+    qm_context_free(ctx, grid, 3 * vertices, sizeof *grid);
+    return status;
+}
+
+static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*corner)[3], size_t count,
+                           double size, const qm_quads_options *options, part *out, qm_quads_record *record)
+{
+    const qm_mesh *surface = qm_bvh_mesh(bvh);
+    qm_trimesh m;
+    qm_status status = qm_trimesh_build(ctx, surface->positions, surface->vertex_count, corner, count, &m);
+    if (status == QM_OK) status = qm_quads_find_features(ctx, &m, options->crease_angle, size);
+    if (status == QM_OK) status = copy_features(ctx, &m, out);
+    if (status == QM_OK) status = qm_quads_remesh(ctx, &m, bvh, TRIANGLE_SIDE * size, options->thread_count);
+    if (status == QM_OK) status = qm_quads_separate_features(ctx, &m);
+    if (status == QM_OK) status = lay_out(ctx, &m, size, record);
+    if (status == QM_OK)
+        status = qm_quads_extract(ctx, &m, &out->mesh, &out->is_fixed, &out->is_feature, record);
+    qm_trimesh_reset(ctx, &m);
+    return status;
+}
+
+/*
+ * All components.
+ */
+
+static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const triangles *t,
+                            const qm_quads_options *options, part *parts, qm_quads_record *record)
+{
+    const double *positions = qm_bvh_mesh(bvh)->positions;
+    const uint32_t(*corner)[3] = (const uint32_t(*)[3])t->corner;
+    double area = area_of(positions, corner, t->count);
+    if (!(area > 0.0)) return qm_context_fail(ctx, QM_E_EMPTY, "the surface has no area");
+    record->size = sqrt(area / (double)options->quads);
+    qm_status status = QM_OK;
+    for (size_t first = 0, last; first < t->count && status == QM_OK; first = last) {
+        uint32_t k = t->component[first];
+        for (last = first; last < t->count && t->component[last] == k;)
+            last++;
+        double own = area_of(positions, corner + first, last - first);
+        /* points and segments have no area, and no quads */
+        if (!(own > 1e-12 * area)) continue;
+        double size = qm_min(record->size, sqrt(own / LEAST_QUADS));
+        status = make_part(ctx, bvh, corner + first, last - first, size, options, &parts[k], record);
+    }
+    return status;
+}
+
+static qm_status join_parts(qm_context *ctx, const part *parts, size_t count, qm_quads_result *r)
+{
+    size_t vertices = 0, faces = 0, segments = 0;
+    for (size_t k = 0; k < count; k++) {
+        vertices += parts[k].mesh.vertex_count;
+        faces += parts[k].mesh.face_count;
+        segments += parts[k].segment_count;
+    }
+    r->mesh.positions = qm_context_alloc(ctx, vertices, 3 * sizeof *r->mesh.positions);
+    r->mesh.faces = qm_context_alloc(ctx, faces, 4 * sizeof *r->mesh.faces);
+    r->mesh.vertex_count = vertices, r->mesh.face_count = faces;
+    r->is_fixed = qm_context_alloc(ctx, vertices, 1);
+    r->is_feature = qm_context_alloc(ctx, faces, 4);
+    r->features.positions = qm_context_alloc(ctx, segments, 6 * sizeof *r->features.positions);
+    r->features.faces = qm_context_alloc(ctx, segments, 4 * sizeof *r->features.faces);
+    r->features.vertex_count = 2 * segments, r->features.face_count = segments;
+    if (!r->mesh.positions || !r->mesh.faces || !r->is_fixed || !r->is_feature ||
+        (segments > 0 && !(r->features.positions && r->features.faces)))
+        return QM_E_NO_MEMORY;
+    size_t vertex = 0, face = 0, segment = 0;
+    for (size_t k = 0; k < count; k++) {
+        const part *p = &parts[k];
+        if (p->mesh.face_count > 0) {
+            memcpy(r->mesh.positions + 3 * vertex, p->mesh.positions,
+                   3 * p->mesh.vertex_count * sizeof(double));
+            memcpy(r->is_fixed + vertex, p->is_fixed, p->mesh.vertex_count);
+            memcpy(r->is_feature + 4 * face, p->is_feature, 4 * p->mesh.face_count);
+            for (size_t c = 0; c < 4 * p->mesh.face_count; c++)
+                r->mesh.faces[4 * face + c] = (uint32_t)vertex + p->mesh.faces[c];
+        }
+        if (p->segment_count > 0)
+            memcpy(r->features.positions + 6 * segment, p->segments, 6 * p->segment_count * sizeof(double));
+        vertex += p->mesh.vertex_count;
+        face += p->mesh.face_count;
+        segment += p->segment_count;
+    }
+    for (uint32_t i = 0; i < segments; i++) {
+        uint32_t *c = r->features.faces + 4 * (size_t)i;
+        c[0] = 2 * i, c[1] = c[2] = 2 * i + 1, c[3] = QM_NO_INDEX;
+    }
+    return QM_OK;
+}
+
+static qm_status make(qm_context *ctx, const qm_bvh *bvh, triangles *t, const qm_quads_options *options,
+                      qm_quads_result *r, qm_quads_record *record)
+{
+    const qm_mesh *surface = qm_bvh_mesh(bvh);
+    list_triangles(surface, t);
+    qm_status status = sort_components(ctx, surface->vertex_count, t);
+    if (status != QM_OK) return status;
+    record->components = t->component_count;
+    part *parts = qm_context_alloc(ctx, t->component_count, sizeof *parts);
+    if (!parts) return QM_E_NO_MEMORY;
+    memset(parts, 0, t->component_count * sizeof *parts);
+    status = make_parts(ctx, bvh, t, options, parts, record);
+    if (status == QM_OK) status = join_parts(ctx, parts, t->component_count, r);
+    for (size_t k = 0; k < t->component_count; k++)
+        reset_part(ctx, &parts[k]);
+    qm_context_free(ctx, parts, t->component_count, sizeof *parts);
+    if (status == QM_OK) status = qm_quads_tidy(ctx, r);
+    return status == QM_OK ? qm_quads_polish(ctx, r, bvh, options->thread_count) : status;
+}
+
+qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options, qm_mesh *out,
+                        qm_quads_record *record)
+{
+    QM_ASSERT(ctx && bvh && options && out);
+    *out = (qm_mesh){0};
+    const qm_mesh *surface = qm_bvh_mesh(bvh);
+    if (options->quads == 0) return qm_context_fail(ctx, QM_E_ARGUMENT, "the number of quads is 0");
+    if (surface->face_count == 0)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "a point set has no faces to be remeshed");
+    const qm_box box = qm_mesh_bounding_box(surface);
+    double diagonal = qm_mesh_box_diagonal(&box);
+    if (diagonal > LARGEST || (diagonal > 0.0 && diagonal < 1.0 / LARGEST))
+        return qm_context_fail(ctx, QM_E_SCALE,
+                               "areas of a surface of diagonal %.3g are beyond double precision", diagonal);
+    qm_quads_record own = {0};
+    if (!record) record = &own;
+    *record = (qm_quads_record){0};
+    size_t count = count_triangles(surface);
+    triangles t = {.corner = qm_context_alloc(ctx, count, sizeof *t.corner),
+                   .component = qm_context_alloc(ctx, count, sizeof *t.component)};
+    qm_quads_result r = {0};
+    qm_status status = t.corner && t.component ? make(ctx, bvh, &t, options, &r, record) : QM_E_NO_MEMORY;
+    qm_context_free(ctx, t.corner, count, sizeof *t.corner);
+    qm_context_free(ctx, t.component, count, sizeof *t.component);
+    qm_context_free(ctx, r.is_fixed, r.mesh.vertex_count, 1);
+    qm_context_free(ctx, r.is_feature, r.mesh.face_count, 4);
+    qm_mesh_reset(ctx, &r.features);
+    if (status == QM_OK)
+        *out = r.mesh;
+    else
+        qm_mesh_reset(ctx, &r.mesh);
+    return status;
+}

@@ -1,0 +1,319 @@
+/**
+ * quads_extract.c: from steps to quads.
+ *
+ * Edges without a step are contracted. A triangle with consistent steps of at most 1 and an edge without one has no area
+ * on the grid and goes with it; any other is half a cell: two of its edges are sides of the cell, one is a diagonal. The
+ * two triangles at a diagonal are a quad.
+ *
+ * Not every edge can be contracted: round a thin part the surface may have no step at all. Triangles without a partner by
+ * their steps are matched by augmenting paths in the dual graph; what is a cubic graph without bridges always has a
+ * perfect matching (Petersen 1891). Paths are searched without contracting odd cycles, so a few may be missed; then every
+ * face is cut by its midpoints.
+ */
+#include "quads/quads_internal.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct pairing {
+    qm_context *ctx;
+    qm_trimesh *m;
+    uint32_t *mate;   /* of each face: the half-edge to its partner; QM_NO_INDEX: none */
+    uint32_t *before; /* of faces that a search reached: the half-edge by which, into their partner */
+    uint32_t *queue;
+} pairing;
+
+static bool has_step(const qm_trimesh *m, uint32_t h)
+{
+    return m->step[h][0] != 0 || m->step[h][1] != 0;
+}
+
+/** The most bound vertex stays where it is; equal ones meet at the mean by their number of corners. */
+typedef struct gathered {
+    qm_vec sum;
+    double count;
+    int kind;
+} gathered;
+
+static void contract(qm_trimesh *m, gathered *g, uint32_t h)
+{
+    gathered *gone = &g[m->from[h]], *kept = &g[qm_trimesh_to(m, h)];
+    if (gone->kind > kept->kind) {
+        *kept = *gone;
+    } else if (gone->kind == kept->kind && kept->kind != QM_TRIMESH_CORNER) {
+        kept->sum = qm_vec_add(kept->sum, gone->sum);
+        kept->count += gone->count;
+    }
+    qm_trimesh_collapse(m, h);
+}
+
+static qm_status contract_all(qm_context *ctx, qm_trimesh *m)
+{
+    size_t count = m->vertex_count;
+    gathered *g = qm_context_alloc(ctx, count, sizeof *g);
+    if (!g) return QM_E_NO_MEMORY;
+    for (uint32_t v = 0; v < count; v++) {
+        uint32_t line[2];
+        g[v] = (gathered){m->position[v], 1.0, qm_trimesh_kind(m, v, line)};
+    }
+    bool is_changing = true;
+    while (is_changing && !qm_context_canceled(ctx)) {
+        is_changing = false;
+        for (uint32_t h = 0; h < 3 * m->face_count; h++) {
+            if (!qm_trimesh_has_face(m, h / 3) || has_step(m, h) || !qm_trimesh_can_collapse(m, h)) continue;
+            contract(m, g, h);
+            is_changing = true;
+        }
+    }
+    for (uint32_t v = 0; v < count; v++)
+        if (m->out[v] != QM_NO_INDEX) m->position[v] = qm_vec_scale(1.0 / g[v].count, g[v].sum);
+    qm_context_free(ctx, g, count, sizeof *g);
+    qm_trimesh_compact(m);
+    return qm_context_canceled(ctx) ? QM_E_CANCELED : QM_OK;
+}
+
+/*
+ * Matching.
+ */
+
+static void pair_at(pairing *p, uint32_t h)
+{
+    p->mate[h / 3] = h;
+    p->mate[p->m->twin[h] / 3] = p->m->twin[h];
+}
+
+static bool is_diagonal(const qm_trimesh *m, uint32_t h)
+{
+    return abs(m->step[h][0]) == 1 && abs(m->step[h][1]) == 1 && !m->is_feature[h];
+}
+
+static bool has_area(const qm_trimesh *m, uint32_t f)
+{
+    return m->step[3 * f][0] * m->step[3 * f + 1][1] != m->step[3 * f][1] * m->step[3 * f + 1][0];
+}
+
+static void pair_by_steps(pairing *p)
+{
+    const qm_trimesh *m = p->m;
+    for (uint32_t f = 0; f < m->face_count; f++)
+        p->mate[f] = QM_NO_INDEX;
+    for (uint32_t h = 0; h < 3 * m->face_count; h++) {
+        uint32_t t = m->twin[h];
+        if (t == QM_NO_INDEX || p->mate[h / 3] != QM_NO_INDEX || p->mate[t / 3] != QM_NO_INDEX) continue;
+        if (is_diagonal(m, h) && has_area(m, h / 3) && has_area(m, t / 3)) pair_at(p, h);
+    }
+}
+
+/** Turns the path that ends at a half-edge out of an outer face round: its faces get new partners. */
+static void augment(pairing *p, uint32_t h)
+{
+    while (h != QM_NO_INDEX) {
+        uint32_t face = h / 3, previous = p->before[face];
+        pair_at(p, h);
+        h = previous;
+    }
+}
+
+/** Turns the path to an outer face round, which stays alone. */
+static void release(pairing *p, uint32_t face)
+{
+    uint32_t h = p->before[face];
+    p->mate[face] = QM_NO_INDEX;
+    augment(p, h);
+}
+
+static uint32_t boundary_of(const qm_trimesh *m, uint32_t face)
+{
+    for (uint32_t h = 3 * face; h < 3 * face + 3; h++)
+        if (m->twin[h] == QM_NO_INDEX) return h;
+    return QM_NO_INDEX;
+}
+
+/** A partner for a face without one: true if there is, or if a face at a boundary is alone instead. */
+static bool find_partner(pairing *p, uint32_t face, bool crosses_features)
+{
+    const qm_trimesh *m = p->m;
+    size_t head = 0, tail = 0;
+    for (size_t f = 0; f < m->face_count; f++)
+        p->before[f] = QM_NO_INDEX - 1; /* not reached */
+    p->before[face] = QM_NO_INDEX;
+    p->queue[tail++] = face;
+    uint32_t at_boundary = QM_NO_INDEX;
+    while (head < tail) {
+        uint32_t outer = p->queue[head++];
+        if (at_boundary == QM_NO_INDEX && boundary_of(m, outer) != QM_NO_INDEX) at_boundary = outer;
+        for (uint32_t h = 3 * outer; h < 3 * outer + 3; h++) {
+            uint32_t t = m->twin[h];
+            if (t == QM_NO_INDEX || t / 3 == face || (m->is_feature[h] && !crosses_features)) continue;
+            if (h == p->mate[outer]) continue;
+            uint32_t mate = p->mate[t / 3];
+            if (mate == QM_NO_INDEX) {
+                augment(p, h);
+                return true;
+            }
+            uint32_t next = m->twin[mate] / 3;
+            if (p->before[t / 3] != QM_NO_INDEX - 1) continue; /* an odd cycle */
+            if (p->before[next] != QM_NO_INDEX - 1) continue;
+            p->before[next] = h;
+            p->queue[tail++] = next;
+        }
+    }
+    if (at_boundary == QM_NO_INDEX) return false;
+    if (at_boundary != face) release(p, at_boundary);
+    return true;
+}
+
+static size_t pair_rest(pairing *p, qm_quads_record *record)
+{
+    const qm_trimesh *m = p->m;
+    size_t alone = 0;
+    for (uint32_t f = 0; f < m->face_count; f++)
+        record->unmatched += p->mate[f] == QM_NO_INDEX;
+    for (int crosses = 0; crosses < 2; crosses++)
+        for (uint32_t f = 0; f < m->face_count; f++)
+            if (p->mate[f] == QM_NO_INDEX) find_partner(p, f, crosses);
+    for (uint32_t f = 0; f < m->face_count; f++)
+        alone += p->mate[f] == QM_NO_INDEX && boundary_of(m, f) == QM_NO_INDEX;
+    return alone;
+}
+
+/*
+ * Quads.
+ */
+
+static void add_quad(qm_mesh *out, uint8_t *is_feature, const uint32_t corner[4], const uint8_t feature[4])
+{
+    size_t f = out->face_count++;
+    memcpy(out->faces + 4 * f, corner, 4 * sizeof *corner);
+    memcpy(is_feature + 4 * f, feature, 4);
+}
+
+/** Faces of the result by pairs; a face that is alone at a boundary has a vertex in its boundary edge. */
+static void write_pairs(const pairing *p, qm_mesh *out, uint8_t *is_feature)
+{
+    const qm_trimesh *m = p->m;
+    for (uint32_t f = 0; f < m->face_count; f++) {
+        uint32_t h = p->mate[f];
+        if (h != QM_NO_INDEX) {
+            uint32_t t = m->twin[h];
+            if (t < h) continue;
+            uint32_t tn = qm_trimesh_next(t), tp = qm_trimesh_prev(t), hn = qm_trimesh_next(h),
+                     hp = qm_trimesh_prev(h);
+            const uint32_t corner[4] = {m->from[tn], m->from[tp], m->from[hn], m->from[hp]};
+            const uint8_t feature[4] = {m->is_feature[tn], m->is_feature[tp], m->is_feature[hn],
+                                        m->is_feature[hp]};
+            add_quad(out, is_feature, corner, feature);
+        } else {
+            h = boundary_of(m, f);
+            uint32_t hn = qm_trimesh_next(h), hp = qm_trimesh_prev(h), middle = (uint32_t)out->vertex_count++;
+            qm_vec_store(out->positions + 3 * (size_t)middle,
+                         qm_vec_mix(m->position[m->from[h]], m->position[m->from[hn]], 0.5));
+            const uint32_t corner[4] = {m->from[h], middle, m->from[hn], m->from[hp]};
+            const uint8_t feature[4] = {true, true, m->is_feature[hn], m->is_feature[hp]};
+            add_quad(out, is_feature, corner, feature);
+        }
+    }
+}
+
+/** Faces of the result by midpoints: three for each face. Vertices of edges come after those of the mesh, then the centroids. */
+static void write_thirds(const pairing *p, qm_mesh *out, uint8_t *is_feature)
+{
+    const qm_trimesh *m = p->m;
+    uint32_t *middle = p->queue; /* of each half-edge */
+    for (uint32_t h = 0; h < 3 * m->face_count; h++) {
+        uint32_t t = m->twin[h];
+        if (t != QM_NO_INDEX && t < h) {
+            middle[h] = middle[t];
+            continue;
+        }
+        middle[h] = (uint32_t)out->vertex_count++;
+        qm_vec_store(out->positions + 3 * (size_t)middle[h],
+                     qm_vec_mix(m->position[m->from[h]], m->position[qm_trimesh_to(m, h)], 0.5));
+    }
+    for (uint32_t f = 0; f < m->face_count; f++) {
+        uint32_t centre = (uint32_t)out->vertex_count++;
+        const uint32_t *c = m->from + 3 * f;
+        const qm_vec corners[3] = {m->position[c[0]], m->position[c[1]], m->position[c[2]]};
+        qm_vec_store(out->positions + 3 * (size_t)centre, qm_vec_centroid(corners, 3));
+        for (uint32_t h = 3 * f; h < 3 * f + 3; h++) {
+            uint32_t back = qm_trimesh_prev(h);
+            const uint32_t corner[4] = {m->from[h], middle[h], centre, middle[back]};
+            const uint8_t feature[4] = {m->is_feature[h], false, false, m->is_feature[back]};
+            add_quad(out, is_feature, corner, feature);
+        }
+    }
+}
+
+/** True if a pair would be a face that repeats a corner: its triangles have two edges in common. */
+static bool has_pillow(const pairing *p)
+{
+    const qm_trimesh *m = p->m;
+    for (uint32_t f = 0; f < m->face_count; f++) {
+        uint32_t h = p->mate[f];
+        if (h != QM_NO_INDEX && m->from[qm_trimesh_prev(h)] == m->from[qm_trimesh_prev(m->twin[h])])
+            return true;
+    }
+    return false;
+}
+
+static void count_quads(const pairing *p, bool by_thirds, size_t *faces, size_t *vertices)
+{
+    const qm_trimesh *m = p->m;
+    size_t edges = 0, alone = 0;
+    for (uint32_t h = 0; h < 3 * m->face_count; h++)
+        edges += m->twin[h] == QM_NO_INDEX || m->twin[h] > h;
+    for (uint32_t f = 0; f < m->face_count; f++)
+        alone += p->mate[f] == QM_NO_INDEX;
+    *faces = by_thirds ? 3 * m->face_count : (m->face_count + alone) / 2;
+    *vertices = m->vertex_count + (by_thirds ? edges + m->face_count : alone);
+}
+
+static qm_status write_quads(const pairing *p, bool by_thirds, qm_mesh *out, uint8_t **is_fixed,
+                             uint8_t **is_feature)
+{
+    qm_context *ctx = p->ctx;
+    const qm_trimesh *m = p->m;
+    size_t faces, vertices;
+    count_quads(p, by_thirds, &faces, &vertices);
+    *out = (qm_mesh){.positions = qm_context_alloc(ctx, vertices, 3 * sizeof *out->positions),
+                     .faces = qm_context_alloc(ctx, faces, 4 * sizeof *out->faces)};
+    *is_feature = qm_context_alloc(ctx, faces, 4);
+    *is_fixed = qm_context_alloc(ctx, vertices, 1);
+    bool has_memory = out->positions && out->faces && *is_feature && *is_fixed;
+    if (has_memory) {
+        out->vertex_count = m->vertex_count;
+        memset(*is_fixed, 0, vertices);
+        memcpy(*is_fixed, m->is_fixed, m->vertex_count);
+        for (uint32_t v = 0; v < m->vertex_count; v++)
+            qm_vec_store(out->positions + 3 * (size_t)v, m->position[v]);
+        if (by_thirds)
+            write_thirds(p, out, *is_feature);
+        else
+            write_pairs(p, out, *is_feature);
+        QM_ASSERT(out->face_count == faces && out->vertex_count == vertices);
+    }
+    out->face_count = faces, out->vertex_count = vertices;
+    return has_memory ? QM_OK : QM_E_NO_MEMORY;
+}
+
+qm_status qm_quads_extract(qm_context *ctx, qm_trimesh *m, qm_mesh *out, uint8_t **is_fixed,
+                           uint8_t **is_feature, qm_quads_record *record)
+{
+    qm_status status = contract_all(ctx, m);
+    if (status != QM_OK) return status;
+    size_t faces = m->face_count;
+    pairing p = {ctx, m, qm_context_alloc(ctx, faces, sizeof *p.mate),
+                 qm_context_alloc(ctx, faces, sizeof *p.before),
+                 qm_context_alloc(ctx, 3 * faces, sizeof *p.queue)};
+    status = p.mate && p.before && p.queue ? QM_OK : QM_E_NO_MEMORY;
+    if (status == QM_OK) {
+        pair_by_steps(&p);
+        bool by_thirds = pair_rest(&p, record) > 0 || has_pillow(&p);
+        record->halved += by_thirds;
+        status = write_quads(&p, by_thirds, out, is_fixed, is_feature);
+    }
+    qm_context_free(ctx, p.mate, faces, sizeof *p.mate);
+    qm_context_free(ctx, p.before, faces, sizeof *p.before);
+    qm_context_free(ctx, p.queue, 3 * faces, sizeof *p.queue);
+    return status;
+}

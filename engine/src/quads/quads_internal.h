@@ -1,0 +1,100 @@
+/**
+ * quads_internal.h: the steps from a triangle mesh to quads.
+ *
+ *   quads_features.c   creases and corners of the mesh
+ *   quads_remesh.c     triangles of equal size, about half as long as the quads shall be
+ *   quads_levels.c     a graph and its coarser versions, on which fields are smoothed
+ *   quads_field.c      a cross in each face: the directions of the quads (orientation field)
+ *   quads_position.c   a grid at each vertex: where the corners of quads are to lie (position field)
+ *   quads_steps.c      integers: how many quads lie between the ends of each edge, made consistent by a flow
+ *   quads_extract.c    edges of no step are contracted; two triangles at a diagonal step make a quad
+ *   quads_tidy.c       quads that are contracted, edges that are turned, so that fewer vertices are irregular
+ *   quads_polish.c     corners move along the surface for better shapes
+ */
+#ifndef QM_QUADS_INTERNAL_H
+#define QM_QUADS_INTERNAL_H
+
+#include "qm/bvh.h"
+#include "qm/quads.h"
+#include "quads/trimesh.h"
+
+/** Marks edges whose faces meet at an angle as features, and vertices where features bend sharply as fixed. What is
+ * a crease only below the size of a quad is left out. */
+qm_status qm_quads_find_features(qm_context *ctx, qm_trimesh *m, double crease_angle, double size);
+
+/** Makes the edges about as long as length; vertices lie on the surface of bvh. */
+qm_status qm_quads_remesh(qm_context *ctx, qm_trimesh *m, const qm_bvh *bvh, double length, int thread_count);
+
+/** Splits faces until none has two features. */
+qm_status qm_quads_separate_features(qm_context *ctx, qm_trimesh *m);
+
+/** A graph of nodes with normals. */
+typedef struct qm_quads_graph {
+    size_t count;
+    qm_vec *normal;
+    double *weight;
+    uint32_t
+        *start; /* count + 1 entries: the links of node i are link[start[i]] ... link[start[i + 1] - 1] */
+    uint32_t *link;
+    size_t link_capacity;
+    uint32_t *parent; /* the node of the next coarser level; NULL at the coarsest */
+} qm_quads_graph;
+
+enum { QM_QUADS_MAX_LEVELS = 40 };
+
+typedef struct qm_quads_levels {
+    int count;
+    qm_quads_graph graph[QM_QUADS_MAX_LEVELS];
+} qm_quads_levels;
+
+/** Allocates a graph for so many nodes and links; NULL members when out of memory. */
+bool qm_quads_graph_alloc(qm_context *ctx, qm_quads_graph *graph, size_t count, size_t links);
+
+/** Makes the coarser levels of graph[0]: each joins pairs of neighbours whose normals differ least. */
+qm_status qm_quads_levels_build(qm_context *ctx, qm_quads_levels *levels);
+void qm_quads_levels_reset(qm_context *ctx, qm_quads_levels *levels);
+
+/** A direction of each of two crosses. */
+typedef struct qm_quads_match {
+    qm_vec a, b;
+} qm_quads_match;
+
+/** The directions of two crosses, round their normals, that differ least in space. */
+qm_quads_match qm_quads_match_crosses(qm_vec qa, qm_vec na, qm_vec qb, qm_vec nb);
+
+/** A cross for each face: cross receives its first direction, of length 1. Faces with a feature follow it. */
+qm_status qm_quads_find_crosses(qm_context *ctx, const qm_trimesh *m, qm_vec *cross);
+
+/** The fields at the vertices of a mesh. */
+typedef struct qm_quads_grids {
+    qm_vec *normal, *cross, *origin; /* of each vertex: its grid has a corner at origin */
+} qm_quads_grids;
+
+/** Fits a grid to each vertex: cross of each face as found, size is the side of a quad. */
+qm_status qm_quads_find_grids(qm_context *ctx, const qm_trimesh *m, const qm_vec *cross, double size,
+                              qm_quads_grids *out);
+
+/** Writes the steps of all half-edges, which are consistent in each face and along features. */
+qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cross,
+                              const qm_quads_grids *grids, double size, qm_quads_record *record);
+
+/**
+ * Contracts edges without a step and pairs the triangles that are left. m is used up; out receives quads, is_fixed a flag for
+ * each of its vertices and is_feature one for each side of its faces (from a corner to the next one).
+ */
+qm_status qm_quads_extract(qm_context *ctx, qm_trimesh *m, qm_mesh *out, uint8_t **is_fixed,
+                           uint8_t **is_feature, qm_quads_record *record);
+
+/** The quads of all components, and the features of the surface as segments: faces that repeat a corner. */
+typedef struct qm_quads_result {
+    qm_mesh mesh, features;
+    uint8_t *is_fixed, *is_feature;
+} qm_quads_result;
+
+/** Contracts quads along a diagonal and turns edges while that makes vertices more regular. */
+qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r);
+
+/** Moves vertices along the surface, those of features along these. */
+qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
+
+#endif

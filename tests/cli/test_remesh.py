@@ -1,0 +1,39 @@
+"""`quadmesh remesh`: a surface in, a mesh of quads out, and what it says when something is wrong."""
+import json
+
+from conftest import write_torus
+
+
+def faces_of(path):
+    return [line.split()[1:] for line in path.read_text().splitlines() if line.startswith("f ")]
+
+
+def test_quads_of_a_torus(quadmesh, tmp_path):
+    torus = write_torus(tmp_path / "torus.obj", 40, 20, 0.3)
+    run = quadmesh("remesh", torus, "-o", "out.obj", "--quads", "600")
+    assert run.returncode == 0 and "irregular vertices" in run.stdout
+    faces = faces_of(tmp_path / "out.obj")
+    assert all(len(face) == 4 for face in faces) and 400 < len(faces) < 900
+    facts = json.loads(quadmesh("info", "out.obj", "--json").stdout)
+    assert facts["euler_number"] == 0 and facts["watertight"] and facts["manifold"]
+
+
+def test_the_result_as_json(quadmesh, tmp_path):
+    torus = write_torus(tmp_path / "torus.obj", 40, 20, 0.3)
+    result = json.loads(quadmesh("remesh", torus, "-o", "out.obj", "--quads", "600", "--json").stdout)
+    assert result["quads"] == len(faces_of(tmp_path / "out.obj"))
+    assert result["components"] == 1 and result["folded"] == 0
+    again = quadmesh("remesh", torus, "-o", "-", "--quads", "600", "--threads", "3", "--json", text=False)
+    assert json.loads(again.stderr)["quads"] == result["quads"]
+
+
+def test_faults_are_told(quadmesh, tmp_path):
+    assert quadmesh("remesh").returncode == 2
+    assert quadmesh("remesh", "nowhere.obj", "-o", "out.obj").returncode == 2
+    points = tmp_path / "points.xyz"
+    points.write_text("0 0 0\n1 0 0\n0 1 0\n")
+    run = quadmesh("remesh", points, "-o", "out.obj")
+    assert run.returncode == 2 and "point set" in run.stderr
+    torus = write_torus(tmp_path / "torus.obj", 4, 4, 0.3)
+    run = quadmesh("remesh", torus, "-o", tmp_path / "no" / "out.obj")
+    assert run.returncode == 2 and "cannot be written" in run.stderr

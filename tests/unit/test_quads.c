@@ -1,0 +1,571 @@
+/* qm_quads_make: meshes of quads of shapes by formula have the topology of the shape, lie on it, and have few irregular vertices. */
+#include "check.h"
+
+#include "base/host.h"
+#include "failing_allocator.h"
+#include "qm/hausdorff.h"
+#include "qm/quads.h"
+#include "quads/trimesh.h"
+#include "shapes.h"
+
+#include <math.h>
+#include <string.h>
+
+#define PI 3.14159265358979323846
+
+/* ---- topology, by the definitions ---- */
+
+typedef struct topology {
+    ptrdiff_t euler;
+    size_t components, boundary_edges, irregular;
+    bool is_manifold, is_oriented, is_all_quads;
+} topology;
+
+typedef struct directed_edge {
+    uint32_t low, high;
+    bool is_forward;
+} directed_edge;
+
+static int compare_edges(const void *a, const void *b)
+{
+    const directed_edge *x = a, *y = b;
+    if (x->low != y->low) return x->low < y->low ? -1 : 1;
+    return (x->high > y->high) - (x->high < y->high);
+}
+
+static uint32_t root_of(uint32_t *parent, uint32_t v)
+{
+    while (parent[v] != v)
+        v = parent[v];
+    return v;
+}
+
+/** Corners of faces at a vertex are one fan if walking from face to face by shared edges reaches them all. */
+static bool has_one_fan(const qm_mesh *m, const uint32_t *corners, size_t count)
+{
+    bool reached[64] = {true};
+    if (count > 64) return false;
+    for (size_t round = 0; round < count; round++) {
+        for (size_t i = 0; i < count; i++) {
+            for (size_t j = 0; j < count && reached[i]; j++) {
+                const uint32_t *a = m->faces + corners[i] / 4 * 4, *b = m->faces + corners[j] / 4 * 4;
+                uint32_t ka = corners[i] % 4, kb = corners[j] % 4;
+                if (a[(ka + 1) % 4] == b[(kb + 3) % 4] || a[(ka + 3) % 4] == b[(kb + 1) % 4])
+                    reached[j] = true;
+            }
+        }
+    }
+    for (size_t i = 0; i < count; i++)
+        if (!reached[i]) return false;
+    return true;
+}
+
+static topology find_topology(const qm_mesh *m)
+{
+    topology t = {.is_manifold = true, .is_oriented = true, .is_all_quads = true};
+    size_t sides = 4 * m->face_count, edges = 0;
+    directed_edge *edge = malloc(sides * sizeof *edge);
+    uint32_t *parent = malloc(m->vertex_count * sizeof *parent),
+             *start = calloc(m->vertex_count + 2, sizeof *start);
+    uint32_t *corners = malloc(sides * sizeof *corners);
+    bool *is_border = calloc(m->vertex_count, 1);
+    assert_true(edge && parent && start && corners && is_border);
+    for (uint32_t v = 0; v < m->vertex_count; v++)
+        parent[v] = v;
+    for (size_t c = 0; c < sides; c++) {
+        const uint32_t *face = m->faces + c / 4 * 4;
+        uint32_t a = face[c % 4], b = face[(c + 1) % 4];
+        for (size_t k = 1; k < 4; k++)
+            t.is_all_quads = t.is_all_quads && face[c % 4] != face[(c + k) % 4];
+        assert_true(a < m->vertex_count && b < m->vertex_count);
+        edge[c] = (directed_edge){a < b ? a : b, a < b ? b : a, a < b};
+        uint32_t x = root_of(parent, a), y = root_of(parent, b);
+        parent[x > y ? x : y] = x > y ? y : x;
+        start[a + 2]++;
+    }
+    qsort(edge, sides, sizeof *edge, compare_edges);
+    for (size_t i = 0; i < sides; edges++) {
+        size_t end = i + 1;
+        while (end < sides && compare_edges(&edge[i], &edge[end]) == 0)
+            end++;
+        if (end - i == 1) {
+            t.boundary_edges++;
+            is_border[edge[i].low] = is_border[edge[i].high] = true;
+        }
+        t.is_manifold = t.is_manifold && end - i <= 2;
+        t.is_oriented = t.is_oriented && (end - i != 2 || edge[i].is_forward != edge[i + 1].is_forward);
+        i = end;
+    }
+    for (size_t v = 0; v < m->vertex_count; v++)
+        start[v + 2] += start[v + 1];
+    for (uint32_t c = 0; c < sides; c++)
+        corners[start[m->faces[c] + 1]++] = c;
+    for (uint32_t v = 0; v < m->vertex_count; v++) {
+        size_t count = start[v + 1] - start[v];
+        QM_CHECK(count > 0, "vertex %u has no face", v);
+        t.components += root_of(parent, v) == v;
+        t.irregular += !is_border[v] && count != 4;
+        t.is_manifold = t.is_manifold && has_one_fan(m, corners + start[v], count);
+    }
+    t.euler = (ptrdiff_t)m->vertex_count - (ptrdiff_t)edges + (ptrdiff_t)m->face_count;
+    free(edge);
+    free(parent);
+    free(start);
+    free(corners);
+    free(is_border);
+    return t;
+}
+
+/** Quads whose least sine at a corner, seen along the cross product of the diagonals, is not above 0. */
+static size_t count_folded(const qm_mesh *m)
+{
+    size_t folded = 0;
+    for (size_t f = 0; f < m->face_count; f++) {
+        qm_vec p[4];
+        for (size_t k = 0; k < 4; k++)
+            p[k] = qm_vec_load(m->positions + 3 * (size_t)m->faces[4 * f + k]);
+        qm_vec normal = qm_vec_cross(qm_vec_sub(p[2], p[0]), qm_vec_sub(p[3], p[1]));
+        bool is_folded = false;
+        for (size_t k = 0; k < 4; k++) {
+            qm_vec corner = qm_vec_cross(qm_vec_sub(p[(k + 1) % 4], p[k]), qm_vec_sub(p[(k + 3) % 4], p[k]));
+            is_folded = is_folded || !(qm_vec_dot(corner, normal) > 0.0);
+        }
+        folded += is_folded;
+    }
+    return folded;
+}
+
+/* ---- shapes ---- */
+
+/** A grid's quads cut into triangles. */
+static qm_mesh triangles_of(qm_mesh quads)
+{
+    qm_mesh m = qm_shape_make(quads.vertex_count, 2 * quads.face_count);
+    memcpy(m.positions, quads.positions, 3 * quads.vertex_count * sizeof *m.positions);
+    for (size_t f = 0; f < quads.face_count; f++) {
+        const uint32_t *c = quads.faces + 4 * f;
+        const uint32_t cut[8] = {c[0], c[1], c[2], QM_NO_INDEX, c[0], c[2], c[3], QM_NO_INDEX};
+        memcpy(m.faces + 8 * f, cut, sizeof cut);
+    }
+    qm_shape_free(&quads);
+    return m;
+}
+
+/** The surface of a cube of n x n quads a side with shared vertices; moved is applied to each point of [-1, 1]^3. */
+typedef void move_fn(double p[3]);
+static qm_mesh cube_grid(int n, move_fn *moved)
+{
+    size_t side = (size_t)n + 1, total = side * side * side;
+    uint32_t *number = malloc(total * sizeof *number), count = 0;
+    assert_non_null(number);
+    for (size_t i = 0; i < total; i++) {
+        size_t x = i % side, y = i / side % side, z = i / side / side, last = side - 1;
+        bool is_outer = x == 0 || y == 0 || z == 0 || x == last || y == last || z == last;
+        number[i] = is_outer ? count++ : QM_NO_INDEX;
+    }
+    qm_mesh m = qm_shape_make(count, 6 * (size_t)n * (size_t)n);
+    for (size_t i = 0; i < total; i++) {
+        if (number[i] == QM_NO_INDEX) continue;
+        double *p = m.positions + 3 * (size_t)number[i];
+        p[0] = 2.0 * (double)(i % side) / n - 1.0;
+        p[1] = 2.0 * (double)(i / side % side) / n - 1.0;
+        p[2] = 2.0 * (double)(i / side / side) / n - 1.0;
+        moved(p);
+    }
+    const size_t stride[3] = {1, side, side * side};
+    uint32_t *face = m.faces;
+    for (int axis = 0; axis < 3; axis++) {
+        for (int end = 0; end < 2; end++) {
+            size_t u = stride[(axis + 1) % 3], v = stride[(axis + 2) % 3],
+                   base = (size_t)end * (side - 1) * stride[axis];
+            for (size_t j = 0; j < side - 1; j++) {
+                for (size_t i = 0; i < side - 1; i++, face += 4) {
+                    size_t at = base + i * u + j * v;
+                    face[0] = number[at], face[2] = number[at + u + v];
+                    face[end ? 1 : 3] = number[at + u], face[end ? 3 : 1] = number[at + v];
+                }
+            }
+        }
+    }
+    free(number);
+    return m;
+}
+
+static void to_sphere(double p[3])
+{
+    double length = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+    for (int k = 0; k < 3; k++)
+        p[k] /= length;
+}
+
+static void to_box(double p[3])
+{
+    p[1] *= 0.7, p[2] *= 0.4;
+}
+
+static void to_thin_box(double p[3])
+{
+    p[2] *= 0.1;
+}
+
+/** A cylinder with flat caps: squares become discs. */
+static void to_cylinder(double p[3])
+{
+    double radius = fmax(fabs(p[0]), fabs(p[1])), length = hypot(p[0], p[1]);
+    if (length > 0.0) p[0] *= radius / length, p[1] *= radius / length;
+    p[2] *= 1.5;
+}
+
+/** An ellipsoid, bent round the y axis. */
+static void to_banana(double p[3])
+{
+    to_sphere(p);
+    double x = 0.5 * p[0], angle = 2.0 * p[2];
+    p[1] *= 0.5;
+    p[0] = (2.0 + x) * cos(angle) - 2.0;
+    p[2] = (2.0 + x) * sin(angle);
+}
+
+/** A sphere with bumps. */
+static void to_bumps(double p[3])
+{
+    to_sphere(p);
+    double size = 1.0 + 0.15 * sin(6.0 * p[0]) * sin(6.0 * p[1]) * sin(6.0 * p[2] + 1.0);
+    for (int k = 0; k < 3; k++)
+        p[k] *= size;
+}
+
+static void moebius_point(const void *user, double u, double v, double out[3])
+{
+    (void)user;
+    double t = 2.0 * PI * u, w = v - 0.5;
+    out[0] = (1.0 + w * cos(t / 2.0)) * cos(t);
+    out[1] = (1.0 + w * cos(t / 2.0)) * sin(t);
+    out[2] = w * sin(t / 2.0);
+}
+
+/* ---- checks ---- */
+
+typedef struct wanted {
+    const char *name;
+    size_t quads;
+    ptrdiff_t euler;
+    size_t components;
+    bool is_closed;
+    size_t least_irregular, most_irregular;
+    double most_distance; /* in sides of a quad */
+    size_t most_folded;
+} wanted;
+
+static qm_mesh make_quads(qm_context *ctx, const qm_mesh *surface, size_t quads, int threads)
+{
+    qm_bvh *bvh;
+    qm_mesh out;
+    qm_quads_record record;
+    qm_quads_options options = qm_quads_options_default();
+    options.quads = quads;
+    options.thread_count = threads;
+    assert_int_equal(qm_bvh_build(ctx, surface, QM_BVH_TARGET, threads, &bvh), QM_OK);
+    QM_CHECK(qm_quads_make(ctx, bvh, &options, &out, &record) == QM_OK, "%s", ctx->message);
+    assert_int_equal(record.steps_open, 0);
+    qm_bvh_destroy(ctx, bvh);
+    return out;
+}
+
+static double distance_between(const qm_mesh *a, const qm_mesh *b)
+{
+    qm_context ctx = qm_context_make();
+    qm_bvh *tree[2];
+    qm_hausdorff_result result;
+    qm_hausdorff_options options = qm_hausdorff_options_default();
+    options.tolerance = 1e-6;
+    assert_int_equal(qm_bvh_build(&ctx, a, QM_BVH_TARGET, 1, &tree[0]), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, b, QM_BVH_TARGET, 1, &tree[1]), QM_OK);
+    assert_int_equal(qm_hausdorff_measure(&ctx, tree[0], tree[1], &options, &result), QM_OK);
+    qm_bvh_destroy(&ctx, tree[0]);
+    qm_bvh_destroy(&ctx, tree[1]);
+    return result.upper;
+}
+
+static double area_of(const qm_mesh *m)
+{
+    double sum = 0.0;
+    for (size_t f = 0; f < m->face_count; f++) {
+        int corners = m->faces[4 * f + 3] == QM_NO_INDEX ? 3 : 4;
+        qm_vec p[4];
+        for (int k = 0; k < corners; k++)
+            p[k] = qm_vec_load(m->positions + 3 * (size_t)m->faces[4 * f + (size_t)k]);
+        for (int k = 2; k < corners; k++)
+            sum += 0.5 * qm_vec_norm(qm_vec_cross(qm_vec_sub(p[k - 1], p[0]), qm_vec_sub(p[k], p[0])));
+    }
+    return sum;
+}
+
+static void check_quads(qm_mesh surface, const wanted *w)
+{
+    qm_context ctx = qm_context_make();
+    qm_mesh quads = make_quads(&ctx, &surface, w->quads, 1);
+    topology t = find_topology(&quads);
+    double size = sqrt(area_of(&surface) / (double)w->quads), distance = distance_between(&surface, &quads);
+    size_t folded = count_folded(&quads);
+    if (getenv("QM_TEST_SHOW"))
+        print_message("%s: %zu quads, euler %td, %zu components, %zu irregular, %zu boundary, distance %.3f, "
+                      "folded %zu\n",
+                      w->name, quads.face_count, t.euler, t.components, t.irregular, t.boundary_edges,
+                      distance / size, folded);
+    QM_CHECK(t.is_all_quads && t.is_manifold && t.is_oriented, "%s: quads %d, manifold %d, oriented %d",
+             w->name, t.is_all_quads, t.is_manifold, t.is_oriented);
+    QM_CHECK(t.euler == w->euler && t.components == w->components, "%s: Euler number %td, %zu components",
+             w->name, t.euler, t.components);
+    QM_CHECK((t.boundary_edges == 0) == w->is_closed, "%s: %zu boundary edges", w->name, t.boundary_edges);
+    QM_CHECK(t.irregular >= w->least_irregular && t.irregular <= w->most_irregular,
+             "%s: %zu irregular vertices", w->name, t.irregular);
+    QM_CHECK(distance <= w->most_distance * size, "%s: distance %.3g, side %.3g", w->name, distance, size);
+    QM_CHECK(folded <= w->most_folded, "%s: %zu folded quads", w->name, folded);
+    QM_CHECK((double)quads.face_count > 0.6 * (double)w->quads &&
+                 (double)quads.face_count < 1.5 * (double)w->quads,
+             "%s: %zu quads of %zu", w->name, quads.face_count, w->quads);
+    qm_mesh_reset(&ctx, &quads);
+    qm_shape_free(&surface);
+}
+
+static void closed_shapes_become_closed_quads(void **state)
+{
+    (void)state;
+    const wanted sphere = {"sphere", 1000, 2, 1, true, 8, 24, 0.15, 0};
+    check_quads(cube_grid(16, to_sphere), &sphere);
+    check_quads(triangles_of(cube_grid(23, to_sphere)), &sphere);
+    const wanted banana = {"banana", 800, 2, 1, true, 8, 30, 0.8, 0};
+    check_quads(triangles_of(cube_grid(20, to_banana)), &banana);
+    const wanted bumps = {"bumps", 2500, 2, 1, true, 8, 90, 0.4, 0};
+    check_quads(triangles_of(cube_grid(24, to_bumps)), &bumps);
+    const wanted torus = {"torus", 1500, 0, 1, true, 0, 32, 0.2, 0};
+    check_quads(triangles_of(qm_shape_torus(60, 24, 1.0, 0.35)), &torus);
+}
+
+static void creases_are_followed(void **state)
+{
+    (void)state;
+    const wanted box = {"box", 900, 2, 1, true, 8, 8, 1e-3, 0};
+    check_quads(triangles_of(cube_grid(14, to_box)), &box);
+    const wanted few = {"box of 12 triangles", 400, 2, 1, true, 8, 8, 1e-3, 0};
+    check_quads(triangles_of(qm_shape_box(1.0, 1.3, 0.8)), &few);
+    const wanted thin = {"thin box", 2000, 2, 1, true, 8, 8, 1e-3, 0};
+    check_quads(triangles_of(cube_grid(20, to_thin_box)), &thin);
+    const wanted cylinder = {"cylinder", 1200, 2, 1, true, 8, 40, 0.2, 4};
+    check_quads(triangles_of(cube_grid(24, to_cylinder)), &cylinder);
+}
+
+static void open_shapes_keep_their_boundaries(void **state)
+{
+    (void)state;
+    const wanted plane = {"plane", 400, 1, 1, false, 0, 0, 1e-3, 0};
+    check_quads(triangles_of(qm_shape_plane(13, 0.5)), &plane);
+    const wanted saddle = {"saddle", 400, 1, 1, false, 0, 12, 0.3, 2};
+    check_quads(triangles_of(qm_shape_saddle(20)), &saddle);
+    const wanted strip = {"twisted strip", 600, 1, 1, false, 0, 12, 0.3, 2};
+    check_quads(triangles_of(qm_shape_strip(60, 15, 3.0)), &strip);
+    const wanted moebius = {"slit Moebius strip", 600, 1, 1, false, 0, 40, 0.5, 10};
+    check_quads(triangles_of(qm_shape_grid(80, 12, false, false, moebius_point, NULL)), &moebius);
+}
+
+static void components_stay_apart(void **state)
+{
+    (void)state;
+    qm_mesh a = cube_grid(12, to_sphere), b = cube_grid(3, to_sphere);
+    qm_mesh both = qm_shape_make(a.vertex_count + b.vertex_count, a.face_count + b.face_count);
+    memcpy(both.positions, a.positions, 3 * a.vertex_count * sizeof(double));
+    memcpy(both.faces, a.faces, 4 * a.face_count * sizeof(uint32_t));
+    for (size_t i = 0; i < 3 * b.vertex_count; i++)
+        both.positions[3 * a.vertex_count + i] = 0.01 * b.positions[i] + 3.0;
+    for (size_t i = 0; i < 4 * b.face_count; i++)
+        both.faces[4 * a.face_count + i] = (uint32_t)a.vertex_count + b.faces[i];
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+    const wanted w = {"two spheres", 600, 4, 2, true, 16, 60, 0.3, 0};
+    check_quads(both, &w);
+}
+
+static void any_soup_becomes_manifold_quads(void **state)
+{
+    (void)state;
+    for (uint64_t run = 0; run < 2 * (uint64_t)QM_SOUP_STYLE_COUNT; run++) {
+        qm_random random = qm_random_make(qm_check_seed(), run);
+        qm_mesh soup =
+            qm_shape_soup(&random, 12, QM_SOUP_MIXED, (qm_soup_style)(run % QM_SOUP_STYLE_COUNT), 0.3);
+        qm_context ctx = qm_context_make();
+        qm_bvh *bvh;
+        qm_mesh out;
+        qm_quads_options options = qm_quads_options_default();
+        options.quads = 300;
+        assert_int_equal(qm_bvh_build(&ctx, &soup, QM_BVH_TARGET, 1, &bvh), QM_OK);
+        qm_status status = qm_quads_make(&ctx, bvh, &options, &out, NULL);
+        QM_CHECK(status == QM_OK || status == QM_E_EMPTY, "seed %llu, run %llu: %s",
+                 (unsigned long long)qm_check_seed(), (unsigned long long)run, ctx.message);
+        if (status == QM_OK) {
+            topology t = find_topology(&out);
+            QM_CHECK(t.is_all_quads && t.is_manifold && t.is_oriented,
+                     "seed %llu, run %llu: quads %d, manifold %d", (unsigned long long)qm_check_seed(),
+                     (unsigned long long)run, t.is_all_quads, t.is_manifold);
+        }
+        qm_mesh_reset(&ctx, &out);
+        qm_bvh_destroy(&ctx, bvh);
+        qm_shape_free(&soup);
+    }
+}
+
+static void threads_do_not_change_the_mesh(void **state)
+{
+    (void)state;
+    qm_mesh surface = triangles_of(cube_grid(12, to_bumps)), made[2];
+    qm_context ctx = qm_host_context();
+    for (int i = 0; i < 2; i++)
+        made[i] = make_quads(&ctx, &surface, 700, 1 + 3 * i);
+    assert_int_equal(made[0].face_count, made[1].face_count);
+    assert_int_equal(made[0].vertex_count, made[1].vertex_count);
+    assert_memory_equal(made[0].faces, made[1].faces, 4 * made[0].face_count * sizeof(uint32_t));
+    assert_memory_equal(made[0].positions, made[1].positions, 3 * made[0].vertex_count * sizeof(double));
+    qm_mesh_reset(&ctx, &made[0]);
+    qm_mesh_reset(&ctx, &made[1]);
+    qm_shape_free(&surface);
+}
+
+static void bad_input_is_told(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_random random = qm_random_make(qm_check_seed(), 0);
+    qm_mesh shape[4] = {qm_shape_points(&random, 20), qm_shape_plane(2, 0.0), qm_shape_copies(3),
+                        qm_shape_cube(1e90)};
+    for (size_t v = 0; v < shape[2].vertex_count; v++) /* a triangle without area */
+        for (size_t k = 0; k < 3; k++)
+            shape[2].positions[3 * v + k] = k == 0 ? (double)v : 0.0;
+    const qm_status expected[4] = {QM_E_ARGUMENT, QM_E_ARGUMENT, QM_E_EMPTY, QM_E_SCALE};
+    for (int i = 0; i < 4; i++) {
+        qm_bvh *bvh;
+        qm_mesh out;
+        qm_quads_options options = qm_quads_options_default();
+        options.quads = i == 1 ? 0 : 100;
+        assert_int_equal(qm_bvh_build(&ctx, &shape[i], QM_BVH_TARGET, 1, &bvh), QM_OK);
+        assert_int_equal(qm_quads_make(&ctx, bvh, &options, &out, NULL), expected[i]);
+        assert_null(out.positions);
+        qm_bvh_destroy(&ctx, bvh);
+        qm_shape_free(&shape[i]);
+    }
+}
+
+static void memory_and_cancel_end_the_call(void **state)
+{
+    (void)state;
+    qm_mesh surface = triangles_of(cube_grid(4, to_box));
+    qm_context ctx = qm_context_make();
+    qm_bvh *bvh;
+    assert_int_equal(qm_bvh_build(&ctx, &surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
+    qm_quads_options options = qm_quads_options_default();
+    options.quads = 60;
+    qm_status status = QM_E_NO_MEMORY;
+    for (size_t fail_at = 0; status != QM_OK; fail_at++) {
+        qm_failing_allocator memory = {.fail_at = fail_at};
+        qm_context poor = qm_context_make();
+        qm_mesh out;
+        poor.allocator = qm_failing_allocator_hook(&memory);
+        status = qm_quads_make(&poor, bvh, &options, &out, NULL);
+        QM_CHECK(status == QM_OK || status == QM_E_NO_MEMORY, "call %zu: %d", fail_at, status);
+        qm_mesh_reset(&poor, &out);
+        QM_CHECK(memory.live_blocks == 0 && !memory.mismatched, "call %zu leaves %zu blocks, mismatched %d",
+                 fail_at, memory.live_blocks, memory.mismatched);
+    }
+    atomic_bool is_canceled = true;
+    ctx.cancel = &is_canceled;
+    qm_mesh out;
+    assert_int_equal(qm_quads_make(&ctx, bvh, &options, &out, NULL), QM_E_CANCELED);
+    assert_null(out.faces);
+    qm_bvh_destroy(&ctx, bvh);
+    qm_shape_free(&surface);
+}
+
+/* ---- the triangle mesh ---- */
+
+/** Every half-edge and its twin run between the same vertices; the Euler number by counting. */
+static ptrdiff_t check_trimesh(const qm_trimesh *m, uint64_t seed)
+{
+    ptrdiff_t faces = 0, halves = 0, pairs = 0, vertices = 0;
+    for (uint32_t h = 0; h < 3 * m->face_count; h++) {
+        if (!qm_trimesh_has_face(m, h / 3)) continue;
+        uint32_t t = m->twin[h];
+        faces += h % 3 == 0;
+        halves++;
+        QM_CHECK(m->out[m->from[h]] != QM_NO_INDEX, "seed %llu: half-edge %u of a vertex that is gone",
+                 (unsigned long long)seed, h);
+        if (t == QM_NO_INDEX) continue;
+        pairs++;
+        QM_CHECK(m->twin[t] == h && m->from[t] == qm_trimesh_to(m, h) && m->from[h] == qm_trimesh_to(m, t),
+                 "seed %llu: half-edge %u", (unsigned long long)seed, h);
+        QM_CHECK(m->is_feature[t] == m->is_feature[h], "seed %llu: half-edge %u", (unsigned long long)seed,
+                 h);
+    }
+    for (uint32_t v = 0; v < m->vertex_count; v++) {
+        if (m->out[v] == QM_NO_INDEX) continue;
+        vertices++;
+        QM_CHECK(m->from[m->out[v]] == v, "seed %llu: vertex %u", (unsigned long long)seed, v);
+    }
+    return vertices - (halves - pairs / 2) + faces;
+}
+
+static void random_edits_keep_the_topology(void **state)
+{
+    (void)state;
+    for (uint64_t run = 0; run < 12; run++) {
+        qm_random random = qm_random_make(qm_check_seed(), run);
+        bool is_open = run % 2 == 1;
+        qm_mesh surface = triangles_of(is_open ? qm_shape_saddle(4) : cube_grid(3, to_sphere));
+        qm_context ctx = qm_context_make();
+        uint32_t(*corner)[3] = malloc(surface.face_count * sizeof *corner);
+        assert_non_null(corner);
+        for (size_t f = 0; f < surface.face_count; f++)
+            memcpy(corner[f], surface.faces + 4 * f, sizeof *corner);
+        qm_trimesh m;
+        assert_int_equal(qm_trimesh_build(&ctx, surface.positions, surface.vertex_count,
+                                          (const uint32_t(*)[3])corner, surface.face_count, &m),
+                         QM_OK);
+        for (int edit = 0; edit < 600; edit++) {
+            uint32_t h = (uint32_t)qm_random_below(&random, 3 * m.face_count), vertex;
+            if (!qm_trimesh_has_face(&m, h / 3)) continue;
+            switch (qm_random_below(&random, edit < 200 ? 4 : 7)) {
+            case 0:
+                assert_int_equal(qm_trimesh_split(&ctx, &m, h, m.position[m.from[h]], &vertex), QM_OK);
+                break;
+            case 1:
+                assert_int_equal(qm_trimesh_split_face(&ctx, &m, h / 3, &vertex), QM_OK);
+                break;
+            case 2:
+                if (qm_trimesh_can_flip(&m, h)) qm_trimesh_flip(&m, h);
+                break;
+            case 3:
+                if (edit % 50 == 0) qm_trimesh_compact(&m);
+                break;
+            default:
+                if (qm_trimesh_can_collapse(&m, h)) qm_trimesh_collapse(&m, h);
+                break;
+            }
+            ptrdiff_t euler = check_trimesh(&m, qm_check_seed());
+            QM_CHECK(euler == (is_open ? 1 : 2), "seed %llu, run %llu, edit %d: Euler number %td",
+                     (unsigned long long)qm_check_seed(), (unsigned long long)run, edit, euler);
+        }
+        qm_trimesh_reset(&ctx, &m);
+        free(corner);
+        qm_shape_free(&surface);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(random_edits_keep_the_topology), cmocka_unit_test(closed_shapes_become_closed_quads),
+        cmocka_unit_test(creases_are_followed),           cmocka_unit_test(open_shapes_keep_their_boundaries),
+        cmocka_unit_test(components_stay_apart),          cmocka_unit_test(any_soup_becomes_manifold_quads),
+        cmocka_unit_test(threads_do_not_change_the_mesh), cmocka_unit_test(bad_input_is_told),
+        cmocka_unit_test(memory_and_cancel_end_the_call),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
