@@ -1,0 +1,352 @@
+/**
+ * tmesh_lengths.c: integer lengths of arcs that give a layout of few faces.
+ *
+ * Opposite sides of a patch have equal sums, and each arc lies on one or two sides: so lengths are a flow in a
+ * bidirected graph, whose nodes are the two axes of each patch and whose edges are the arcs. A change that
+ * keeps all sums equal is a closed walk, or one from boundary to boundary: it changes an arc by one, then, where the
+ * patch on the other side has become uneven, an arc of the opposite side in the same sense, or one of the same side in
+ * the other, and so on. Cheapest walks are found by Dijkstra's algorithm on pairs of a slot and a sense, which
+ * are the double cover of that graph.
+ *
+ * All lengths are 0 at first: everything is one point. As long as there is a fault (tmesh_classes.c), the cheapest
+ * walk that lengthens one of its arcs is taken; to lengthen an axis of a patch costs as many faces as the other axis has
+ * steps. Then come trials: a walk that shortens an arc, repaired as before, is kept when fewer faces
+ * remain. The lengths of the quads themselves are a layout always, and the last resort.
+ *
+ * Source: Campen, Bommes, Kobbelt, Quantized global parametrization, 2015; Lyon, Campen, Kobbelt, Quad layouts via
+ *         constrained T-mesh quantization, 2021; Heistermann, Warnett, Bommes, Min-deviation-flow in bi-directed graphs for
+ *         T-mesh quantization, 2023.
+ */
+#include <math.h>
+#include <string.h>
+
+#include "core/heap.h"
+#include "tmesh/tmesh.h"
+
+/* Costs in faces: of a pass that lengthens an axis, beside the faces that it makes, of one that shortens it, and of a
+ * turn to the same side. Each is positive, so that of equal walks the shorter is taken. */
+#define PASS_COST 0.25
+#define SHORTEN_COST 0.05
+#define TURN_COST 0.05
+#define FAULTS_AT_ONCE 64
+
+typedef struct lengths_finder {
+    qm_context *ctx;
+    const qm_tmesh_quads *quads;
+    const qm_tmesh *tmesh;
+    uint32_t *length;
+    uint32_t *saved;
+    uint32_t *steps; /* 2 a patch: of its axes */
+    qm_arena lasting, scratch;
+    /* Walks: by state, 2 * slot + 1 when the arc is lengthened. */
+    double *cost;
+    uint32_t *before; /* state */
+    uint32_t *round;  /* of the search that reached it */
+    uint32_t searches;
+    qm_heap heap;
+    uint32_t *walk, *best_walk; /* states whose arcs change, from the last to the first */
+    size_t walk_count, best_count;
+    uint32_t random;
+    bool no_memory;
+} lengths_finder;
+
+static uint32_t next_random(lengths_finder *finder)
+{
+    finder->random = finder->random * 1664525u + 1013904223u;
+    return finder->random >> 8;
+}
+
+static void measure_steps(lengths_finder *finder)
+{
+    for (size_t p = 0; p < finder->tmesh->patch_count; p++)
+        for (int axis = 0; axis < 2; axis++)
+            finder->steps[2 * p + (size_t)axis] = qm_tmesh_side_length(finder->tmesh, finder->length, p, axis);
+}
+
+/* ---- cheapest walks ---- */
+
+static void reach(lengths_finder *finder, uint32_t state, double cost, uint32_t before, double limit)
+{
+    if (cost >= limit || (finder->round[state] == finder->searches && finder->cost[state] <= cost)) return;
+    finder->round[state] = finder->searches;
+    finder->cost[state] = cost;
+    finder->before[state] = before;
+    if (qm_heap_push(finder->ctx, &finder->heap, (qm_heap_item){cost, state, 0}) != QM_OK) finder->no_memory = true;
+}
+
+static double pass_cost(const lengths_finder *finder, const qm_tmesh_slot *slot, bool lengthen)
+{
+    if (!lengthen) return SHORTEN_COST;
+    return PASS_COST + finder->steps[2 * (size_t)slot->patch + !(slot->side & 1)];
+}
+
+/** What a walk may do. */
+typedef struct walk_rules {
+    bool may_close;   /* end at its first arc, or else at boundaries alone */
+    bool may_shorten; /* arcs, other than those of a walk that starts so */
+    bool starts_short;
+} walk_rules;
+
+/**
+ * Finds the cheapest walk from a slot whose arc is changed: its states, the last first, into finder->walk from
+ * walk_count on. Returns its cost, or INFINITY when there is none below the limit. The arc of the first state
+ * is not among them when the walk starts from the second slot.
+ */
+static double find_walk(lengths_finder *finder, uint32_t slot, walk_rules rules, double limit)
+{
+    const qm_tmesh *tmesh = finder->tmesh;
+    uint32_t sense = rules.starts_short ? 0 : 1, first = 2 * slot + sense;
+    finder->searches++;
+    finder->heap.count = 0;
+    finder->round[first] = finder->searches;
+    finder->cost[first] = 0;
+    finder->before[first] = first;
+    if (qm_heap_push(finder->ctx, &finder->heap, (qm_heap_item){0, first, 0}) != QM_OK) finder->no_memory = true;
+    while (finder->heap.count > 0 && !finder->no_memory) {
+        qm_heap_item item = qm_heap_pop(&finder->heap);
+        uint32_t state = item.number, at = state >> 1;
+        if (item.key > finder->cost[state]) continue;
+        bool lengthen = state & 1;
+        const qm_tmesh_slot *from = &tmesh->slots[at];
+        const qm_tmesh_patch *patch = &tmesh->patches[from->patch];
+        for (int turn = 0; turn < 2; turn++) {
+            int side = (from->side + (turn ? 0 : 2)) & 3;
+            bool next_lengthen = lengthen != (turn == 1);
+            double cost = item.key + (turn ? TURN_COST : pass_cost(finder, from, lengthen));
+            for (uint32_t t = patch->first[side]; t < patch->first[side + 1]; t++) {
+                uint32_t arc = tmesh->slots[t].arc, mate = qm_tmesh_mate(tmesh, t);
+                /* A patch that meets itself in this arc may only close the walk. */
+                bool closes = rules.may_close && at == slot && !turn && t != at;
+                if ((arc == tmesh->slots[at].arc || (mate == QM_NO_INDEX && arc == tmesh->slots[slot].arc)) && !closes)
+                    continue;
+                if (!next_lengthen && (finder->length[arc] == 0 || !(rules.may_shorten || rules.starts_short))) continue;
+                uint32_t reached = mate == QM_NO_INDEX ? QM_NO_INDEX : 2 * mate + next_lengthen;
+                bool ends = mate == QM_NO_INDEX ? !rules.may_close : rules.may_close && reached == first;
+                if (ends && cost < limit) { /* turns and passes alike cost the same for all arcs of a side */
+                    if (mate == QM_NO_INDEX) finder->walk[finder->walk_count++] = 2 * t + next_lengthen;
+                    for (uint32_t s = state;; s = finder->before[s]) {
+                        finder->walk[finder->walk_count++] = s;
+                        if (s == finder->before[s]) break;
+                    }
+                    return cost;
+                }
+                if (mate != QM_NO_INDEX && arc != tmesh->slots[slot].arc)
+                    reach(finder, reached, cost, state, limit);
+            }
+        }
+    }
+    return INFINITY;
+}
+
+/** Finds the cheapest walk that changes an arc: closed, or from boundary to boundary. */
+static double find_change(lengths_finder *finder, uint32_t arc, walk_rules rules, double limit)
+{
+    const uint32_t *slot = finder->tmesh->arcs[arc].slot;
+    finder->walk_count = 0;
+    double closed = INFINITY;
+    if (slot[1] != QM_NO_INDEX) {
+        rules.may_close = true;
+        closed = find_walk(finder, slot[0], rules, limit);
+        if (closed < limit) limit = closed;
+    }
+    size_t closed_count = finder->walk_count;
+    rules.may_close = false;
+    double open = find_walk(finder, slot[0], rules, limit);
+    if (open < limit && slot[1] != QM_NO_INDEX) {
+        double other = find_walk(finder, slot[1], rules, limit - open);
+        open += other;
+        finder->walk_count--; /* the arc itself is in the first part */
+    }
+    if (open < limit) {
+        memmove(finder->walk, finder->walk + closed_count, (finder->walk_count - closed_count) * sizeof *finder->walk);
+        finder->walk_count -= closed_count;
+        return open;
+    }
+    finder->walk_count = closed_count;
+    return closed;
+}
+
+/** Changes the lengths of a walk's arcs. False, and nothing has changed, when one would be negative. */
+static bool take_walk(lengths_finder *finder, const uint32_t *walk, size_t count)
+{
+    bool is_possible = true;
+    size_t done = 0;
+    for (; done < count && is_possible; done++) {
+        uint32_t *length = &finder->length[finder->tmesh->slots[walk[done] >> 1].arc];
+        is_possible = walk[done] & 1 || *length > 0;
+        if (is_possible) *length += walk[done] & 1 ? 1 : UINT32_MAX;
+    }
+    if (is_possible) return true;
+    for (done--; done-- > 0;)
+        finder->length[finder->tmesh->slots[walk[done] >> 1].arc] += walk[done] & 1 ? UINT32_MAX : 1;
+    return false;
+}
+
+/** Lengthens one of some arcs, by the cheapest walk that shortens none; false when there is none. */
+static bool lengthen_one(lengths_finder *finder, const uint32_t *arcs, size_t count)
+{
+    measure_steps(finder);
+    double best = INFINITY;
+    finder->best_count = 0;
+    for (size_t i = 0; i < count; i++) {
+        double cost = find_change(finder, arcs[i], (walk_rules){0}, best);
+        if (cost >= best) continue;
+        best = cost;
+        finder->best_count = finder->walk_count;
+        memcpy(finder->best_walk, finder->walk, finder->walk_count * sizeof *finder->walk);
+    }
+    return best < INFINITY && take_walk(finder, finder->best_walk, finder->best_count);
+}
+
+/* ---- construction and trials ---- */
+
+/** What lengths are worth: fewer faces first, then shorter sides. */
+static double worth(const qm_tmesh_classes *classes)
+{
+    return (double)classes->face_count + 1e-3 * (double)classes->side_sum;
+}
+
+/**
+ * Lengthens arcs until there is no fault, or the layout is worth more than the limit.
+ *
+ * Returns QM_OK with *found, or an error.
+ */
+static qm_status repair(lengths_finder *finder, double limit, size_t rounds, bool *found, double *value)
+{
+    *found = false;
+    for (size_t round = 0; round < rounds; round++) {
+        if (qm_context_canceled(finder->ctx)) return qm_context_fail(finder->ctx, QM_E_CANCELED, "canceled");
+        qm_tmesh_classes classes;
+        qm_arena_rewind(&finder->scratch);
+        qm_status status = qm_tmesh_classes_find(&finder->scratch, finder->quads, finder->tmesh, finder->length,
+                                                 FAULTS_AT_ONCE, &classes);
+        if (status != QM_OK) return status;
+        *value = worth(&classes);
+        if (*value >= limit) return QM_OK;
+        if (classes.fault_count == 0) {
+            *found = true;
+            return QM_OK;
+        }
+        /* Few at a time: a walk often mends several faults. */
+        size_t mended = 1 + classes.fault_count / 16;
+        for (size_t i = 0; i < mended; i++) {
+            size_t fault = i * classes.fault_count / mended;
+            const uint32_t *first = classes.fault_first + fault;
+            if (!lengthen_one(finder, classes.fault_arcs + first[0], first[1] - first[0]))
+                return finder->no_memory ? QM_E_NO_MEMORY : QM_OK;
+        }
+    }
+    return QM_OK;
+}
+
+static void save(lengths_finder *finder)
+{
+    memcpy(finder->saved, finder->length, finder->tmesh->arc_count * sizeof *finder->saved);
+}
+
+static void restore(lengths_finder *finder)
+{
+    memcpy(finder->length, finder->saved, finder->tmesh->arc_count * sizeof *finder->saved);
+}
+
+/** Shortens arcs one after the other and repairs; keeps what is worth less. */
+static qm_status try_shorter(lengths_finder *finder, size_t effort, double *value)
+{
+    size_t arcs = finder->tmesh->arc_count, since_gain = 0;
+    save(finder);
+    for (size_t trial = 0; trial < effort && since_gain < 2 * arcs; trial++, since_gain++) {
+        uint32_t arc = next_random(finder) % (uint32_t)arcs;
+        if (finder->length[arc] == 0) continue;
+        measure_steps(finder);
+        double cost = find_change(finder, arc, (walk_rules){.starts_short = true, .may_shorten = true}, INFINITY);
+        if (finder->no_memory) return QM_E_NO_MEMORY;
+        if (cost == INFINITY || !take_walk(finder, finder->walk, finder->walk_count)) continue;
+        bool found;
+        double trial_value;
+        qm_status status = repair(finder, *value, 24, &found, &trial_value);
+        if (status != QM_OK) return status;
+        if (found) {
+            if (trial_value < *value - 0.5) since_gain = 0;
+            *value = trial_value;
+            save(finder);
+        } else {
+            restore(finder);
+        }
+    }
+    return QM_OK;
+}
+
+/** Divides the longest arcs until there are nearly as many faces as wanted. */
+static qm_status divide_long(lengths_finder *finder, size_t wanted, double *value)
+{
+    const qm_tmesh *tmesh = finder->tmesh;
+    save(finder);
+    while (*value < (double)wanted) {
+        uint32_t longest = 0;
+        double length = 0;
+        for (uint32_t a = 0; a < tmesh->arc_count; a++) {
+            double share = (double)tmesh->arcs[a].length / (finder->length[a] + 1.0);
+            if (share > length) longest = a, length = share;
+        }
+        bool found = false;
+        if (!lengthen_one(finder, &longest, 1)) break;
+        qm_status status = repair(finder, 1.05 * (double)wanted + 1, 24, &found, value);
+        if (status != QM_OK) return status;
+        if (!found) break;
+        save(finder);
+    }
+    restore(finder);
+    return QM_OK;
+}
+
+static bool allocate(lengths_finder *finder)
+{
+    size_t arcs = finder->tmesh->arc_count, states = 2 * finder->tmesh->slot_count;
+    finder->saved = qm_arena_alloc(&finder->lasting, arcs, sizeof *finder->saved);
+    finder->steps = qm_arena_alloc(&finder->lasting, 2 * finder->tmesh->patch_count, sizeof *finder->steps);
+    finder->cost = qm_arena_alloc(&finder->lasting, states, sizeof *finder->cost);
+    finder->before = qm_arena_alloc(&finder->lasting, states, sizeof *finder->before);
+    finder->round = qm_arena_zeroed(&finder->lasting, states, sizeof *finder->round);
+    finder->walk = qm_arena_alloc(&finder->lasting, 4 * states + 4, sizeof *finder->walk);
+    finder->best_walk = qm_arena_alloc(&finder->lasting, 4 * states + 4, sizeof *finder->best_walk);
+    return finder->saved && finder->steps && finder->cost && finder->before && finder->round && finder->walk &&
+           finder->best_walk;
+}
+
+static qm_status find(lengths_finder *finder, size_t wanted, size_t effort)
+{
+    const qm_tmesh *tmesh = finder->tmesh;
+    if (!allocate(finder)) return QM_E_NO_MEMORY;
+    memset(finder->length, 0, tmesh->arc_count * sizeof *finder->length);
+    bool found = false;
+    double value = INFINITY;
+    qm_status status = repair(finder, INFINITY, 8 * tmesh->arc_count + 64, &found, &value);
+    if (status == QM_OK && !found) {
+        for (size_t a = 0; a < tmesh->arc_count; a++)
+            finder->length[a] = tmesh->arcs[a].length;
+        status = repair(finder, INFINITY, 8 * tmesh->arc_count + 64, &found, &value);
+        if (status == QM_OK && !found)
+            return qm_context_fail(finder->ctx, QM_E_LAYOUT, "the quads bound no layout: some have equal corners");
+    }
+    if (status == QM_OK) status = try_shorter(finder, effort, &value);
+    if (status == QM_OK) status = divide_long(finder, wanted, &value);
+    return status;
+}
+
+qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh, size_t wanted,
+                                size_t effort, uint32_t *length)
+{
+    lengths_finder finder = {.ctx = ctx,
+                             .quads = quads,
+                             .tmesh = tmesh,
+                             .length = length,
+                             .lasting = qm_arena_make(ctx),
+                             .scratch = qm_arena_make(ctx),
+                             .random = 1};
+    qm_status status = find(&finder, wanted, effort);
+    qm_arena_reset(&finder.lasting);
+    qm_arena_reset(&finder.scratch);
+    qm_heap_reset(ctx, &finder.heap);
+    if (status == QM_E_NO_MEMORY) return qm_context_fail(ctx, status, "out of memory for the lengths of arcs");
+    return status;
+}
