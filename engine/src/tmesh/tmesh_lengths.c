@@ -11,7 +11,8 @@
  * All lengths are 0 at first: everything is one point. As long as there is a fault (tmesh_classes.c), the cheapest
  * walk that lengthens one of its arcs is taken; to lengthen an axis of a patch costs as many faces as the other axis has
  * steps. Then come trials: a walk that shortens an arc, repaired as before, is kept when fewer faces
- * remain. The lengths of the quads themselves are a layout always, and the last resort.
+ * remain. The lengths of the quads themselves are the last resort: they are a layout unless two quads share
+ * two opposite corners or the like.
  *
  * Source: Campen, Bommes, Kobbelt, Quantized global parametrization, 2015; Lyon, Campen, Kobbelt, Quad layouts via
  *         constrained T-mesh quantization, 2021; Heistermann, Warnett, Bommes, Min-deviation-flow in bi-directed graphs for
@@ -23,11 +24,18 @@
 #include "core/heap.h"
 #include "tmesh/tmesh.h"
 
-/* Costs in faces: of a pass that lengthens an axis, beside the faces that it makes, of one that shortens it, and of a
- * turn to the same side. Each is positive, so that of equal walks the shorter is taken. */
-#define PASS_COST 0.25
+/* Costs in faces. A pass that lengthens an axis costs 1 beside the faces that it makes, one that shortens it and a turn to
+ * the same side cost little: so that of equal walks the shorter is taken. */
 #define SHORTEN_COST 0.05
 #define TURN_COST 0.05
+/* Trials: costs are multiplied by up to 1 + NOISE; HEAT is the mean gain, in faces, that is given up at the start. STARTS
+ * constructions are tried, with a share of 1 / START_SHARE of all trials each, and the best goes on. SIDE_WORTH is what
+ * a step of a side is worth in faces: it leads out of states where many changes make no difference. */
+#define NOISE 10
+#define HEAT 1
+#define STARTS 6
+#define START_SHARE 12
+#define SIDE_WORTH 0.3
 #define FAULTS_AT_ONCE 64
 
 typedef struct lengths_finder {
@@ -35,7 +43,7 @@ typedef struct lengths_finder {
     const qm_tmesh_quads *quads;
     const qm_tmesh *tmesh;
     uint32_t *length;
-    uint32_t *saved;
+    uint32_t *saved, *best, *first;
     uint32_t *steps; /* 2 a patch: of its axes */
     qm_arena lasting, scratch;
     /* Walks: by state, 2 * slot + 1 when the arc is lengthened. */
@@ -47,6 +55,7 @@ typedef struct lengths_finder {
     uint32_t *walk, *best_walk; /* states whose arcs change, from the last to the first */
     size_t walk_count, best_count;
     uint32_t random;
+    uint32_t seed; /* of the noise in costs; 0: none */
     bool no_memory;
 } lengths_finder;
 
@@ -63,6 +72,15 @@ static void measure_steps(lengths_finder *finder)
             finder->steps[2 * p + (size_t)axis] = qm_tmesh_side_length(finder->tmesh, finder->length, p, axis);
 }
 
+static size_t count_faces(lengths_finder *finder)
+{
+    measure_steps(finder);
+    size_t faces = 0;
+    for (size_t p = 0; p < finder->tmesh->patch_count; p++)
+        faces += (size_t)finder->steps[2 * p] * finder->steps[2 * p + 1];
+    return faces;
+}
+
 /* ---- cheapest walks ---- */
 
 static void reach(lengths_finder *finder, uint32_t state, double cost, uint32_t before, double limit)
@@ -74,17 +92,27 @@ static void reach(lengths_finder *finder, uint32_t state, double cost, uint32_t 
     if (qm_heap_push(finder->ctx, &finder->heap, (qm_heap_item){cost, state, 0}) != QM_OK) finder->no_memory = true;
 }
 
+/** A number from 0 to 1 for an axis of a patch, another for each seed. */
+static double noise_of(uint32_t seed, uint32_t axis)
+{
+    uint32_t key = seed ^ axis * 2654435761u;
+    key = (key ^ key >> 15) * 0x2c1b3c6du;
+    key = (key ^ key >> 12) * 0x297a2d39u;
+    return (double)((key ^ key >> 15) >> 8) / 16777216.0;
+}
+
 static double pass_cost(const lengths_finder *finder, const qm_tmesh_slot *slot, bool lengthen)
 {
     if (!lengthen) return SHORTEN_COST;
-    return PASS_COST + finder->steps[2 * (size_t)slot->patch + !(slot->side & 1)];
+    uint32_t axis = 2 * slot->patch + (slot->side & 1);
+    double cost = 1 + finder->steps[axis ^ 1];
+    return finder->seed ? cost * (1 + NOISE * noise_of(finder->seed, axis)) : cost;
 }
 
 /** What a walk may do. */
 typedef struct walk_rules {
     bool may_close;   /* end at its first arc, or else at boundaries alone */
-    bool may_shorten; /* arcs, other than those of a walk that starts so */
-    bool starts_short;
+    bool starts_short; /* the arc is shortened, and others may be; or else none is */
 } walk_rules;
 
 /**
@@ -119,7 +147,7 @@ static double find_walk(lengths_finder *finder, uint32_t slot, walk_rules rules,
                 bool closes = rules.may_close && at == slot && !turn && t != at;
                 if ((arc == tmesh->slots[at].arc || (mate == QM_NO_INDEX && arc == tmesh->slots[slot].arc)) && !closes)
                     continue;
-                if (!next_lengthen && (finder->length[arc] == 0 || !(rules.may_shorten || rules.starts_short))) continue;
+                if (!next_lengthen && (finder->length[arc] == 0 || !rules.starts_short)) continue;
                 uint32_t reached = mate == QM_NO_INDEX ? QM_NO_INDEX : 2 * mate + next_lengthen;
                 bool ends = mate == QM_NO_INDEX ? !rules.may_close : rules.may_close && reached == first;
                 if (ends && cost < limit) { /* turns and passes alike cost the same for all arcs of a side */
@@ -203,7 +231,7 @@ static bool lengthen_one(lengths_finder *finder, const uint32_t *arcs, size_t co
 /** What lengths are worth: fewer faces first, then shorter sides. */
 static double worth(const qm_tmesh_classes *classes)
 {
-    return (double)classes->face_count + 1e-3 * (double)classes->side_sum;
+    return (double)classes->face_count + SIDE_WORTH * (double)classes->side_sum;
 }
 
 /**
@@ -239,49 +267,70 @@ static qm_status repair(lengths_finder *finder, double limit, size_t rounds, boo
     return QM_OK;
 }
 
-static void save(lengths_finder *finder)
+static void save(const lengths_finder *finder, uint32_t *copy)
 {
-    memcpy(finder->saved, finder->length, finder->tmesh->arc_count * sizeof *finder->saved);
+    memcpy(copy, finder->length, finder->tmesh->arc_count * sizeof *copy);
 }
 
-static void restore(lengths_finder *finder)
+static void restore(lengths_finder *finder, const uint32_t *copy)
 {
-    memcpy(finder->length, finder->saved, finder->tmesh->arc_count * sizeof *finder->saved);
+    memcpy(finder->length, copy, finder->tmesh->arc_count * sizeof *copy);
 }
 
-/** Shortens arcs one after the other and repairs; keeps what is worth less. */
+/** Shortens an arc with the cheapest walk; false when there is none. */
+static bool shorten(lengths_finder *finder, uint32_t arc)
+{
+    if (finder->length[arc] == 0) return false;
+    measure_steps(finder);
+    double cost = find_change(finder, arc, (walk_rules){.starts_short = true}, INFINITY);
+    return cost < INFINITY && take_walk(finder, finder->walk, finder->walk_count);
+}
+
+/**
+ * Shortens arcs at random and repairs. What comes of it is kept when it is worth less, and at first also when it is worth
+ * a little more (annealing); the best remains.
+ */
 static qm_status try_shorter(lengths_finder *finder, size_t effort, double *value)
 {
-    size_t arcs = finder->tmesh->arc_count, since_gain = 0;
-    save(finder);
-    for (size_t trial = 0; trial < effort && since_gain < 2 * arcs; trial++, since_gain++) {
-        uint32_t arc = next_random(finder) % (uint32_t)arcs;
-        if (finder->length[arc] == 0) continue;
-        measure_steps(finder);
-        double cost = find_change(finder, arc, (walk_rules){.starts_short = true, .may_shorten = true}, INFINITY);
+    uint32_t arcs = (uint32_t)finder->tmesh->arc_count;
+    double best = *value;
+    save(finder, finder->saved);
+    save(finder, finder->best);
+    for (size_t trial = 0; trial < effort; trial++) {
+        double share = 1 - (double)trial / (double)effort;
+        double limit = *value - HEAT * share * share * log((next_random(finder) + 1.0) / 16777217.0);
+        bool is_changed = false;
+        finder->seed = 1 + next_random(finder);
+        for (uint32_t i = 0, count = 1 + next_random(finder) % 3; i < count; i++)
+            is_changed |= shorten(finder, next_random(finder) % arcs);
         if (finder->no_memory) return QM_E_NO_MEMORY;
-        if (cost == INFINITY || !take_walk(finder, finder->walk, finder->walk_count)) continue;
+        if (!is_changed) continue;
         bool found;
-        double trial_value;
-        qm_status status = repair(finder, *value, 24, &found, &trial_value);
+        double trial_value = INFINITY;
+        qm_status status = repair(finder, limit, 48, &found, &trial_value);
         if (status != QM_OK) return status;
-        if (found) {
-            if (trial_value < *value - 0.5) since_gain = 0;
-            *value = trial_value;
-            save(finder);
-        } else {
-            restore(finder);
+        if (!found) {
+            restore(finder, finder->saved);
+            continue;
+        }
+        *value = trial_value;
+        save(finder, finder->saved);
+        if (*value < best) {
+            best = *value;
+            save(finder, finder->best);
         }
     }
+    restore(finder, finder->best);
+    *value = best;
     return QM_OK;
 }
 
 /** Divides the longest arcs until there are nearly as many faces as wanted. */
-static qm_status divide_long(lengths_finder *finder, size_t wanted, double *value)
+static qm_status divide_long(lengths_finder *finder, size_t wanted)
 {
     const qm_tmesh *tmesh = finder->tmesh;
-    save(finder);
-    while (*value < (double)wanted) {
+    for (;;) {
+        save(finder, finder->saved);
         uint32_t longest = 0;
         double length = 0;
         for (uint32_t a = 0; a < tmesh->arc_count; a++) {
@@ -289,13 +338,13 @@ static qm_status divide_long(lengths_finder *finder, size_t wanted, double *valu
             if (share > length) longest = a, length = share;
         }
         bool found = false;
-        if (!lengthen_one(finder, &longest, 1)) break;
-        qm_status status = repair(finder, 1.05 * (double)wanted + 1, 24, &found, value);
+        double value;
+        qm_status status = QM_OK;
+        if (lengthen_one(finder, &longest, 1)) status = repair(finder, INFINITY, 24, &found, &value);
         if (status != QM_OK) return status;
-        if (!found) break;
-        save(finder);
+        if (!found || count_faces(finder) > wanted) break;
     }
-    restore(finder);
+    restore(finder, finder->saved);
     return QM_OK;
 }
 
@@ -303,34 +352,52 @@ static bool allocate(lengths_finder *finder)
 {
     size_t arcs = finder->tmesh->arc_count, states = 2 * finder->tmesh->slot_count;
     finder->saved = qm_arena_alloc(&finder->lasting, arcs, sizeof *finder->saved);
+    finder->best = qm_arena_alloc(&finder->lasting, arcs, sizeof *finder->best);
+    finder->first = qm_arena_alloc(&finder->lasting, arcs, sizeof *finder->first);
     finder->steps = qm_arena_alloc(&finder->lasting, 2 * finder->tmesh->patch_count, sizeof *finder->steps);
     finder->cost = qm_arena_alloc(&finder->lasting, states, sizeof *finder->cost);
     finder->before = qm_arena_alloc(&finder->lasting, states, sizeof *finder->before);
     finder->round = qm_arena_zeroed(&finder->lasting, states, sizeof *finder->round);
     finder->walk = qm_arena_alloc(&finder->lasting, 4 * states + 4, sizeof *finder->walk);
     finder->best_walk = qm_arena_alloc(&finder->lasting, 4 * states + 4, sizeof *finder->best_walk);
-    return finder->saved && finder->steps && finder->cost && finder->before && finder->round && finder->walk &&
+    return finder->saved && finder->best && finder->first && finder->steps && finder->cost && finder->before && finder->round && finder->walk &&
            finder->best_walk;
+}
+
+/** Finds lengths from nothing, or else from those of the quads. */
+static qm_status construct(lengths_finder *finder, double *value)
+{
+    const qm_tmesh *tmesh = finder->tmesh;
+    size_t rounds = 8 * tmesh->arc_count + 64;
+    memset(finder->length, 0, tmesh->arc_count * sizeof *finder->length);
+    bool found = false;
+    qm_status status = repair(finder, INFINITY, rounds, &found, value);
+    if (status != QM_OK || found) return status;
+    for (size_t a = 0; a < tmesh->arc_count; a++)
+        finder->length[a] = tmesh->arcs[a].length;
+    status = repair(finder, INFINITY, rounds, &found, value);
+    if (status != QM_OK || found) return status;
+    return qm_context_fail(finder->ctx, QM_E_LAYOUT, "the quads bound no layout: some have equal corners");
 }
 
 static qm_status find(lengths_finder *finder, size_t wanted, size_t effort)
 {
-    const qm_tmesh *tmesh = finder->tmesh;
     if (!allocate(finder)) return QM_E_NO_MEMORY;
-    memset(finder->length, 0, tmesh->arc_count * sizeof *finder->length);
-    bool found = false;
-    double value = INFINITY;
-    qm_status status = repair(finder, INFINITY, 8 * tmesh->arc_count + 64, &found, &value);
-    if (status == QM_OK && !found) {
-        for (size_t a = 0; a < tmesh->arc_count; a++)
-            finder->length[a] = tmesh->arcs[a].length;
-        status = repair(finder, INFINITY, 8 * tmesh->arc_count + 64, &found, &value);
-        if (status == QM_OK && !found)
-            return qm_context_fail(finder->ctx, QM_E_LAYOUT, "the quads bound no layout: some have equal corners");
+    double best = INFINITY, value = INFINITY;
+    qm_status status = QM_OK;
+    for (int start = 0; start < (effort > 0 ? STARTS : 1) && status == QM_OK; start++) {
+        finder->seed = start > 0 ? 1 + next_random(finder) : 0;
+        status = construct(finder, &value);
+        if (status == QM_OK) status = try_shorter(finder, effort / START_SHARE, &value);
+        if (status != QM_OK || value >= best) continue;
+        best = value;
+        save(finder, finder->first);
     }
-    if (status == QM_OK) status = try_shorter(finder, effort, &value);
-    if (status == QM_OK) status = divide_long(finder, wanted, &value);
-    return status;
+    if (status != QM_OK) return status;
+    restore(finder, finder->first);
+    status = try_shorter(finder, effort - effort / START_SHARE * STARTS, &best);
+    finder->seed = 0;
+    return status == QM_OK && wanted > 0 ? divide_long(finder, wanted) : status;
 }
 
 qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh, size_t wanted,
