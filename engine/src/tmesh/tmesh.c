@@ -78,7 +78,7 @@ static void number_nodes(tmesh_maker *maker, uint32_t *cut_degree)
 
 /** Adds a slot for a run of edges between two nodes. */
 static void add_slot(tmesh_maker *maker, size_t patch, int side, const uint32_t run_edge[2],
-                     const uint32_t run_vertex[2], uint32_t length)
+                     const uint32_t run_vertex[2], uint32_t length, uint32_t begin)
 {
     qm_tmesh *out = maker->out;
     uint32_t arc = maker->arc_of[run_edge[0]], slot = (uint32_t)out->slot_count++;
@@ -97,7 +97,7 @@ static void add_slot(tmesh_maker *maker, size_t patch, int side, const uint32_t 
     }
     const qm_tmesh_arc *at = &out->arcs[arc];
     bool forward = length > 1 ? at->first_edge == run_edge[0] : at->from == maker->node_of[run_vertex[0]];
-    out->slots[slot] = (qm_tmesh_slot){arc, (uint32_t)patch, (uint8_t)side, forward};
+    out->slots[slot] = (qm_tmesh_slot){arc, (uint32_t)patch, begin, (uint8_t)side, forward};
 }
 
 static void add_sides(tmesh_maker *maker, size_t p)
@@ -115,7 +115,7 @@ static void add_sides(tmesh_maker *maker, size_t p)
             run_edge[1] = edge;
             run_vertex[1] = end;
             if (maker->node_of[end] == QM_NO_INDEX) continue;
-            add_slot(maker, p, side, run_edge, run_vertex, length);
+            add_slot(maker, p, side, run_edge, run_vertex, length, i + 1 - length);
             length = 0;
         }
         QM_ASSERT(length == 0);
@@ -147,6 +147,5 @@ qm_status qm_tmesh_make(qm_arena *arena, const qm_tmesh_quads *quads, const qm_p
     number_nodes(&maker, cut_degree);
     for (size_t p = 0; p < set->patch_count; p++)
         add_sides(&maker, p);
-    out->euler_number = (ptrdiff_t)vertices - (ptrdiff_t)quads->edge_count + (ptrdiff_t)quads->mesh.face_count;
     return QM_OK;
 }

@@ -17,6 +17,7 @@
 #define QM_TMESH_H
 
 #include "core/arena.h"
+#include "qm/layout.h"
 #include "qm/patch.h"
 
 /* ---- the mesh, made ready ---- */
@@ -65,6 +66,7 @@ typedef struct qm_tmesh_arc {
 typedef struct qm_tmesh_slot {
     uint32_t arc;
     uint32_t patch;
+    uint32_t start; /* edges of the side before it */
     uint8_t side;
     bool forward; /* the arc runs as the side does */
 } qm_tmesh_slot;
@@ -81,7 +83,6 @@ typedef struct qm_tmesh {
     qm_tmesh_arc *arcs;
     uint32_t *node_vertex;
     size_t patch_count, slot_count, arc_count, node_count;
-    ptrdiff_t euler_number;
 } qm_tmesh;
 
 /** Makes the T-mesh of the patches of the quads. Returns QM_OK or QM_E_NO_MEMORY. */
@@ -167,5 +168,19 @@ static inline uint32_t qm_tmesh_side_segment(const qm_tmesh_classes *classes, si
  */
 qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh, size_t wanted,
                                 size_t effort, uint32_t *length);
+
+/* ---- curves ---- */
+
+/**
+ * Draws the layout of lengths on a surface: each face is a lattice of steps x steps cells, which starts where the quads
+ * are, and relaxes on the surface; special vertices stay, and points of features slide along them.
+ *
+ * out, issues  empty; folded patches and curves that cross are issues
+ *
+ * Returns: QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
+ */
+qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
+                               const qm_tmesh *tmesh, const uint32_t *length, const qm_tmesh_classes *classes,
+                               const qm_ref_surface *surface, qm_layout *out, qm_layout_issues *issues);
 
 #endif
