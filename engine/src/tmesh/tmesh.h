@@ -169,18 +169,34 @@ static inline uint32_t qm_tmesh_side_segment(const qm_tmesh_classes *classes, si
 qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh, size_t wanted,
                                 size_t effort, uint32_t *length);
 
+/**
+ * Lengthens the longest arc without length in each class that a drawing failed at.
+ *
+ * *changed is false, and the lengths are as before, when there is none.
+ */
+qm_status qm_tmesh_spread_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
+                                  const qm_tmesh_classes *classes, const bool *is_bad_class, uint32_t *length,
+                                  bool *changed);
+
 /* ---- curves ---- */
+
+/** Where a drawing failed. */
+typedef struct qm_tmesh_faults {
+    size_t folds, crossings; /* cells of the lattices; pairs of curves */
+    bool *is_bad_class;      /* by lowest point of a class of points: a node of a folded face or crossed curve */
+} qm_tmesh_faults;
 
 /**
  * Draws the layout of lengths on a surface: each face is a lattice of steps x steps cells, which starts where the quads
  * are, and relaxes on the surface; special vertices stay, and points of features slide along them.
  *
- * out, issues  empty; folded patches and curves that cross are issues
+ * out, issues  empty; curves that cross are issues
  *
  * Returns: QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
  */
 qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
                                const qm_tmesh *tmesh, const uint32_t *length, const qm_tmesh_classes *classes,
-                               const qm_ref_surface *surface, qm_layout *out, qm_layout_issues *issues);
+                               const qm_ref_surface *surface, qm_layout *out, qm_layout_issues *issues,
+                               qm_tmesh_faults *faults);
 
 #endif

@@ -14,18 +14,21 @@
 #include "tmesh/tmesh.h"
 
 #define STEPS 4
-/* Projections of all rounds together, and the bounds of rounds. */
-#define PROJECTIONS 600000
-#define MOST_ROUNDS 120
-#define FEWEST_ROUNDS 24
-#define STEP 0.8
+/* Rounds of sweeps, until no cell is folded. A special vertex is pulled to its place by PULL of the way, and by SLACKEN times
+ * less after each round in which it is a corner of a folded face. */
+#define ROUNDS 12
+#define SWEEPS 6
+#define PULL 0.3
+#define SLACKEN 0.5
 
 /** A vertex of the lattices. */
 typedef struct lattice_point {
     qm_vec at, sum;
     double normal[3];
     uint32_t count;    /* of neighbours in sum */
-    bool is_fixed;
+    bool is_fixed, is_pinned, is_loose;
+    qm_vec pin;   /* of a special vertex */
+    double pull; /* towards it */
 } lattice_point;
 
 /** A feature between two special vertices, or a closed one from any node. */
@@ -42,6 +45,14 @@ typedef struct chain_arc {
     bool forward;        /* it runs as the chain does */
 } chain_arc;
 
+typedef struct lattice_cell {
+    uint32_t corner[4];
+    uint32_t face;   /* its first lattice point of the layout's face: an index of grid */
+    uint32_t stride; /* of the grid */
+    bool is_folded;
+    double sign;     /* of its area about the normals of the surface, when it is not folded */
+} lattice_cell;
+
 typedef struct curve_drawer {
     qm_arena *arena;
     const qm_tmesh_quads *quads;
@@ -56,6 +67,10 @@ typedef struct curve_drawer {
     uint32_t *of_segment; /* by segment class: the first of its STEPS - 1 */
     size_t *first_cell;   /* by patch: of grid */
     uint32_t *grid;       /* lattice points of each patch with faces, row by row */
+    lattice_cell *cells;
+    size_t cell_count;
+    uint32_t *first_at; /* by point: of at */
+    uint32_t *at;       /* 4 * cell + corner */
     /* features */
     feature_chain *chains;
     size_t chain_count;
@@ -257,10 +272,15 @@ static void place_classes(curve_drawer *d)
         }
     }
     for (uint32_t n = 0; n < tmesh->node_count; n++)
-        if (d->quads->is_special[tmesh->node_vertex[n]])
-            fix(&d->points[class_of(d, n)], vertex_at(d, tmesh->node_vertex[n]));
+        if (d->quads->is_special[tmesh->node_vertex[n]]) {
+            lattice_point *to = &d->points[class_of(d, n)];
+            fix(to, vertex_at(d, tmesh->node_vertex[n]));
+            to->is_fixed = d->quads->is_on_feature[tmesh->node_vertex[n]];
+            to->is_pinned = true;
+            to->pin = to->at;
+        }
     for (size_t i = 0; i < d->point_count; i++)
-        if (!d->points[i].is_fixed && d->points[i].count > 0)
+        if (!d->points[i].is_fixed && !d->points[i].is_pinned && d->points[i].count > 0)
             d->points[i].at = qm_vec_scale(1.0 / d->points[i].count, d->points[i].sum);
 }
 
@@ -408,67 +428,155 @@ static bool make_lattices(curve_drawer *d)
 
 /* ---- relaxation ---- */
 
-static void project(const curve_drawer *d, lattice_point *point)
+/** False, and the point is where it was, when that is the other side of a thin wall. */
+static bool project(const curve_drawer *d, lattice_point *point)
 {
     double at[3];
     qm_ref_surface_point on;
     qm_vec_store(at, point->at);
     qm_ref_surface_project(d->surface, at, &on);
     qm_vec old = qm_vec_load(point->normal), normal = qm_vec_load(on.normal);
-    if (qm_vec_dot(old, normal) < -0.2 && !d->surface->is_cloud) return; /* the other side of a thin wall */
+    if (qm_vec_dot(old, normal) < -0.2 && !d->surface->is_cloud) return false;
     point->at = qm_vec_load(on.position);
     memcpy(point->normal, on.normal, sizeof on.normal);
+    return true;
 }
 
-static void sum_neighbours(curve_drawer *d)
+/** Lists the cells, and those round each point. */
+static bool list_cells(curve_drawer *d)
 {
-    for (size_t i = 0; i < d->point_count; i++) {
-        d->points[i].sum = (qm_vec){0};
-        d->points[i].count = 0;
+    size_t count = 0;
+    uint32_t columns, rows;
+    for (size_t p = 0; p < d->tmesh->patch_count; p++)
+        if (has_faces(d, p, &columns, &rows)) count += (size_t)columns * rows;
+    d->cells = qm_arena_alloc(d->arena, count, sizeof *d->cells);
+    d->at = qm_arena_alloc(d->arena, 4 * count, sizeof *d->at);
+    d->first_at = qm_arena_zeroed(d->arena, d->point_count + 1, sizeof *d->first_at);
+    if (!d->cells || !d->at || !d->first_at) return false;
+    for (size_t p = 0; p < d->tmesh->patch_count; p++) {
+        if (!has_faces(d, p, &columns, &rows)) continue;
+        uint32_t stride = columns + 1;
+        for (uint32_t row = 0; row < rows; row++)
+            for (uint32_t column = 0; column < columns; column++) {
+                size_t first = d->first_cell[p];
+                const uint32_t *cell = d->grid + first + (size_t)row * stride + column;
+                d->cells[d->cell_count++] = (lattice_cell){
+                    {cell[0], cell[1], cell[stride + 1], cell[stride]},
+                    (uint32_t)(first + (size_t)(row / STEPS * STEPS) * stride + column / STEPS * STEPS),
+                    stride,
+                    false,
+                    0};
+            }
     }
+    for (size_t c = 0; c < 4 * d->cell_count; c++)
+        d->first_at[d->cells[c / 4].corner[c % 4]]++;
+    uint32_t sum = 0;
+    for (size_t i = 0; i <= d->point_count; i++)
+        sum = d->first_at[i] += sum;
+    for (size_t c = 4 * d->cell_count; c-- > 0;)
+        d->at[--d->first_at[d->cells[c / 4].corner[c % 4]]] = (uint32_t)c;
+    return true;
+}
+
+/** Twice the area of the triangle at a corner of a cell, about a normal. */
+static double corner_area(const curve_drawer *d, const lattice_cell *cell, uint32_t i, qm_vec normal)
+{
+    qm_vec at = d->points[cell->corner[i]].at;
+    return cell->sign * qm_vec_dot(qm_vec_cross(qm_vec_sub(d->points[cell->corner[(i + 1) & 3]].at, at),
+                                                qm_vec_sub(d->points[cell->corner[(i + 3) & 3]].at, at)),
+                                   normal);
+}
+
+/** The side on which most of each patch lies. */
+static void find_signs(curve_drawer *d)
+{
+    size_t cell = 0;
     for (size_t p = 0; p < d->tmesh->patch_count; p++) {
         uint32_t columns, rows;
         if (!has_faces(d, p, &columns, &rows)) continue;
-        const uint32_t *grid = d->grid + d->first_cell[p];
-        for (uint32_t row = 0; row < rows; row++)
-            for (uint32_t column = 0; column < columns; column++) {
-                const uint32_t *cell = grid + (size_t)row * (columns + 1) + column;
-                const uint32_t corner[4] = {cell[0], cell[1], cell[columns + 2], cell[columns + 1]};
-                for (int i = 0; i < 4; i++) {
-                    lattice_point *at = &d->points[corner[i]];
-                    gather(at, d->points[corner[(i + 1) & 3]].at);
-                    gather(at, d->points[corner[(i + 3) & 3]].at);
-                }
-            }
+        size_t end = cell + (size_t)columns * rows;
+        double sum = 0;
+        for (size_t c = cell; c < end; c++) {
+            d->cells[c].sign = 1;
+            for (uint32_t i = 0; i < 4; i++)
+                sum += corner_area(d, &d->cells[c], i, qm_vec_load(d->points[d->cells[c].corner[i]].normal));
+        }
+        for (size_t c = cell; c < end; c++)
+            d->cells[c].sign = sum < 0 ? -1 : 1;
+        cell = end;
     }
 }
 
-static qm_status relax(curve_drawer *d)
+/** Counts the folded cells; lets the points of their faces move, and pulls the special vertices of these less. */
+static size_t count_folds(curve_drawer *d)
 {
-    size_t rounds = PROJECTIONS / (d->point_count + 1);
-    rounds = rounds > MOST_ROUNDS ? MOST_ROUNDS : rounds < FEWEST_ROUNDS ? FEWEST_ROUNDS : rounds;
+    size_t folds = 0;
+    for (size_t c = 0; c < d->cell_count; c++) {
+        lattice_cell *cell = &d->cells[c];
+        cell->is_folded = false;
+        for (uint32_t i = 0; i < 4; i++)
+            cell->is_folded |= corner_area(d, cell, i, qm_vec_load(d->points[cell->corner[i]].normal)) <= 0;
+        if (!cell->is_folded) continue;
+        folds++;
+        for (uint32_t i = 0; i <= STEPS; i++)
+            for (uint32_t j = 0; j <= STEPS; j++) {
+                lattice_point *at = &d->points[d->grid[cell->face + (size_t)i * cell->stride + j]];
+                at->is_loose = true;
+                if (i % STEPS == 0 && j % STEPS == 0) at->pull *= SLACKEN;
+            }
+    }
+    return folds;
+}
+
+/** Moves a point to the mean of its neighbours. */
+static void smooth_point(curve_drawer *d, uint32_t index)
+{
+    lattice_point *point = &d->points[index];
+    qm_vec sum = {0}, old = point->at;
+    uint32_t count = 0;
+    for (uint32_t i = d->first_at[index]; i < d->first_at[index + 1]; i++)
+        for (uint32_t k = 1; k < 4; k += 2, count++)
+            sum = qm_vec_add(sum, d->points[d->cells[d->at[i] / 4].corner[(d->at[i] + k) & 3]].at);
+    if (count == 0) return;
+    qm_vec mean = qm_vec_scale(1.0 / count, sum);
+    if (point->pull > 0) mean = qm_vec_mix(mean, point->pin, point->pull);
+    point->at = mean;
+    if (!project(d, point)) point->at = old;
+}
+
+static void place_on_surface(curve_drawer *d)
+{
     for (size_t i = 0; i < d->point_count; i++) {
-        double at[3];
-        qm_ref_surface_point on;
-        qm_vec_store(at, d->points[i].at);
-        qm_ref_surface_project(d->surface, at, &on);
-        d->points[i].at = qm_vec_load(on.position);
-        memcpy(d->points[i].normal, on.normal, sizeof on.normal);
+        lattice_point *point = &d->points[i];
+        memset(point->normal, 0, sizeof point->normal);
+        project(d, point);
+        point->pull = point->is_pinned ? PULL : 0;
     }
-    for (size_t round = 0; round < rounds; round++) {
-        if (qm_context_canceled(d->arena->ctx)) return qm_context_fail(d->arena->ctx, QM_E_CANCELED, "canceled");
-        sum_neighbours(d);
-        for (size_t i = 0; i < d->point_count; i++) {
-            lattice_point *point = &d->points[i];
-            if (point->is_fixed || point->count == 0) continue;
-            qm_vec old = point->at;
-            double scale = 1.0 / point->count;
-            point->at = qm_vec_mix(old, qm_vec_scale(scale, point->sum), STEP);
-            qm_vec moved = point->at;
-            project(d, point);
-            if (qm_vec_equal(point->at, moved)) point->at = old; /* not projected: it stays */
+}
+
+static qm_status relax(curve_drawer *d, size_t *folds)
+{
+    qm_vec *best = qm_arena_alloc(d->arena, d->point_count, sizeof *best);
+    if (!best || !list_cells(d)) return qm_context_fail(d->arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves");
+    place_on_surface(d);
+    find_signs(d);
+    size_t least = SIZE_MAX;
+    for (int round = 0; round <= ROUNDS && least > 0; round++) {
+        for (int sweep = 0; sweep < SWEEPS && round > 0; sweep++) {
+            if (qm_context_canceled(d->arena->ctx)) return qm_context_fail(d->arena->ctx, QM_E_CANCELED, "canceled");
+            for (uint32_t i = 0; i < d->point_count; i++) {
+                if (!d->points[i].is_fixed && d->points[i].is_loose) smooth_point(d, i);
+            }
         }
+        size_t now = count_folds(d);
+        if (now >= least) continue;
+        least = now;
+        for (size_t i = 0; i < d->point_count; i++)
+            best[i] = d->points[i].at;
     }
+    for (size_t i = 0; i < d->point_count; i++)
+        d->points[i].at = best[i];
+    *folds = least;
     return QM_OK;
 }
 
@@ -539,12 +647,31 @@ static qm_status add_face(layout_maker *maker, const uint32_t *cell, uint32_t st
     return qm_layout_add_patch(maker->d->arena->ctx, maker->out, id);
 }
 
-static qm_status make_layout(curve_drawer *d, qm_layout *out)
+/** Marks the classes at the corners of folded faces, and at the ends of curves that cross. */
+static void mark_bad(const layout_maker *maker, const qm_layout_issues *issues, bool *is_bad_point)
+{
+    curve_drawer *d = maker->d;
+    count_folds(d);
+    for (size_t c = 0; c < d->cell_count; c++) {
+        const lattice_cell *cell = &d->cells[c];
+        for (uint32_t i = 0; i < 4 && cell->is_folded; i++)
+            is_bad_point[d->grid[cell->face + (size_t)(i / 2) * STEPS * cell->stride + i % 2 * STEPS]] = true;
+    }
+    for (size_t p = 0; p < d->point_count; p++)
+        for (size_t i = 0; i < issues->count && maker->node[p] != QM_NO_INDEX; i++)
+            for (int k = 0; k < 2; k++) {
+                const qm_curve *curve = &maker->out->curves[qm_layout_find_curve(maker->out, issues->items[i].curve[k])];
+                is_bad_point[p] |= curve->from == maker->node[p] || curve->to == maker->node[p];
+            }
+}
+
+static qm_status make_layout(curve_drawer *d, qm_layout *out, qm_layout_issues *issues, bool *is_bad_class)
 {
     layout_maker maker = {.d = d, .out = out};
     maker.node = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.node);
     maker.curve = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.curve);
-    if (!maker.node || !maker.curve) return QM_E_NO_MEMORY;
+    bool *is_bad_point = qm_arena_zeroed(d->arena, d->point_count, sizeof *is_bad_point);
+    if (!maker.node || !maker.curve || !is_bad_point) return QM_E_NO_MEMORY;
     memset(maker.node, 0xff, d->point_count * sizeof *maker.node);
     memset(maker.curve, 0xff, d->point_count * sizeof *maker.curve);
     for (size_t p = 0; p < d->tmesh->patch_count; p++) {
@@ -557,12 +684,18 @@ static qm_status make_layout(curve_drawer *d, qm_layout *out)
                 if (status != QM_OK) return status;
             }
     }
+    qm_status status = qm_layout_find_crossings(d->arena->ctx, out, issues);
+    if (status != QM_OK) return status;
+    mark_bad(&maker, issues, is_bad_point);
+    for (size_t i = 0; i < d->classes->point_count; i++)
+        is_bad_class[i] = d->classes->point_class[i] == i && is_bad_point[d->of_class[i]];
     return QM_OK;
 }
 
 qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
                                const qm_tmesh *tmesh, const uint32_t *length, const qm_tmesh_classes *classes,
-                               const qm_ref_surface *surface, qm_layout *out, qm_layout_issues *issues)
+                               const qm_ref_surface *surface, qm_layout *out, qm_layout_issues *issues,
+                               qm_tmesh_faults *faults)
 {
     curve_drawer d = {.arena = arena,
                       .quads = quads,
@@ -571,11 +704,12 @@ qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, con
                       .length = length,
                       .classes = classes,
                       .surface = surface};
-    if (!find_chains(&d) || !make_lattices(&d))
+    *faults = (qm_tmesh_faults){.is_bad_class = qm_arena_zeroed(arena, classes->point_count, sizeof(bool))};
+    if (!faults->is_bad_class || !find_chains(&d) || !make_lattices(&d))
         return qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves of %zu patches",
                                classes->face_count);
-    qm_status status = relax(&d);
-    if (status == QM_OK) status = make_layout(&d, out);
-    if (status == QM_OK) status = qm_layout_find_crossings(arena->ctx, out, issues);
+    qm_status status = relax(&d, &faults->folds);
+    if (status == QM_OK) status = make_layout(&d, out, issues, faults->is_bad_class);
+    faults->crossings = issues->count;
     return status;
 }

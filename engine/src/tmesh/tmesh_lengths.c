@@ -54,6 +54,7 @@ typedef struct lengths_finder {
     qm_heap heap;
     uint32_t *walk, *best_walk; /* states whose arcs change, from the last to the first */
     size_t walk_count, best_count;
+    double scale; /* edges of the quads in a side of a patch, about */
     uint32_t random;
     uint32_t seed; /* of the noise in costs; 0: none */
     bool no_memory;
@@ -109,6 +110,12 @@ static double pass_cost(const lengths_finder *finder, const qm_tmesh_slot *slot,
     return finder->seed ? cost * (1 + NOISE * noise_of(finder->seed, axis)) : cost;
 }
 
+/** What it costs to lengthen an arc that is short in the quads. */
+static double short_cost(const lengths_finder *finder, uint32_t arc)
+{
+    return finder->scale * (finder->length[arc] + 1) / finder->tmesh->arcs[arc].length;
+}
+
 /** What a walk may do. */
 typedef struct walk_rules {
     bool may_close;   /* end at its first arc, or else at boundaries alone */
@@ -140,7 +147,7 @@ static double find_walk(lengths_finder *finder, uint32_t slot, walk_rules rules,
         for (int turn = 0; turn < 2; turn++) {
             int side = (from->side + (turn ? 0 : 2)) & 3;
             bool next_lengthen = lengthen != (turn == 1);
-            double cost = item.key + (turn ? TURN_COST : pass_cost(finder, from, lengthen));
+            double side_cost = item.key + (turn ? TURN_COST : pass_cost(finder, from, lengthen));
             for (uint32_t t = patch->first[side]; t < patch->first[side + 1]; t++) {
                 uint32_t arc = tmesh->slots[t].arc, mate = qm_tmesh_mate(tmesh, t);
                 /* A patch that meets itself in this arc may only close the walk. */
@@ -148,9 +155,10 @@ static double find_walk(lengths_finder *finder, uint32_t slot, walk_rules rules,
                 if ((arc == tmesh->slots[at].arc || (mate == QM_NO_INDEX && arc == tmesh->slots[slot].arc)) && !closes)
                     continue;
                 if (!next_lengthen && (finder->length[arc] == 0 || !rules.starts_short)) continue;
+                double cost = side_cost + (next_lengthen ? short_cost(finder, arc) : 0);
                 uint32_t reached = mate == QM_NO_INDEX ? QM_NO_INDEX : 2 * mate + next_lengthen;
                 bool ends = mate == QM_NO_INDEX ? !rules.may_close : rules.may_close && reached == first;
-                if (ends && cost < limit) { /* turns and passes alike cost the same for all arcs of a side */
+                if (ends && cost < limit) { /* perhaps not the cheapest end, but it is near */
                     if (mate == QM_NO_INDEX) finder->walk[finder->walk_count++] = 2 * t + next_lengthen;
                     for (uint32_t s = state;; s = finder->before[s]) {
                         finder->walk[finder->walk_count++] = s;
@@ -228,10 +236,16 @@ static bool lengthen_one(lengths_finder *finder, const uint32_t *arcs, size_t co
 
 /* ---- construction and trials ---- */
 
-/** What lengths are worth: fewer faces first, then shorter sides. */
-static double worth(const qm_tmesh_classes *classes)
+/** What lengths are worth: fewer faces first, then shorter sides, and few long arcs without length, which distort. */
+static double worth(const lengths_finder *finder, const qm_tmesh_classes *classes)
 {
-    return (double)classes->face_count + SIDE_WORTH * (double)classes->side_sum;
+    double loss = 0;
+    for (size_t a = 0; a < finder->tmesh->arc_count; a++)
+        if (finder->length[a] == 0) {
+            double share = finder->tmesh->arcs[a].length / finder->scale;
+            loss += share * share;
+        }
+    return (double)classes->face_count + SIDE_WORTH * (double)classes->side_sum + loss;
 }
 
 /**
@@ -249,7 +263,7 @@ static qm_status repair(lengths_finder *finder, double limit, size_t rounds, boo
         qm_status status = qm_tmesh_classes_find(&finder->scratch, finder->quads, finder->tmesh, finder->length,
                                                  FAULTS_AT_ONCE, &classes);
         if (status != QM_OK) return status;
-        *value = worth(&classes);
+        *value = worth(finder, &classes);
         if (*value >= limit) return QM_OK;
         if (classes.fault_count == 0) {
             *found = true;
@@ -400,20 +414,62 @@ static qm_status find(lengths_finder *finder, size_t wanted, size_t effort)
     return status == QM_OK && wanted > 0 ? divide_long(finder, wanted) : status;
 }
 
+static lengths_finder finder_make(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh, uint32_t *length)
+{
+    return (lengths_finder){.ctx = ctx,
+                            .quads = quads,
+                            .tmesh = tmesh,
+                            .length = length,
+                            .lasting = qm_arena_make(ctx),
+                            .scratch = qm_arena_make(ctx),
+                            .scale = sqrt((double)quads->mesh.face_count / (3.0 * (double)quads->special_count + 1)),
+                            .random = 1};
+}
+
+static qm_status finder_end(lengths_finder *finder, qm_status status)
+{
+    qm_arena_reset(&finder->lasting);
+    qm_arena_reset(&finder->scratch);
+    qm_heap_reset(finder->ctx, &finder->heap);
+    if (status == QM_E_NO_MEMORY) return qm_context_fail(finder->ctx, status, "out of memory for the lengths of arcs");
+    return status;
+}
+
 qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh, size_t wanted,
                                 size_t effort, uint32_t *length)
 {
-    lengths_finder finder = {.ctx = ctx,
-                             .quads = quads,
-                             .tmesh = tmesh,
-                             .length = length,
-                             .lasting = qm_arena_make(ctx),
-                             .scratch = qm_arena_make(ctx),
-                             .random = 1};
-    qm_status status = find(&finder, wanted, effort);
-    qm_arena_reset(&finder.lasting);
-    qm_arena_reset(&finder.scratch);
-    qm_heap_reset(ctx, &finder.heap);
-    if (status == QM_E_NO_MEMORY) return qm_context_fail(ctx, status, "out of memory for the lengths of arcs");
+    lengths_finder finder = finder_make(ctx, quads, tmesh, length);
+    return finder_end(&finder, find(&finder, wanted, effort));
+}
+
+static qm_status spread(lengths_finder *finder, const qm_tmesh_classes *classes, const bool *is_bad_class, bool *changed)
+{
+    const qm_tmesh *tmesh = finder->tmesh;
+    uint32_t *longest = qm_arena_alloc(&finder->lasting, classes->point_count, sizeof *longest);
+    if (!allocate(finder) || !longest) return QM_E_NO_MEMORY;
+    memset(longest, 0xff, classes->point_count * sizeof *longest);
+    save(finder, finder->saved);
+    for (uint32_t a = 0; a < tmesh->arc_count; a++) {
+        uint32_t root = classes->point_class[tmesh->arcs[a].from];
+        if (finder->length[a] == 0 && is_bad_class[root] &&
+            (longest[root] == QM_NO_INDEX || tmesh->arcs[a].length > tmesh->arcs[longest[root]].length))
+            longest[root] = a;
+    }
+    bool is_any = false;
+    for (size_t i = 0; i < classes->point_count; i++)
+        if (longest[i] != QM_NO_INDEX && finder->length[longest[i]] == 0) is_any |= lengthen_one(finder, &longest[i], 1);
+    double value;
+    qm_status status = QM_OK;
+    if (is_any) status = repair(finder, INFINITY, 64, changed, &value);
+    if (status == QM_OK && !*changed) restore(finder, finder->saved);
     return status;
+}
+
+qm_status qm_tmesh_spread_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
+                                  const qm_tmesh_classes *classes, const bool *is_bad_class, uint32_t *length,
+                                  bool *changed)
+{
+    *changed = false;
+    lengths_finder finder = finder_make(ctx, quads, tmesh, length);
+    return finder_end(&finder, spread(&finder, classes, is_bad_class, changed));
 }
