@@ -1,10 +1,8 @@
 #include "qm/quad_layout.h"
 
-#include <stdio.h>
-#include <stdlib.h>
 #include "tmesh/tmesh.h"
 
-#define ROUNDS 10           /* drawings */
+#define ROUNDS 24           /* drawings */
 #define MOST_PATCHES 5       /* for each special vertex, where fewer do */
 #define FOLDS_A_CROSSING 64 /* crossings count more than folds: a reconstruction refuses them */
 
@@ -55,7 +53,6 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_layou
         /* More patches are worth less crossings, but not less folds when they are many. */
         bool is_good = crossings == 0 && classes.face_count > MOST_PATCHES * work->quads.special_count;
         bool is_better = count < least && !(is_good && faults.crossings == 0), changed = false;
-        if (getenv("DBG")) fprintf(stderr, "patches %zu folds %zu crossings %zu\n", classes.face_count, faults.folds, faults.crossings);
         if (is_better) {
             qm_layout spare = *out;
             qm_layout_issues spare_issues = *issues;
@@ -69,7 +66,7 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_layou
         qm_layout_reset(work->ctx, &layout);
         qm_layout_issues_reset(work->ctx, &open);
         if (status == QM_OK && least > 0)
-            status = qm_tmesh_spread_lengths(work->ctx, &work->quads, &work->tmesh, &classes, faults.is_bad_class,
+            status = qm_tmesh_spread_lengths(work->ctx, &work->quads, &work->tmesh, &classes, faults.class_fault,
                                              work->length, &changed);
         if (status != QM_OK) return status;
         if (!changed || is_good) break;

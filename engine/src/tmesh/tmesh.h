@@ -170,12 +170,12 @@ qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, co
                                 size_t effort, uint32_t *length);
 
 /**
- * Lengthens the longest arc without length in each class that a drawing failed at.
+ * Lengthens the longest arc without length in classes that a drawing failed at: those of crossed curves first.
  *
  * *changed is false, and the lengths are as before, when there is none.
  */
 qm_status qm_tmesh_spread_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
-                                  const qm_tmesh_classes *classes, const bool *is_bad_class, uint32_t *length,
+                                  const qm_tmesh_classes *classes, const uint8_t *class_fault, uint32_t *length,
                                   bool *changed);
 
 /* ---- curves ---- */
@@ -183,7 +183,8 @@ qm_status qm_tmesh_spread_lengths(qm_context *ctx, const qm_tmesh_quads *quads, 
 /** Where a drawing failed. */
 typedef struct qm_tmesh_faults {
     size_t folds, crossings; /* cells of the lattices; pairs of curves */
-    bool *is_bad_class;      /* by lowest point of a class of points: a node of a folded face or crossed curve */
+    uint8_t *class_fault;    /* by lowest point of a class of points: 2 at the end of a crossed curve, 1 at a corner of a
+                                folded face, 0 else */
 } qm_tmesh_faults;
 
 /**

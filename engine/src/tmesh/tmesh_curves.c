@@ -647,31 +647,31 @@ static qm_status add_face(layout_maker *maker, const uint32_t *cell, uint32_t st
     return qm_layout_add_patch(maker->d->arena->ctx, maker->out, id);
 }
 
-/** Marks the classes at the corners of folded faces, and at the ends of curves that cross. */
-static void mark_bad(const layout_maker *maker, const qm_layout_issues *issues, bool *is_bad_point)
+/** Marks lattice points: 1 at the corners of folded faces, 2 at the ends of curves that cross. */
+static void mark_faults(const layout_maker *maker, const qm_layout_issues *issues, uint8_t *fault)
 {
     curve_drawer *d = maker->d;
     count_folds(d);
     for (size_t c = 0; c < d->cell_count; c++) {
         const lattice_cell *cell = &d->cells[c];
         for (uint32_t i = 0; i < 4 && cell->is_folded; i++)
-            is_bad_point[d->grid[cell->face + (size_t)(i / 2) * STEPS * cell->stride + i % 2 * STEPS]] = true;
+            fault[d->grid[cell->face + (size_t)(i / 2) * STEPS * cell->stride + i % 2 * STEPS]] = 1;
     }
     for (size_t p = 0; p < d->point_count; p++)
-        for (size_t i = 0; i < issues->count && maker->node[p] != QM_NO_INDEX; i++)
-            for (int k = 0; k < 2; k++) {
-                const qm_curve *curve = &maker->out->curves[qm_layout_find_curve(maker->out, issues->items[i].curve[k])];
-                is_bad_point[p] |= curve->from == maker->node[p] || curve->to == maker->node[p];
-            }
+        for (size_t i = 0; i < 2 * issues->count && maker->node[p] != QM_NO_INDEX; i++) {
+            uint32_t id = issues->items[i / 2].curve[i % 2];
+            const qm_curve *curve = &maker->out->curves[qm_layout_find_curve(maker->out, id)];
+            if (curve->from == maker->node[p] || curve->to == maker->node[p]) fault[p] = 2;
+        }
 }
 
-static qm_status make_layout(curve_drawer *d, qm_layout *out, qm_layout_issues *issues, bool *is_bad_class)
+static qm_status make_layout(curve_drawer *d, qm_layout *out, qm_layout_issues *issues, uint8_t *class_fault)
 {
     layout_maker maker = {.d = d, .out = out};
     maker.node = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.node);
     maker.curve = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.curve);
-    bool *is_bad_point = qm_arena_zeroed(d->arena, d->point_count, sizeof *is_bad_point);
-    if (!maker.node || !maker.curve || !is_bad_point) return QM_E_NO_MEMORY;
+    uint8_t *fault = qm_arena_zeroed(d->arena, d->point_count, sizeof *fault);
+    if (!maker.node || !maker.curve || !fault) return QM_E_NO_MEMORY;
     memset(maker.node, 0xff, d->point_count * sizeof *maker.node);
     memset(maker.curve, 0xff, d->point_count * sizeof *maker.curve);
     for (size_t p = 0; p < d->tmesh->patch_count; p++) {
@@ -686,9 +686,9 @@ static qm_status make_layout(curve_drawer *d, qm_layout *out, qm_layout_issues *
     }
     qm_status status = qm_layout_find_crossings(d->arena->ctx, out, issues);
     if (status != QM_OK) return status;
-    mark_bad(&maker, issues, is_bad_point);
+    mark_faults(&maker, issues, fault);
     for (size_t i = 0; i < d->classes->point_count; i++)
-        is_bad_class[i] = d->classes->point_class[i] == i && is_bad_point[d->of_class[i]];
+        if (d->classes->point_class[i] == i) class_fault[i] = fault[d->of_class[i]];
     return QM_OK;
 }
 
@@ -704,12 +704,12 @@ qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, con
                       .length = length,
                       .classes = classes,
                       .surface = surface};
-    *faults = (qm_tmesh_faults){.is_bad_class = qm_arena_zeroed(arena, classes->point_count, sizeof(bool))};
-    if (!faults->is_bad_class || !find_chains(&d) || !make_lattices(&d))
+    *faults = (qm_tmesh_faults){.class_fault = qm_arena_zeroed(arena, classes->point_count, 1)};
+    if (!faults->class_fault || !find_chains(&d) || !make_lattices(&d))
         return qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves of %zu patches",
                                classes->face_count);
     qm_status status = relax(&d, &faults->folds);
-    if (status == QM_OK) status = make_layout(&d, out, issues, faults->is_bad_class);
+    if (status == QM_OK) status = make_layout(&d, out, issues, faults->class_fault);
     faults->crossings = issues->count;
     return status;
 }

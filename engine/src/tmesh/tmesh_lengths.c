@@ -36,6 +36,8 @@
 #define STARTS 6
 #define START_SHARE 12
 #define SIDE_WORTH 0.3
+/* One of so many faulty classes is spread at a time. */
+#define SPREAD_PART 6
 #define FAULTS_AT_ONCE 64
 
 typedef struct lengths_finder {
@@ -442,34 +444,51 @@ qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, co
     return finder_end(&finder, find(&finder, wanted, effort));
 }
 
-static qm_status spread(lengths_finder *finder, const qm_tmesh_classes *classes, const bool *is_bad_class, bool *changed)
+/** Lengthens a part of the arcs without length: of each class with this fault the longest, of these the longest. */
+static bool lengthen_worst(lengths_finder *finder, const qm_tmesh_classes *classes, const uint8_t *class_fault,
+                           uint8_t fault, uint32_t *longest)
 {
     const qm_tmesh *tmesh = finder->tmesh;
-    uint32_t *longest = qm_arena_alloc(&finder->lasting, classes->point_count, sizeof *longest);
-    if (!allocate(finder) || !longest) return QM_E_NO_MEMORY;
+    size_t count = 0, done = 0;
     memset(longest, 0xff, classes->point_count * sizeof *longest);
-    save(finder, finder->saved);
     for (uint32_t a = 0; a < tmesh->arc_count; a++) {
         uint32_t root = classes->point_class[tmesh->arcs[a].from];
-        if (finder->length[a] == 0 && is_bad_class[root] &&
-            (longest[root] == QM_NO_INDEX || tmesh->arcs[a].length > tmesh->arcs[longest[root]].length))
-            longest[root] = a;
+        if (finder->length[a] > 0 || class_fault[root] != fault) continue;
+        if (longest[root] == QM_NO_INDEX || tmesh->arcs[a].length > tmesh->arcs[longest[root]].length) longest[root] = a;
     }
-    bool is_any = false;
     for (size_t i = 0; i < classes->point_count; i++)
-        if (longest[i] != QM_NO_INDEX && finder->length[longest[i]] == 0) is_any |= lengthen_one(finder, &longest[i], 1);
+        count += longest[i] != QM_NO_INDEX;
+    for (size_t part = 0; part < 1 + count / SPREAD_PART; part++) {
+        uint32_t worst = QM_NO_INDEX;
+        for (size_t i = 0; i < classes->point_count; i++)
+            if (longest[i] != QM_NO_INDEX && finder->length[longest[i]] == 0 &&
+                (worst == QM_NO_INDEX || tmesh->arcs[longest[i]].length > tmesh->arcs[worst].length))
+                worst = longest[i];
+        if (worst == QM_NO_INDEX || !lengthen_one(finder, &worst, 1)) break;
+        done++;
+    }
+    return done > 0;
+}
+
+static qm_status spread(lengths_finder *finder, const qm_tmesh_classes *classes, const uint8_t *class_fault, bool *changed)
+{
+    uint32_t *longest = qm_arena_alloc(&finder->lasting, classes->point_count, sizeof *longest);
+    if (!allocate(finder) || !longest) return QM_E_NO_MEMORY;
+    save(finder, finder->saved);
     double value;
     qm_status status = QM_OK;
-    if (is_any) status = repair(finder, INFINITY, 64, changed, &value);
+    if (lengthen_worst(finder, classes, class_fault, 2, longest) ||
+        lengthen_worst(finder, classes, class_fault, 1, longest))
+        status = repair(finder, INFINITY, 64, changed, &value);
     if (status == QM_OK && !*changed) restore(finder, finder->saved);
     return status;
 }
 
 qm_status qm_tmesh_spread_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
-                                  const qm_tmesh_classes *classes, const bool *is_bad_class, uint32_t *length,
+                                  const qm_tmesh_classes *classes, const uint8_t *class_fault, uint32_t *length,
                                   bool *changed)
 {
     *changed = false;
     lengths_finder finder = finder_make(ctx, quads, tmesh, length);
-    return finder_end(&finder, spread(&finder, classes, is_bad_class, changed));
+    return finder_end(&finder, spread(&finder, classes, class_fault, changed));
 }
