@@ -587,6 +587,7 @@ typedef struct layout_maker {
     curve_drawer *d;
     qm_layout *out;
     uint32_t *node;  /* by lattice point */
+    uint32_t *point; /* by node */
     uint32_t *curve; /* by the lattice point after the start of a curve from its lower end */
 } layout_maker;
 
@@ -598,6 +599,7 @@ static qm_status node_of(layout_maker *maker, uint32_t point, uint32_t *node)
         qm_status status = qm_layout_add_node(maker->d->arena->ctx, maker->out, at);
         if (status != QM_OK) return status;
         maker->node[point] = (uint32_t)maker->out->node_count - 1;
+        maker->point[maker->node[point]] = point;
     }
     *node = maker->node[point];
     return QM_OK;
@@ -657,21 +659,20 @@ static void mark_faults(const layout_maker *maker, const qm_layout_issues *issue
         for (uint32_t i = 0; i < 4 && cell->is_folded; i++)
             fault[d->grid[cell->face + (size_t)(i / 2) * STEPS * cell->stride + i % 2 * STEPS]] = 1;
     }
-    for (size_t p = 0; p < d->point_count; p++)
-        for (size_t i = 0; i < 2 * issues->count && maker->node[p] != QM_NO_INDEX; i++) {
-            uint32_t id = issues->items[i / 2].curve[i % 2];
-            const qm_curve *curve = &maker->out->curves[qm_layout_find_curve(maker->out, id)];
-            if (curve->from == maker->node[p] || curve->to == maker->node[p]) fault[p] = 2;
-        }
+    for (size_t i = 0; i < 2 * issues->count; i++) { /* curves were numbered from 0 */
+        const qm_curve *curve = &maker->out->curves[issues->items[i / 2].curve[i % 2]];
+        fault[maker->point[curve->from]] = fault[maker->point[curve->to]] = 2;
+    }
 }
 
 static qm_status make_layout(curve_drawer *d, qm_layout *out, qm_layout_issues *issues, uint8_t *class_fault)
 {
     layout_maker maker = {.d = d, .out = out};
     maker.node = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.node);
+    maker.point = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.point);
     maker.curve = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.curve);
     uint8_t *fault = qm_arena_zeroed(d->arena, d->point_count, sizeof *fault);
-    if (!maker.node || !maker.curve || !fault) return QM_E_NO_MEMORY;
+    if (!maker.node || !maker.point || !maker.curve || !fault) return QM_E_NO_MEMORY;
     memset(maker.node, 0xff, d->point_count * sizeof *maker.node);
     memset(maker.curve, 0xff, d->point_count * sizeof *maker.curve);
     for (size_t p = 0; p < d->tmesh->patch_count; p++) {

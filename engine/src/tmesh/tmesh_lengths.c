@@ -35,10 +35,15 @@
 #define HEAT 1
 #define STARTS 6
 #define START_SHARE 12
+#define FEWEST_TRIALS 24
 #define SIDE_WORTH 0.3
 /* One of so many faulty classes is spread at a time. */
 #define SPREAD_PART 6
+/* Faults that are looked at together, and the part of them that is mended then: a walk often mends several. */
 #define FAULTS_AT_ONCE 64
+#define MENDED_PART 16
+/* Trials times arcs: a limit of time for meshes with thousands of irregular vertices. */
+#define MOST_WORK 2000000
 
 typedef struct lengths_finder {
     qm_context *ctx;
@@ -263,7 +268,7 @@ static qm_status repair(lengths_finder *finder, double limit, size_t rounds, boo
         qm_tmesh_classes classes;
         qm_arena_rewind(&finder->scratch);
         qm_status status = qm_tmesh_classes_find(&finder->scratch, finder->quads, finder->tmesh, finder->length,
-                                                 FAULTS_AT_ONCE, &classes);
+                                                 FAULTS_AT_ONCE + finder->tmesh->arc_count / 16, &classes);
         if (status != QM_OK) return status;
         *value = worth(finder, &classes);
         if (*value >= limit) return QM_OK;
@@ -271,8 +276,7 @@ static qm_status repair(lengths_finder *finder, double limit, size_t rounds, boo
             *found = true;
             return QM_OK;
         }
-        /* Few at a time: a walk often mends several faults. */
-        size_t mended = 1 + classes.fault_count / 16;
+        size_t mended = 1 + classes.fault_count / MENDED_PART;
         for (size_t i = 0; i < mended; i++) {
             size_t fault = i * classes.fault_count / mended;
             const uint32_t *first = classes.fault_first + fault;
@@ -401,7 +405,9 @@ static qm_status find(lengths_finder *finder, size_t wanted, size_t effort)
     if (!allocate(finder)) return QM_E_NO_MEMORY;
     double best = INFINITY, value = INFINITY;
     qm_status status = QM_OK;
-    for (int start = 0; start < (effort > 0 ? STARTS : 1) && status == QM_OK; start++) {
+    size_t most = MOST_WORK / (finder->tmesh->arc_count + 1);
+    if (effort > most) effort = most;
+    for (int start = 0; start < (effort >= FEWEST_TRIALS ? STARTS : 1) && status == QM_OK; start++) {
         finder->seed = start > 0 ? 1 + next_random(finder) : 0;
         status = construct(finder, &value);
         if (status == QM_OK) status = try_shorter(finder, effort / START_SHARE, &value);
