@@ -44,12 +44,12 @@ static void print_facts(const layout_options *options, const qm_quad_layout_fact
         qm_json_add_layout_issues(&text, issues);
         qm_text_add_string(&text, "}");
     } else {
-        qm_text_printf(&text, "%s: %zu patches of %zu quads, %zu special vertices", options->output, facts->patches,
-                       facts->quads, facts->special);
+        qm_text_printf(&text, "%s: %zu patches of %zu quads, %zu special vertices", options->output,
+                       facts->patches, facts->quads, facts->special);
         for (size_t i = 0; i < issues->count; i++) {
             const qm_layout_issue *issue = &issues->items[i];
-            qm_text_printf(&text, "\ncurves %u and %u cross at %.9g %.9g %.9g", issue->curve[0], issue->curve[1],
-                           issue->position[0], issue->position[1], issue->position[2]);
+            qm_text_printf(&text, "\ncurves %u and %u cross at %.9g %.9g %.9g", issue->curve[0],
+                           issue->curve[1], issue->position[0], issue->position[1], issue->position[2]);
         }
     }
     char *line = qm_text_take(&text);
@@ -87,7 +87,8 @@ static int run(int argc, char **argv)
          .type = CLI_TEXT,
          .is_required = true,
          .target = &o.output,
-         .help = "the layout as JSON, for reconstruct; - is standard output, and the counts then go to standard error"},
+         .help = "the layout as JSON, for reconstruct; - is standard output, and the counts then go to "
+                 "standard error"},
         {.name = "surface",
          .value = "SURFACE",
          .type = CLI_TEXT,
@@ -110,13 +111,15 @@ static int run(int argc, char **argv)
          .target = &o.as_json,
          .help = "counts and issues as JSON, or the problem document"}};
     int status;
-    if (!cli_read_options(&cmd_layout, options, sizeof options / sizeof *options, argc, argv, &o.quads, &status))
+    if (!cli_read_options(&cmd_layout, options, sizeof options / sizeof *options, argc, argv, &o.quads,
+                          &status))
         return status;
     if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
     qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     const qm_preparation as_target = {.parts = QM_BVH_TARGET, .thread_count = 1},
-                         as_quads = {.has_no_tree = o.surface != NULL, .parts = QM_BVH_TARGET, .thread_count = 1};
+                         as_quads = {
+                             .has_no_tree = o.surface != NULL, .parts = QM_BVH_TARGET, .thread_count = 1};
     qm_loaded_mesh quads, surface = {0};
     if (!cli_load_mesh(&ctx, o.quads, o.as_json, &as_quads, &quads)) return EXIT_BAD_INPUT;
     bool is_loaded = !o.surface || cli_load_mesh(&ctx, o.surface, o.as_json, &as_target, &surface);
@@ -126,14 +129,13 @@ static int run(int argc, char **argv)
     return status;
 }
 
-const cli_command cmd_layout = {
-    .name = "layout",
-    .arguments = "QUADS -o OUT [options]",
-    .summary = "a layout of few patches from a mesh of quads",
-    .takes = "a mesh of quads and -o OUT",
-    .path_count = 1,
-    .description =
-        "Makes a layout for reconstruct: patches of four sides, with nodes at the irregular vertices of the quads\n"
-        "and curves along their boundaries and creases.\n\n",
-    .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
-    .run = run};
+const cli_command cmd_layout = {.name = "layout",
+                                .arguments = "QUADS -o OUT [options]",
+                                .summary = "a layout of few patches from a mesh of quads",
+                                .takes = "a mesh of quads and -o OUT",
+                                .path_count = 1,
+                                .description = "Makes a layout for reconstruct: patches of four sides, with "
+                                               "nodes at the irregular vertices of the quads\n"
+                                               "and curves along their boundaries and creases.\n\n",
+                                .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
+                                .run = run};

@@ -11,9 +11,9 @@
 atomic_bool cli_interrupted;
 
 static const cli_command *const commands[] = {
-    &cmd_compare, &cmd_check,        &cmd_hausdorff, &cmd_deviation, &cmd_project, &cmd_distance,
-    &cmd_collide, &cmd_self_collide, &cmd_align,     &cmd_matrix,    &cmd_info,    &cmd_quality,
-    &cmd_patches, &cmd_layout, &cmd_reconstruct, &cmd_report,    &cmd_heatmap};
+    &cmd_compare, &cmd_check,        &cmd_hausdorff,   &cmd_deviation, &cmd_project, &cmd_distance,
+    &cmd_collide, &cmd_self_collide, &cmd_align,       &cmd_matrix,    &cmd_info,    &cmd_quality,
+    &cmd_patches, &cmd_layout,       &cmd_reconstruct, &cmd_report,    &cmd_heatmap};
 enum { COMMAND_COUNT = sizeof commands / sizeof commands[0] };
 
 static void print_help(FILE *file)

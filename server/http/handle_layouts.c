@@ -238,8 +238,8 @@ static bool make_of_quads(layout_session *s, const qm_json_quad_layout *wanted, 
     if (!session_take_mesh(s, problem)) return false;
     qm_mesh_ref *quads = qm_meshes_acquire(s->app->meshes, wanted->quads, problem);
     if (!quads) return false;
-    qm_status status = qm_quad_layout_make(&s->ctx, &qm_mesh_ref_get(quads)->mesh, &s->source, &wanted->options,
-                                           &s->layout, &s->issues, NULL);
+    qm_status status = qm_quad_layout_make(&s->ctx, &qm_mesh_ref_get(quads)->mesh, &s->source,
+                                           &wanted->options, &s->layout, &s->issues, NULL);
     qm_meshes_release(s->app->meshes, quads);
     return outcome(s, status, problem);
 }

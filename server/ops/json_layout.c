@@ -137,7 +137,8 @@ static bool read_quad_layout(const cJSON *object, qm_json_quad_layout *out, qm_p
     static const char *const names[] = {"mesh", "quads", "patches", "crease_angle", NULL};
     const cJSON *patches = cJSON_GetObjectItemCaseSensitive(object, "patches"),
                 *angle = cJSON_GetObjectItemCaseSensitive(object, "crease_angle");
-    if (!qm_json_check_members(object, names, problem) || !qm_json_read_id(object, "mesh", out->mesh, problem) ||
+    if (!qm_json_check_members(object, names, problem) ||
+        !qm_json_read_id(object, "mesh", out->mesh, problem) ||
         !qm_json_read_id(object, "quads", out->quads, problem))
         return false;
     if (patches && !qm_json_read_count(patches, 1, 1e9, &out->options.patches))

@@ -58,7 +58,8 @@ static qm_mesh boundary_of(const voxels *set, int n)
                             at[axis] += up * n;
                             at[u] += i % n + (k == 1 || k == 2);
                             at[v] += i / n + (k > 1);
-                            size_t place = ((size_t)at[0] * (size_t)line + (size_t)at[1]) * (size_t)line + (size_t)at[2];
+                            size_t place =
+                                ((size_t)at[0] * (size_t)line + (size_t)at[1]) * (size_t)line + (size_t)at[2];
                             if (number[place] == QM_NO_INDEX) {
                                 number[place] = (uint32_t)vertices;
                                 for (int a = 0; a < 3; a++)
@@ -125,7 +126,8 @@ static void turn_edge(qm_mesh *mesh, qm_random *random)
                 uint32_t *other = mesh->faces + 4 * g;
                 if (other[i] != b || other[(i + 1) & 3] != a) continue;
                 /* Round the two: a, c, d of the other, then b, e, h of the one. */
-                uint32_t c = other[(i + 2) & 3], d = other[(i + 3) & 3], e = one[(k + 2) & 3], h = one[(k + 3) & 3];
+                uint32_t c = other[(i + 2) & 3], d = other[(i + 3) & 3], e = one[(k + 2) & 3],
+                         h = one[(k + 3) & 3];
                 size_t at_a = 0, at_b = 0;
                 for (size_t j = 0; j < 4 * mesh->face_count; j++)
                     at_a += mesh->faces[j] == a, at_b += mesh->faces[j] == b;
@@ -149,7 +151,8 @@ typedef struct counts {
 static counts count_layout(const qm_layout *layout, const char *name)
 {
     counts out = {0};
-    size_t *valence = calloc(layout->node_count + 1, sizeof *valence), *uses = calloc(layout->curve_count + 1, sizeof *uses);
+    size_t *valence = calloc(layout->node_count + 1, sizeof *valence),
+           *uses = calloc(layout->curve_count + 1, sizeof *uses);
     bool *on_rim = calloc(layout->node_count + 1, sizeof *on_rim);
     assert_true(valence && uses && on_rim);
     for (size_t p = 0; p < layout->patch_count; p++) {
@@ -173,7 +176,8 @@ static counts count_layout(const qm_layout *layout, const char *name)
         out.irregular += is_irregular;
         if (is_irregular) out.valences += valence[v];
     }
-    out.euler = (ptrdiff_t)layout->node_count - (ptrdiff_t)layout->curve_count + (ptrdiff_t)layout->patch_count;
+    out.euler =
+        (ptrdiff_t)layout->node_count - (ptrdiff_t)layout->curve_count + (ptrdiff_t)layout->patch_count;
     free(valence);
     free(uses);
     free(on_rim);
@@ -219,16 +223,19 @@ static size_t check_layout(const char *name, qm_mesh mesh, double crease_angle, 
     QM_CHECK(status == QM_OK, "%s: %s", name, g.ctx.message);
     counts of_mesh = count_mesh(&g.mesh), of_layout = count_layout(&layout, name);
     QM_CHECK(of_layout.euler == of_mesh.euler, "%s: %td, not %td", name, of_layout.euler, of_mesh.euler);
-    QM_CHECK(crease_angle > 0 || (of_layout.irregular == of_mesh.irregular && of_layout.valences == of_mesh.valences),
+    QM_CHECK(crease_angle > 0 ||
+                 (of_layout.irregular == of_mesh.irregular && of_layout.valences == of_mesh.valences),
              "%s: %zu irregular of %zu", name, of_layout.irregular, of_mesh.irregular);
     QM_CHECK((of_layout.boundary_curves > 0) == (of_mesh.boundary_curves > 0), "%s", name);
-    QM_CHECK(facts.patches == layout.patch_count && facts.patches <= facts.quads, "%s: %zu", name, facts.patches);
+    QM_CHECK(facts.patches == layout.patch_count && facts.patches <= facts.quads, "%s: %zu", name,
+             facts.patches);
     QM_CHECK(may_cross || issues.count == 0, "%s: %zu crossings", name, issues.count);
     if (issues.count == 0) {
         assert_int_equal(qm_layout_validate(&g.ctx, &layout, g.source.diagonal), QM_OK);
         qm_reconstruction_options how = qm_reconstruction_options_default();
         qm_reconstruction *r;
-        QM_CHECK(qm_reconstruction_create(&g.ctx, &g.source, &layout, &how, &r) == QM_OK, "%s: %s", name, g.ctx.message);
+        QM_CHECK(qm_reconstruction_create(&g.ctx, &g.source, &layout, &how, &r) == QM_OK, "%s: %s", name,
+                 g.ctx.message);
         qm_reconstruction_destroy(&g.ctx, r);
     }
     size_t patches = layout.patch_count;
@@ -344,7 +351,8 @@ static void creases_become_curves(void **state)
     qm_quad_layout_options options = {.crease_angle = 40, .effort = 100};
     qm_layout layout;
     qm_layout_issues issues;
-    assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL), QM_OK);
+    assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL),
+                     QM_OK);
     assert_int_equal(layout.patch_count, 6);
     assert_int_equal(layout.curve_count, 12);
     const double most[3] = {3, 2, 1};
@@ -374,8 +382,10 @@ static void a_layout_is_divided_as_wanted(void **state)
         qm_quad_layout_options options = {.patches = wanted, .effort = 100};
         qm_layout layout;
         qm_layout_issues issues;
-        assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL), QM_OK);
-        QM_CHECK(layout.patch_count <= wanted && 2 * layout.patch_count >= wanted, "%zu of %zu", layout.patch_count, wanted);
+        assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL),
+                         QM_OK);
+        QM_CHECK(layout.patch_count <= wanted && 2 * layout.patch_count >= wanted, "%zu of %zu",
+                 layout.patch_count, wanted);
         assert_int_equal(count_layout(&layout, "divided").euler, 2);
         qm_layout_reset(&g.ctx, &layout);
         qm_layout_issues_reset(&g.ctx, &issues);
@@ -416,7 +426,8 @@ static bool sides_agree(const small_case *s, const uint32_t *length)
 {
     for (size_t p = 0; p < s->tmesh.patch_count; p++)
         for (int axis = 0; axis < 2; axis++)
-            if (qm_tmesh_side_length(&s->tmesh, length, p, axis) != qm_tmesh_side_length(&s->tmesh, length, p, axis + 2))
+            if (qm_tmesh_side_length(&s->tmesh, length, p, axis) !=
+                qm_tmesh_side_length(&s->tmesh, length, p, axis + 2))
                 return false;
     return true;
 }
@@ -431,7 +442,8 @@ static size_t fewest_faces(small_case *s, uint32_t limit)
         if (sides_agree(s, length)) {
             qm_tmesh_classes classes;
             qm_arena_rewind(&s->scratch);
-            assert_int_equal(qm_tmesh_classes_find(&s->scratch, &s->quads, &s->tmesh, length, 1, &classes), QM_OK);
+            assert_int_equal(qm_tmesh_classes_find(&s->scratch, &s->quads, &s->tmesh, length, 1, &classes),
+                             QM_OK);
             if (classes.fault_count == 0 && classes.face_count < best) best = classes.face_count;
         }
         size_t a = 0;
@@ -461,8 +473,8 @@ static void lengths_are_the_best_of_all(void **state)
         assert_true(sides_agree(&s, length));
         qm_tmesh_classes classes;
         assert_int_equal(qm_tmesh_classes_find(&s.scratch, &s.quads, &s.tmesh, length, 1, &classes), QM_OK);
-        QM_CHECK(classes.fault_count == 0 && classes.face_count == expected, "case %zu: %zu faces, not %zu", i,
-                 classes.face_count, expected);
+        QM_CHECK(classes.fault_count == 0 && classes.face_count == expected, "case %zu: %zu faces, not %zu",
+                 i, classes.face_count, expected);
         free(length);
         close_case(&s);
     }
@@ -477,17 +489,21 @@ static void bad_input_is_a_status(void **state)
     qm_layout layout;
     qm_layout_issues issues;
     options.crease_angle = 181;
-    assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL), QM_E_ARGUMENT);
+    assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL),
+                     QM_E_ARGUMENT);
     options.crease_angle = NAN;
-    assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL), QM_E_ARGUMENT);
+    assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL),
+                     QM_E_ARGUMENT);
     options.crease_angle = 0;
     qm_mesh points = {.positions = g.mesh.positions, .vertex_count = g.mesh.vertex_count};
-    assert_int_equal(qm_quad_layout_make(&g.ctx, &points, &g.source, &options, &layout, &issues, NULL), QM_E_EMPTY);
+    assert_int_equal(qm_quad_layout_make(&g.ctx, &points, &g.source, &options, &layout, &issues, NULL),
+                     QM_E_EMPTY);
     uint32_t corners[4] = {0, 1, 2, QM_NO_INDEX};
     qm_mesh triangle = points;
     triangle.faces = corners;
     triangle.face_count = 1;
-    assert_int_equal(qm_quad_layout_make(&g.ctx, &triangle, &g.source, &options, &layout, &issues, NULL), QM_E_ARGUMENT);
+    assert_int_equal(qm_quad_layout_make(&g.ctx, &triangle, &g.source, &options, &layout, &issues, NULL),
+                     QM_E_ARGUMENT);
     assert_true(layout.patch_count == 0 && issues.count == 0);
     qm_ground_free(&g);
 }

@@ -15,9 +15,10 @@
 #include "qm/layout.h"
 
 typedef struct qm_quad_layout_options {
-    double crease_angle; /* degrees, from 0 to 180: an edge whose faces differ by more is a crease; 0: none are */
-    size_t patches;      /* the layout is divided until it has nearly so many; 0: as few as are found */
-    size_t effort;       /* trials to find fewer patches */
+    double
+        crease_angle; /* degrees, from 0 to 180: an edge whose faces differ by more is a crease; 0: none are */
+    size_t patches;   /* the layout is divided until it has nearly so many; 0: as few as are found */
+    size_t effort;    /* trials to find fewer patches */
 } qm_quad_layout_options;
 
 /** 0, 0, 4000. */
@@ -25,9 +26,9 @@ qm_quad_layout_options qm_quad_layout_options_default(void);
 
 /** Counts of the quads and of what was made of them. */
 typedef struct qm_quad_layout_facts {
-    size_t quads;    /* after a division, when some faces were triangles */
-    size_t special;  /* irregular vertices, and those that features make nodes */
-    size_t regions;  /* between the cuts */
+    size_t quads;   /* after a division, when some faces were triangles */
+    size_t special; /* irregular vertices, and those that features make nodes */
+    size_t regions; /* between the cuts */
     size_t patches;
 } qm_quad_layout_facts;
 

@@ -3,7 +3,8 @@
 #include "tmesh/tmesh.h"
 
 #define ROUNDS 24           /* drawings */
-#define MOST_PATCHES 5       /* for each special vertex, where fewer do */
+#define PATIENCE 4          /* drawings that are no better than the best */
+#define MOST_PATCHES 5      /* for each special vertex, where fewer do */
 #define FOLDS_A_CROSSING 64 /* crossings count more than folds: a reconstruction refuses them */
 
 qm_quad_layout_options qm_quad_layout_options_default(void)
@@ -20,8 +21,9 @@ static qm_status check(qm_context *ctx, const qm_mesh *mesh, const qm_quad_layou
     for (size_t f = 0; f < mesh->face_count; f++)
         triangles += mesh->faces[4 * f + 3] == QM_NO_INDEX;
     if (2 * triangles > mesh->face_count)
-        return qm_context_fail(ctx, QM_E_ARGUMENT, "a layout needs a mesh of quads; %zu of %zu faces are triangles",
-                               triangles, mesh->face_count);
+        return qm_context_fail(ctx, QM_E_ARGUMENT,
+                               "a layout needs a mesh of quads; %zu of %zu faces are triangles", triangles,
+                               mesh->face_count);
     return QM_OK;
 }
 
@@ -35,10 +37,12 @@ typedef struct layout_work {
 } layout_work;
 
 /** Draws the layout, and spreads the lengths where that fails, as long as it helps; keeps the drawing with the fewest faults. */
-static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_layout *out, qm_layout_issues *issues)
+static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_layout *out,
+                      qm_layout_issues *issues)
 {
     size_t least = SIZE_MAX, crossings = SIZE_MAX;
-    for (int round = 0; round < ROUNDS && least > 0; round++) {
+    int idle = 0;
+    for (int round = 0; round < ROUNDS && least > 0 && idle < PATIENCE; round++) {
         qm_tmesh_classes classes;
         qm_tmesh_faults faults;
         qm_layout layout = {0};
@@ -47,12 +51,13 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_layou
         qm_status status =
             qm_tmesh_classes_find(&work->scratch, &work->quads, &work->tmesh, work->length, 1, &classes);
         if (status == QM_OK)
-            status = qm_tmesh_draw_curves(&work->scratch, &work->quads, &work->set, &work->tmesh, work->length,
-                                          &classes, surface, &layout, &open, &faults);
+            status = qm_tmesh_draw_curves(&work->scratch, &work->quads, &work->set, &work->tmesh,
+                                          work->length, &classes, surface, &layout, &open, &faults);
         size_t count = status == QM_OK ? faults.folds + FOLDS_A_CROSSING * faults.crossings : SIZE_MAX;
         /* More patches are worth less crossings, but not less folds when they are many. */
         bool is_good = crossings == 0 && classes.face_count > MOST_PATCHES * work->quads.special_count;
         bool is_better = count < least && !(is_good && faults.crossings == 0), changed = false;
+        idle = is_better ? 0 : idle + 1;
         if (is_better) {
             qm_layout spare = *out;
             qm_layout_issues spare_issues = *issues;
@@ -66,8 +71,8 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_layou
         qm_layout_reset(work->ctx, &layout);
         qm_layout_issues_reset(work->ctx, &open);
         if (status == QM_OK && least > 0)
-            status = qm_tmesh_spread_lengths(work->ctx, &work->quads, &work->tmesh, &classes, faults.class_fault,
-                                             work->length, &changed);
+            status = qm_tmesh_spread_lengths(work->ctx, &work->quads, &work->tmesh, &classes,
+                                             faults.class_fault, work->length, &changed);
         if (status != QM_OK) return status;
         if (!changed || is_good) break;
     }
@@ -83,7 +88,8 @@ static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surfa
     if (status == QM_OK) status = qm_tmesh_make(&work->lasting, &work->quads, &work->set, &work->tmesh);
     if (status != QM_OK) return status;
     work->length = qm_arena_alloc(&work->lasting, work->tmesh.arc_count, sizeof *work->length);
-    if (!work->length) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the lengths of arcs");
+    if (!work->length)
+        return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the lengths of arcs");
     status = qm_tmesh_find_lengths(work->ctx, &work->quads, &work->tmesh, options->patches, options->effort,
                                    work->length);
     return status == QM_OK ? draw(work, surface, out, issues) : status;
@@ -101,8 +107,8 @@ qm_status qm_quad_layout_make(qm_context *ctx, const qm_mesh *quads, const qm_re
     layout_work work = {.ctx = ctx, .lasting = qm_arena_make(ctx), .scratch = qm_arena_make(ctx)};
     status = make(&work, quads, surface, options, out, issues);
     if (status == QM_OK && facts)
-        *facts = (qm_quad_layout_facts){work.quads.mesh.face_count, work.quads.special_count, work.tmesh.patch_count,
-                                        out->patch_count};
+        *facts = (qm_quad_layout_facts){work.quads.mesh.face_count, work.quads.special_count,
+                                        work.tmesh.patch_count, out->patch_count};
     qm_patch_set_reset(ctx, &work.set);
     qm_arena_reset(&work.lasting);
     qm_arena_reset(&work.scratch);

@@ -11,9 +11,9 @@ typedef struct tmesh_maker {
     const qm_tmesh_quads *quads;
     const qm_patch_set *set;
     qm_tmesh *out;
-    uint32_t *node_of;  /* by vertex */
-    uint32_t *arc_of;   /* by edge: that it is the first or last of */
-    bool *is_cut;       /* by edge: a side of a patch */
+    uint32_t *node_of; /* by vertex */
+    uint32_t *arc_of;  /* by edge: that it is the first or last of */
+    bool *is_cut;      /* by edge: a side of a patch */
 } tmesh_maker;
 
 /** The number of edges of a side. */
@@ -29,10 +29,18 @@ static uint32_t side_edge(const tmesh_maker *maker, size_t patch, int side, uint
     const qm_regular_patch *at = &maker->set->patches[patch];
     uint32_t row, column;
     switch (side) {
-    case 0: row = 0, column = step; break;
-    case 1: row = step, column = at->columns - 1; break;
-    case 2: row = at->rows - 1, column = at->columns - 1 - step; break;
-    default: row = at->rows - 1 - step, column = 0; break;
+    case 0:
+        row = 0, column = step;
+        break;
+    case 1:
+        row = step, column = at->columns - 1;
+        break;
+    case 2:
+        row = at->rows - 1, column = at->columns - 1 - step;
+        break;
+    default:
+        row = at->rows - 1 - step, column = 0;
+        break;
     }
     size_t index = at->first + (size_t)row * at->columns + column;
     uint32_t face = maker->set->faces[index];
@@ -138,8 +146,8 @@ qm_status qm_tmesh_make(qm_arena *arena, const qm_tmesh_quads *quads, const qm_p
     out->patches = qm_arena_alloc(arena, set->patch_count, sizeof *out->patches);
     out->slots = qm_arena_alloc(arena, side_sum, sizeof *out->slots);
     out->arcs = qm_arena_alloc(arena, side_sum, sizeof *out->arcs);
-    if (!maker.node_of || !maker.arc_of || !maker.is_cut || !cut_degree || !out->node_vertex || !out->patches ||
-        !out->slots || !out->arcs)
+    if (!maker.node_of || !maker.arc_of || !maker.is_cut || !cut_degree || !out->node_vertex ||
+        !out->patches || !out->slots || !out->arcs)
         return qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for the cuts of %zu quads",
                                quads->mesh.face_count);
     memset(maker.arc_of, 0xff, quads->edge_count * sizeof *maker.arc_of);

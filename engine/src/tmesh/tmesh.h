@@ -95,7 +95,8 @@ static inline uint32_t qm_tmesh_mate(const qm_tmesh *tmesh, uint32_t slot)
 }
 
 /** Sum of the lengths on a side. */
-static inline uint32_t qm_tmesh_side_length(const qm_tmesh *tmesh, const uint32_t *length, size_t patch, int side)
+static inline uint32_t qm_tmesh_side_length(const qm_tmesh *tmesh, const uint32_t *length, size_t patch,
+                                            int side)
 {
     const qm_tmesh_patch *at = &tmesh->patches[patch];
     uint32_t sum = 0;
@@ -147,12 +148,14 @@ static inline uint32_t qm_tmesh_side_steps(const qm_tmesh_classes *classes, size
     return first[1] - first[0] - 1;
 }
 
-static inline uint32_t qm_tmesh_side_point(const qm_tmesh_classes *classes, size_t patch, int side, uint32_t step)
+static inline uint32_t qm_tmesh_side_point(const qm_tmesh_classes *classes, size_t patch, int side,
+                                           uint32_t step)
 {
     return classes->side_point[classes->first_side[4 * patch + (size_t)side] + step];
 }
 
-static inline uint32_t qm_tmesh_side_segment(const qm_tmesh_classes *classes, size_t patch, int side, uint32_t step)
+static inline uint32_t qm_tmesh_side_segment(const qm_tmesh_classes *classes, size_t patch, int side,
+                                             uint32_t step)
 {
     return classes->side_segment[classes->first_side[4 * patch + (size_t)side] + step];
 }
@@ -166,8 +169,8 @@ static inline uint32_t qm_tmesh_side_segment(const qm_tmesh_classes *classes, si
  *
  * Returns: QM_OK; QM_E_LAYOUT (not even the quads are a layout); QM_E_NO_MEMORY; QM_E_CANCELED.
  */
-qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh, size_t wanted,
-                                size_t effort, uint32_t *length);
+qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
+                                size_t wanted, size_t effort, uint32_t *length);
 
 /**
  * Lengthens the longest arc without length in classes that a drawing failed at: those of crossed curves first.
@@ -175,15 +178,16 @@ qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, co
  * *changed is false, and the lengths are as before, when there is none.
  */
 qm_status qm_tmesh_spread_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
-                                  const qm_tmesh_classes *classes, const uint8_t *class_fault, uint32_t *length,
-                                  bool *changed);
+                                  const qm_tmesh_classes *classes, const uint8_t *class_fault,
+                                  uint32_t *length, bool *changed);
 
 /* ---- curves ---- */
 
 /** Where a drawing failed. */
 typedef struct qm_tmesh_faults {
     size_t folds, crossings; /* cells of the lattices; pairs of curves */
-    uint8_t *class_fault;    /* by lowest point of a class of points: 2 at the end of a crossed curve, 1 at a corner of a
+    uint8_t *
+        class_fault; /* by lowest point of a class of points: 2 at the end of a crossed curve, 1 at a corner of a
                                 folded face, 0 else */
 } qm_tmesh_faults;
 

@@ -21,9 +21,9 @@ typedef struct classes_maker {
     qm_tmesh_classes *out;
     point_link *links;
     size_t link_count;
-    uint32_t *label;    /* by point of a feature: union-find along features */
-    bool *on_feature;   /* by point */
-    int32_t *euler;     /* by lowest point of a class: of its preimage */
+    uint32_t *label;  /* by point of a feature: union-find along features */
+    bool *on_feature; /* by point */
+    int32_t *euler;   /* by lowest point of a class: of its preimage */
     int32_t *segment_euler;
     uint32_t *segment_patch; /* by lowest segment: a patch without width in the class */
     size_t fault_limit, fault_capacity, fault_used;
@@ -111,9 +111,11 @@ static bool list_sides(classes_maker *maker)
             for (uint32_t s = first[side]; s < first[side + 1]; s++) {
                 const qm_tmesh_slot *slot = &tmesh->slots[s];
                 uint32_t steps = maker->length[slot->arc];
-                if (s == first[side]) out->side_point[at] = arc_point(maker, slot->arc, slot->forward ? 0 : steps);
+                if (s == first[side])
+                    out->side_point[at] = arc_point(maker, slot->arc, slot->forward ? 0 : steps);
                 for (uint32_t i = 1; i <= steps; i++) {
-                    uint32_t step = slot->forward ? i : steps - i, segment = slot->forward ? i - 1 : steps - i;
+                    uint32_t step = slot->forward ? i : steps - i,
+                             segment = slot->forward ? i - 1 : steps - i;
                     out->side_segment[at] = (out->first_segment[slot->arc] + segment) << 1 | !slot->forward;
                     out->side_point[++at] = arc_point(maker, slot->arc, step);
                 }
@@ -147,7 +149,8 @@ static bool link_all(classes_maker *maker)
     }
     for (size_t p = 0; p < tmesh->patch_count; p++)
         for (int axis = 0; axis < 2; axis++) {
-            uint32_t width = qm_tmesh_side_steps(out, p, axis), height = qm_tmesh_side_steps(out, p, axis + 1);
+            uint32_t width = qm_tmesh_side_steps(out, p, axis),
+                     height = qm_tmesh_side_steps(out, p, axis + 1);
             QM_ASSERT(width == qm_tmesh_side_steps(out, p, axis + 2));
             const uint32_t *first = tmesh->patches[p].first;
             for (uint32_t i = 0; i < height && width == 0; i++) {
@@ -327,7 +330,8 @@ static bool find_rings(classes_maker *maker)
     for (uint32_t i = 0; i < out->point_count && !is_full(maker); i++) {
         if (out->point_class[i] != i || maker->euler[i] == 1) continue;
         for (size_t l = 0; l < maker->link_count; l++)
-            if (out->point_class[maker->links[l].point[0]] == i && !add_link_arcs(maker, &maker->links[l])) return false;
+            if (out->point_class[maker->links[l].point[0]] == i && !add_link_arcs(maker, &maker->links[l]))
+                return false;
         end_fault(maker);
     }
     uint32_t *feature = qm_arena_zeroed(maker->arena, out->segment_count, sizeof *feature);
@@ -345,8 +349,8 @@ static bool find_rings(classes_maker *maker)
 }
 
 /** The point at a column and row of a patch; QM_NO_INDEX for an inner one. */
-static uint32_t patch_point(const qm_tmesh_classes *classes, size_t p, uint32_t column, uint32_t row, uint32_t width,
-                            uint32_t height)
+static uint32_t patch_point(const qm_tmesh_classes *classes, size_t p, uint32_t column, uint32_t row,
+                            uint32_t width, uint32_t height)
 {
     if (row == 0) return qm_tmesh_side_point(classes, p, 0, column);
     if (column == width) return qm_tmesh_side_point(classes, p, 1, row);
@@ -374,7 +378,8 @@ static bool find_degenerate_faces(classes_maker *maker)
             for (uint32_t column = 0; column < width && !is_full(maker); column++) {
                 uint32_t corner[4];
                 for (uint32_t c = 0; c < 4; c++)
-                    corner[c] = patch_point(out, p, column + (c == 1 || c == 2), row + (c > 1), width, height);
+                    corner[c] =
+                        patch_point(out, p, column + (c == 1 || c == 2), row + (c > 1), width, height);
                 int one, other;
                 if (!find_equal(out, corner, &one, &other)) continue;
                 if (!add_path_fault(maker, corner[one], corner[other]) || !add_side_arcs(maker, p, 0) ||
@@ -390,12 +395,17 @@ qm_status qm_tmesh_classes_find(qm_arena *arena, const qm_tmesh_quads *quads, co
                                 const uint32_t *length, size_t fault_limit, qm_tmesh_classes *out)
 {
     *out = (qm_tmesh_classes){0};
-    classes_maker maker = {
-        .arena = arena, .quads = quads, .tmesh = tmesh, .length = length, .out = out, .fault_limit = fault_limit};
+    classes_maker maker = {.arena = arena,
+                           .quads = quads,
+                           .tmesh = tmesh,
+                           .length = length,
+                           .out = out,
+                           .fault_limit = fault_limit};
     out->fault_first = qm_arena_zeroed(arena, fault_limit + 2, sizeof *out->fault_first);
     bool has_memory = out->fault_first && number_points(&maker) && list_sides(&maker) && link_all(&maker) &&
                       count_euler(&maker) && find_meetings(&maker) && find_rings(&maker) &&
                       find_degenerate_faces(&maker);
     if (has_memory) return QM_OK;
-    return qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for a layout of %zu arcs", tmesh->arc_count);
+    return qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for a layout of %zu arcs",
+                           tmesh->arc_count);
 }

@@ -25,9 +25,9 @@
 typedef struct lattice_point {
     qm_vec at, sum;
     double normal[3];
-    uint32_t count;    /* of neighbours in sum */
+    uint32_t count; /* of neighbours in sum */
     bool is_fixed, is_pinned, is_loose;
-    qm_vec pin;   /* of a special vertex */
+    qm_vec pin;  /* of a special vertex */
     double pull; /* towards it */
 } lattice_point;
 
@@ -39,10 +39,10 @@ typedef struct feature_chain {
 
 /** An arc of a feature in its chain. */
 typedef struct chain_arc {
-    uint32_t chain;      /* QM_NO_INDEX: no feature */
-    uint32_t step;       /* at its start in the direction of the chain */
-    double place[2];     /* of its ends in that direction */
-    bool forward;        /* it runs as the chain does */
+    uint32_t chain;  /* QM_NO_INDEX: no feature */
+    uint32_t step;   /* at its start in the direction of the chain */
+    double place[2]; /* of its ends in that direction */
+    bool forward;    /* it runs as the chain does */
 } chain_arc;
 
 typedef struct lattice_cell {
@@ -50,7 +50,7 @@ typedef struct lattice_cell {
     uint32_t face;   /* its first lattice point of the layout's face: an index of grid */
     uint32_t stride; /* of the grid */
     bool is_folded;
-    double sign;     /* of its area about the normals of the surface, when it is not folded */
+    double sign; /* of its area about the normals of the surface, when it is not folded */
 } lattice_cell;
 
 typedef struct curve_drawer {
@@ -76,8 +76,8 @@ typedef struct curve_drawer {
     size_t chain_count;
     qm_vec *chain_point;
     double *chain_length; /* from the start of its chain */
-    double *station; /* places of the layout's points */
-    chain_arc *arcs; /* by arc */
+    double *station;      /* places of the layout's points */
+    chain_arc *arcs;      /* by arc */
 } curve_drawer;
 
 static qm_vec vertex_at(const curve_drawer *d, uint32_t vertex)
@@ -92,10 +92,18 @@ static uint32_t arc_vertex(const curve_drawer *d, uint32_t arc, uint32_t i)
     const qm_tmesh_patch *patch = &d->tmesh->patches[slot->patch];
     uint32_t at = slot->start + (slot->forward ? i : d->tmesh->arcs[arc].length - i), row, column;
     switch (slot->side) {
-    case 0: row = 0, column = at; break;
-    case 1: row = at, column = patch->columns; break;
-    case 2: row = patch->rows, column = patch->columns - at; break;
-    default: row = patch->rows - at, column = 0; break;
+    case 0:
+        row = 0, column = at;
+        break;
+    case 1:
+        row = at, column = patch->columns;
+        break;
+    case 2:
+        row = patch->rows, column = patch->columns - at;
+        break;
+    default:
+        row = patch->rows - at, column = 0;
+        break;
     }
     return qm_patch_vertex(d->set, &d->quads->mesh, slot->patch, row, column);
 }
@@ -104,7 +112,8 @@ static uint32_t arc_vertex(const curve_drawer *d, uint32_t arc, uint32_t i)
 static qm_vec arc_position(const curve_drawer *d, uint32_t arc, double edges)
 {
     uint32_t last = d->tmesh->arcs[arc].length - 1, i = (uint32_t)qm_clamp(floor(edges), 0, last);
-    return qm_vec_mix(vertex_at(d, arc_vertex(d, arc, i)), vertex_at(d, arc_vertex(d, arc, i + 1)), edges - i);
+    return qm_vec_mix(vertex_at(d, arc_vertex(d, arc, i)), vertex_at(d, arc_vertex(d, arc, i + 1)),
+                      edges - i);
 }
 
 /* ---- features as polylines ---- */
@@ -120,7 +129,8 @@ typedef struct chain_use {
 } chain_use;
 
 /** Walks a chain from a node over an arc: its polyline, its arcs and its number of steps. */
-static void walk_chain(curve_drawer *d, const uint32_t *node_arcs, uint32_t node, uint32_t arc, chain_use *used)
+static void walk_chain(curve_drawer *d, const uint32_t *node_arcs, uint32_t node, uint32_t arc,
+                       chain_use *used)
 {
     feature_chain *chain = &d->chains[d->chain_count];
     *chain = (feature_chain){.first = (uint32_t)used->points, .first_station = (uint32_t)used->stations};
@@ -136,7 +146,8 @@ static void walk_chain(curve_drawer *d, const uint32_t *node_arcs, uint32_t node
         for (uint32_t i = 1; i <= at->length; i++, used->points++) {
             qm_vec *to = &d->chain_point[used->points];
             *to = vertex_at(d, arc_vertex(d, arc, forward ? i : at->length - i));
-            d->chain_length[used->points] = d->chain_length[used->points - 1] + qm_vec_distance(to[0], to[-1]);
+            d->chain_length[used->points] =
+                d->chain_length[used->points - 1] + qm_vec_distance(to[0], to[-1]);
         }
         in_chain->place[1] = d->chain_length[used->points - 1];
         chain->steps += d->length[arc];
@@ -306,7 +317,8 @@ static void place_segments(curve_drawer *d)
                                        (in_chain->forward ? i : steps - 1 - i);
                     double along = in_chain->forward ? share : 1 - share;
                     fix(to, chain_position(d, in_chain->chain,
-                                           d->station[station] + along * (d->station[station + 1] - d->station[station])));
+                                           d->station[station] +
+                                               along * (d->station[station + 1] - d->station[station])));
                 } else if (is_own && !to->is_fixed) {
                     to->at = arc_position(d, a, (i + share) / steps * d->tmesh->arcs[a].length);
                 }
@@ -362,8 +374,10 @@ static qm_vec patch_position(const curve_drawer *d, size_t p, double column, dou
              r = (uint32_t)qm_clamp(floor(row), 0, patch->rows - 1);
     qm_vec corner[4];
     for (uint32_t i = 0; i < 4; i++)
-        corner[i] = vertex_at(d, qm_patch_vertex(d->set, &d->quads->mesh, p, r + (i > 1), c + (i == 1 || i == 2)));
-    return qm_vec_mix(qm_vec_mix(corner[0], corner[1], column - c), qm_vec_mix(corner[3], corner[2], column - c), row - r);
+        corner[i] =
+            vertex_at(d, qm_patch_vertex(d->set, &d->quads->mesh, p, r + (i > 1), c + (i == 1 || i == 2)));
+    return qm_vec_mix(qm_vec_mix(corner[0], corner[1], column - c),
+                      qm_vec_mix(corner[3], corner[2], column - c), row - r);
 }
 
 /** Adds the inner points of a patch's grid, at the places that its sides have in the quads. */
@@ -557,13 +571,15 @@ static void place_on_surface(curve_drawer *d)
 static qm_status relax(curve_drawer *d, size_t *folds)
 {
     qm_vec *best = qm_arena_alloc(d->arena, d->point_count, sizeof *best);
-    if (!best || !list_cells(d)) return qm_context_fail(d->arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves");
+    if (!best || !list_cells(d))
+        return qm_context_fail(d->arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves");
     place_on_surface(d);
     find_signs(d);
     size_t least = SIZE_MAX;
     for (int round = 0; round <= ROUNDS && least > 0; round++) {
         for (int sweep = 0; sweep < SWEEPS && round > 0; sweep++) {
-            if (qm_context_canceled(d->arena->ctx)) return qm_context_fail(d->arena->ctx, QM_E_CANCELED, "canceled");
+            if (qm_context_canceled(d->arena->ctx))
+                return qm_context_fail(d->arena->ctx, QM_E_CANCELED, "canceled");
             for (uint32_t i = 0; i < d->point_count; i++) {
                 if (!d->points[i].is_fixed && d->points[i].is_loose) smooth_point(d, i);
             }

@@ -77,7 +77,8 @@ static void measure_steps(lengths_finder *finder)
 {
     for (size_t p = 0; p < finder->tmesh->patch_count; p++)
         for (int axis = 0; axis < 2; axis++)
-            finder->steps[2 * p + (size_t)axis] = qm_tmesh_side_length(finder->tmesh, finder->length, p, axis);
+            finder->steps[2 * p + (size_t)axis] =
+                qm_tmesh_side_length(finder->tmesh, finder->length, p, axis);
 }
 
 static size_t count_faces(lengths_finder *finder)
@@ -97,7 +98,8 @@ static void reach(lengths_finder *finder, uint32_t state, double cost, uint32_t 
     finder->round[state] = finder->searches;
     finder->cost[state] = cost;
     finder->before[state] = before;
-    if (qm_heap_push(finder->ctx, &finder->heap, (qm_heap_item){cost, state, 0}) != QM_OK) finder->no_memory = true;
+    if (qm_heap_push(finder->ctx, &finder->heap, (qm_heap_item){cost, state, 0}) != QM_OK)
+        finder->no_memory = true;
 }
 
 /** A number from 0 to 1 for an axis of a patch, another for each seed. */
@@ -125,7 +127,7 @@ static double short_cost(const lengths_finder *finder, uint32_t arc)
 
 /** What a walk may do. */
 typedef struct walk_rules {
-    bool may_close;   /* end at its first arc, or else at boundaries alone */
+    bool may_close;    /* end at its first arc, or else at boundaries alone */
     bool starts_short; /* the arc is shortened, and others may be; or else none is */
 } walk_rules;
 
@@ -143,7 +145,8 @@ static double find_walk(lengths_finder *finder, uint32_t slot, walk_rules rules,
     finder->round[first] = finder->searches;
     finder->cost[first] = 0;
     finder->before[first] = first;
-    if (qm_heap_push(finder->ctx, &finder->heap, (qm_heap_item){0, first, 0}) != QM_OK) finder->no_memory = true;
+    if (qm_heap_push(finder->ctx, &finder->heap, (qm_heap_item){0, first, 0}) != QM_OK)
+        finder->no_memory = true;
     while (finder->heap.count > 0 && !finder->no_memory) {
         qm_heap_item item = qm_heap_pop(&finder->heap);
         uint32_t state = item.number, at = state >> 1;
@@ -159,7 +162,8 @@ static double find_walk(lengths_finder *finder, uint32_t slot, walk_rules rules,
                 uint32_t arc = tmesh->slots[t].arc, mate = qm_tmesh_mate(tmesh, t);
                 /* A patch that meets itself in this arc may only close the walk. */
                 bool closes = rules.may_close && at == slot && !turn && t != at;
-                if ((arc == tmesh->slots[at].arc || (mate == QM_NO_INDEX && arc == tmesh->slots[slot].arc)) && !closes)
+                if ((arc == tmesh->slots[at].arc || (mate == QM_NO_INDEX && arc == tmesh->slots[slot].arc)) &&
+                    !closes)
                     continue;
                 if (!next_lengthen && (finder->length[arc] == 0 || !rules.starts_short)) continue;
                 double cost = side_cost + (next_lengthen ? short_cost(finder, arc) : 0);
@@ -201,7 +205,8 @@ static double find_change(lengths_finder *finder, uint32_t arc, walk_rules rules
         finder->walk_count--; /* the arc itself is in the first part */
     }
     if (open < limit) {
-        memmove(finder->walk, finder->walk + closed_count, (finder->walk_count - closed_count) * sizeof *finder->walk);
+        memmove(finder->walk, finder->walk + closed_count,
+                (finder->walk_count - closed_count) * sizeof *finder->walk);
         finder->walk_count -= closed_count;
         return open;
     }
@@ -267,8 +272,9 @@ static qm_status repair(lengths_finder *finder, double limit, size_t rounds, boo
         if (qm_context_canceled(finder->ctx)) return qm_context_fail(finder->ctx, QM_E_CANCELED, "canceled");
         qm_tmesh_classes classes;
         qm_arena_rewind(&finder->scratch);
-        qm_status status = qm_tmesh_classes_find(&finder->scratch, finder->quads, finder->tmesh, finder->length,
-                                                 FAULTS_AT_ONCE + finder->tmesh->arc_count / 16, &classes);
+        qm_status status =
+            qm_tmesh_classes_find(&finder->scratch, finder->quads, finder->tmesh, finder->length,
+                                  FAULTS_AT_ONCE + finder->tmesh->arc_count / 16, &classes);
         if (status != QM_OK) return status;
         *value = worth(finder, &classes);
         if (*value >= limit) return QM_OK;
@@ -380,8 +386,8 @@ static bool allocate(lengths_finder *finder)
     finder->round = qm_arena_zeroed(&finder->lasting, states, sizeof *finder->round);
     finder->walk = qm_arena_alloc(&finder->lasting, 4 * states + 4, sizeof *finder->walk);
     finder->best_walk = qm_arena_alloc(&finder->lasting, 4 * states + 4, sizeof *finder->best_walk);
-    return finder->saved && finder->best && finder->first && finder->steps && finder->cost && finder->before && finder->round && finder->walk &&
-           finder->best_walk;
+    return finder->saved && finder->best && finder->first && finder->steps && finder->cost &&
+           finder->before && finder->round && finder->walk && finder->best_walk;
 }
 
 /** Finds lengths from nothing, or else from those of the quads. */
@@ -422,16 +428,18 @@ static qm_status find(lengths_finder *finder, size_t wanted, size_t effort)
     return status == QM_OK && wanted > 0 ? divide_long(finder, wanted) : status;
 }
 
-static lengths_finder finder_make(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh, uint32_t *length)
+static lengths_finder finder_make(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
+                                  uint32_t *length)
 {
-    return (lengths_finder){.ctx = ctx,
-                            .quads = quads,
-                            .tmesh = tmesh,
-                            .length = length,
-                            .lasting = qm_arena_make(ctx),
-                            .scratch = qm_arena_make(ctx),
-                            .scale = sqrt((double)quads->mesh.face_count / (3.0 * (double)quads->special_count + 1)),
-                            .random = 1};
+    return (lengths_finder){
+        .ctx = ctx,
+        .quads = quads,
+        .tmesh = tmesh,
+        .length = length,
+        .lasting = qm_arena_make(ctx),
+        .scratch = qm_arena_make(ctx),
+        .scale = sqrt((double)quads->mesh.face_count / (3.0 * (double)quads->special_count + 1)),
+        .random = 1};
 }
 
 static qm_status finder_end(lengths_finder *finder, qm_status status)
@@ -439,20 +447,21 @@ static qm_status finder_end(lengths_finder *finder, qm_status status)
     qm_arena_reset(&finder->lasting);
     qm_arena_reset(&finder->scratch);
     qm_heap_reset(finder->ctx, &finder->heap);
-    if (status == QM_E_NO_MEMORY) return qm_context_fail(finder->ctx, status, "out of memory for the lengths of arcs");
+    if (status == QM_E_NO_MEMORY)
+        return qm_context_fail(finder->ctx, status, "out of memory for the lengths of arcs");
     return status;
 }
 
-qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh, size_t wanted,
-                                size_t effort, uint32_t *length)
+qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
+                                size_t wanted, size_t effort, uint32_t *length)
 {
     lengths_finder finder = finder_make(ctx, quads, tmesh, length);
     return finder_end(&finder, find(&finder, wanted, effort));
 }
 
 /** Lengthens a part of the arcs without length: of each class with this fault the longest, of these the longest. */
-static bool lengthen_worst(lengths_finder *finder, const qm_tmesh_classes *classes, const uint8_t *class_fault,
-                           uint8_t fault, uint32_t *longest)
+static bool lengthen_worst(lengths_finder *finder, const qm_tmesh_classes *classes,
+                           const uint8_t *class_fault, uint8_t fault, uint32_t *longest)
 {
     const qm_tmesh *tmesh = finder->tmesh;
     size_t count = 0, done = 0;
@@ -460,7 +469,8 @@ static bool lengthen_worst(lengths_finder *finder, const qm_tmesh_classes *class
     for (uint32_t a = 0; a < tmesh->arc_count; a++) {
         uint32_t root = classes->point_class[tmesh->arcs[a].from];
         if (finder->length[a] > 0 || class_fault[root] != fault) continue;
-        if (longest[root] == QM_NO_INDEX || tmesh->arcs[a].length > tmesh->arcs[longest[root]].length) longest[root] = a;
+        if (longest[root] == QM_NO_INDEX || tmesh->arcs[a].length > tmesh->arcs[longest[root]].length)
+            longest[root] = a;
     }
     for (size_t i = 0; i < classes->point_count; i++)
         count += longest[i] != QM_NO_INDEX;
@@ -476,7 +486,8 @@ static bool lengthen_worst(lengths_finder *finder, const qm_tmesh_classes *class
     return done > 0;
 }
 
-static qm_status spread(lengths_finder *finder, const qm_tmesh_classes *classes, const uint8_t *class_fault, bool *changed)
+static qm_status spread(lengths_finder *finder, const qm_tmesh_classes *classes, const uint8_t *class_fault,
+                        bool *changed)
 {
     uint32_t *longest = qm_arena_alloc(&finder->lasting, classes->point_count, sizeof *longest);
     if (!allocate(finder) || !longest) return QM_E_NO_MEMORY;
@@ -491,8 +502,8 @@ static qm_status spread(lengths_finder *finder, const qm_tmesh_classes *classes,
 }
 
 qm_status qm_tmesh_spread_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
-                                  const qm_tmesh_classes *classes, const uint8_t *class_fault, uint32_t *length,
-                                  bool *changed)
+                                  const qm_tmesh_classes *classes, const uint8_t *class_fault,
+                                  uint32_t *length, bool *changed)
 {
     *changed = false;
     lengths_finder finder = finder_make(ctx, quads, tmesh, length);

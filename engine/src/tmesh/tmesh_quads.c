@@ -108,8 +108,9 @@ static bool divide_faces(quads_maker *maker)
     size_t next = old_vertices;
     for (size_t i = 0, end; i < maker->pair_count; i = end, next++) {
         end = run_end(maker->pairs, maker->pair_count, i);
-        qm_vec_store(positions + 3 * next, qm_vec_mix(qm_vec_load(positions + 3 * (size_t)maker->pairs[i].low),
-                                                      qm_vec_load(positions + 3 * (size_t)maker->pairs[i].high), 0.5));
+        qm_vec_store(positions + 3 * next,
+                     qm_vec_mix(qm_vec_load(positions + 3 * (size_t)maker->pairs[i].low),
+                                qm_vec_load(positions + 3 * (size_t)maker->pairs[i].high), 0.5));
         for (size_t j = i; j < end; j++)
             middle[maker->pairs[j].side] = (uint32_t)next;
     }
@@ -176,7 +177,8 @@ static bool separate_fans(quads_maker *maker)
     for (size_t c = 0; c < corners; c++) {
         uint32_t root = find_root(parent, (uint32_t)c);
         if (root == c) {
-            memcpy(positions + 3 * count, maker->positions + 3 * (size_t)maker->faces[c], 3 * sizeof *positions);
+            memcpy(positions + 3 * count, maker->positions + 3 * (size_t)maker->faces[c],
+                   3 * sizeof *positions);
             number[c] = (uint32_t)count++;
         }
         faces[c] = number[root];
@@ -296,8 +298,8 @@ static uint32_t star_size(const feature_stars *stars, uint32_t vertex)
 
 /** Walks a feature from a vertex over an edge to where it ends or meets others; clears it when told. Returns its
  * length; *last is the vertex at its end. */
-static double walk_feature(qm_tmesh_quads *quads, const feature_stars *stars, uint32_t vertex, uint32_t edge, bool clear,
-                           uint32_t *last)
+static double walk_feature(qm_tmesh_quads *quads, const feature_stars *stars, uint32_t vertex, uint32_t edge,
+                           bool clear, uint32_t *last)
 {
     double length = 0;
     uint32_t at = vertex;
@@ -354,7 +356,8 @@ static bool turns_sharply(const qm_tmesh_quads *quads, uint32_t v, const uint32_
 {
     qm_vec at = qm_vec_load(quads->mesh.positions + 3 * (size_t)v), way[2];
     for (int i = 0; i < 2; i++)
-        way[i] = qm_vec_sub(qm_vec_load(quads->mesh.positions + 3 * (size_t)other_end(&quads->edges[pair[i]], v)), at);
+        way[i] = qm_vec_sub(
+            qm_vec_load(quads->mesh.positions + 3 * (size_t)other_end(&quads->edges[pair[i]], v)), at);
     return angle_between(way[0], qm_vec_scale(-1, way[1])) > SHARP_TURN * DEGREE;
 }
 
@@ -365,7 +368,8 @@ static bool is_special(const qm_tmesh_quads *quads, const feature_stars *stars, 
     if (size != 2) return true;
     const uint32_t *pair = stars->edge + stars->start[v];
     bool on_boundary = quads->edges[pair[0]].face[1] == QM_NO_INDEX;
-    if (on_boundary ? valence != 2 : valence != 4 || share_face(&quads->edges[pair[0]], &quads->edges[pair[1]]))
+    if (on_boundary ? valence != 2
+                    : valence != 4 || share_face(&quads->edges[pair[0]], &quads->edges[pair[1]]))
         return true;
     return turns_sharply(quads, v, pair);
 }
@@ -412,5 +416,6 @@ qm_status qm_tmesh_quads_make(qm_arena *arena, const qm_mesh *mesh, double creas
         has_memory = find_edges(&maker, out) && find_features(arena, crease_angle, out);
     }
     if (has_memory) return QM_OK;
-    return qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for the edges of %zu quads", mesh->face_count);
+    return qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for the edges of %zu quads",
+                           mesh->face_count);
 }
