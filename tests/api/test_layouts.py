@@ -289,7 +289,7 @@ def test_a_layout_is_made_of_the_quads_of_a_mesh(client):
                                              ({"nodes": []}, "/nodes")])
 def test_bad_requests_for_layouts_of_quads_name_the_place(client, saddle, change, pointer):
     reply = client.post("/v1/layouts", json={"mesh": saddle, "quads": saddle, **change})
-    check_problem(reply, 400, "invalid_request")
+    check_problem(reply, 400, "invalid_field")
     assert pointer in reply.text
 
 
