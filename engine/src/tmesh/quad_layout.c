@@ -2,8 +2,8 @@
 
 #include "tmesh/tmesh.h"
 
-#define ROUNDS 24           /* drawings */
-#define PATIENCE 4          /* drawings that are no better than the best */
+#define ROUNDS 32           /* drawings */
+#define PATIENCE 6          /* drawings that are no better than the best */
 #define MOST_PATCHES 5      /* for each special vertex, where fewer do */
 #define FOLDS_A_CROSSING 64 /* crossings count more than folds: a reconstruction refuses them */
 
@@ -34,6 +34,7 @@ typedef struct layout_work {
     qm_tmesh_quads quads;
     qm_tmesh tmesh;
     uint32_t *length;
+    bool *is_held;
 } layout_work;
 
 /** Draws the layout, and spreads the lengths where that fails, as long as it helps; keeps the drawing with the fewest faults. */
@@ -72,7 +73,7 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_layou
         qm_layout_issues_reset(work->ctx, &open);
         if (status == QM_OK && least > 0)
             status = qm_tmesh_spread_lengths(work->ctx, &work->quads, &work->tmesh, &classes,
-                                             faults.class_fault, work->length, &changed);
+                                             faults.class_fault, work->is_held, work->length, &changed);
         if (status != QM_OK) return status;
         if (!changed || is_good) break;
     }
@@ -88,7 +89,8 @@ static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surfa
     if (status == QM_OK) status = qm_tmesh_make(&work->lasting, &work->quads, &work->set, &work->tmesh);
     if (status != QM_OK) return status;
     work->length = qm_arena_alloc(&work->lasting, work->tmesh.arc_count, sizeof *work->length);
-    if (!work->length)
+    work->is_held = qm_arena_zeroed(&work->lasting, work->tmesh.arc_count, sizeof *work->is_held);
+    if (!work->length || !work->is_held)
         return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the lengths of arcs");
     status = qm_tmesh_find_lengths(work->ctx, &work->quads, &work->tmesh, options->patches, options->effort,
                                    work->length);

@@ -173,12 +173,15 @@ qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, co
                                 size_t wanted, size_t effort, uint32_t *length);
 
 /**
- * Lengthens the longest arc without length in classes that a drawing failed at: those of crossed curves first.
+ * Lengthens the longest arcs without length in classes that a drawing failed at, those of crossed curves first, and then
+ * looks for fewer faces.
+ *
+ * is_held  by arc: it keeps a length from now on; all false before the first call
  *
  * *changed is false, and the lengths are as before, when there is none.
  */
 qm_status qm_tmesh_spread_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
-                                  const qm_tmesh_classes *classes, const uint8_t *class_fault,
+                                  const qm_tmesh_classes *classes, const uint8_t *class_fault, bool *is_held,
                                   uint32_t *length, bool *changed);
 
 /* ---- curves ---- */

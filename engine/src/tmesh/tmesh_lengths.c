@@ -39,6 +39,7 @@
 #define SIDE_WORTH 0.3
 /* One of so many faulty classes is spread at a time. */
 #define SPREAD_PART 6
+#define SPREAD_EFFORT 200
 /* Faults that are looked at together, and the part of them that is mended then: a walk often mends several. */
 #define FAULTS_AT_ONCE 64
 #define MENDED_PART 16
@@ -50,6 +51,7 @@ typedef struct lengths_finder {
     const qm_tmesh_quads *quads;
     const qm_tmesh *tmesh;
     uint32_t *length;
+    bool *is_held; /* by arc: it must keep a length; NULL: none must */
     uint32_t *saved, *best, *first;
     uint32_t *steps; /* 2 a patch: of its axes */
     qm_arena lasting, scratch;
@@ -214,14 +216,20 @@ static double find_change(lengths_finder *finder, uint32_t arc, walk_rules rules
     return closed;
 }
 
-/** Changes the lengths of a walk's arcs. False, and nothing has changed, when one would be negative. */
+/** The length that an arc must keep. */
+static uint32_t least_of(const lengths_finder *finder, uint32_t arc)
+{
+    return finder->is_held && finder->is_held[arc];
+}
+
+/** Changes the lengths of a walk's arcs. False, and nothing has changed, when one would be too short. */
 static bool take_walk(lengths_finder *finder, const uint32_t *walk, size_t count)
 {
     bool is_possible = true;
     size_t done = 0;
     for (; done < count && is_possible; done++) {
         uint32_t *length = &finder->length[finder->tmesh->slots[walk[done] >> 1].arc];
-        is_possible = walk[done] & 1 || *length > 0;
+        is_possible = walk[done] & 1 || *length > least_of(finder, finder->tmesh->slots[walk[done] >> 1].arc);
         if (is_possible) *length += walk[done] & 1 ? 1 : UINT32_MAX;
     }
     if (is_possible) return true;
@@ -247,6 +255,12 @@ static bool lengthen_one(lengths_finder *finder, const uint32_t *arcs, size_t co
 }
 
 /* ---- construction and trials ---- */
+
+static size_t limit_effort(const lengths_finder *finder, size_t effort)
+{
+    size_t most = MOST_WORK / (finder->tmesh->arc_count + 1);
+    return effort < most ? effort : most;
+}
 
 /** What lengths are worth: fewer faces first, then shorter sides, and few long arcs without length, which distort. */
 static double worth(const lengths_finder *finder, const qm_tmesh_classes *classes)
@@ -411,8 +425,7 @@ static qm_status find(lengths_finder *finder, size_t wanted, size_t effort)
     if (!allocate(finder)) return QM_E_NO_MEMORY;
     double best = INFINITY, value = INFINITY;
     qm_status status = QM_OK;
-    size_t most = MOST_WORK / (finder->tmesh->arc_count + 1);
-    if (effort > most) effort = most;
+    effort = limit_effort(finder, effort);
     for (int start = 0; start < (effort >= FEWEST_TRIALS ? STARTS : 1) && status == QM_OK; start++) {
         finder->seed = start > 0 ? 1 + next_random(finder) : 0;
         status = construct(finder, &value);
@@ -481,6 +494,7 @@ static bool lengthen_worst(lengths_finder *finder, const qm_tmesh_classes *class
                 (worst == QM_NO_INDEX || tmesh->arcs[longest[i]].length > tmesh->arcs[worst].length))
                 worst = longest[i];
         if (worst == QM_NO_INDEX || !lengthen_one(finder, &worst, 1)) break;
+        finder->is_held[worst] = true;
         done++;
     }
     return done > 0;
@@ -492,20 +506,22 @@ static qm_status spread(lengths_finder *finder, const qm_tmesh_classes *classes,
     uint32_t *longest = qm_arena_alloc(&finder->lasting, classes->point_count, sizeof *longest);
     if (!allocate(finder) || !longest) return QM_E_NO_MEMORY;
     save(finder, finder->saved);
-    double value;
+    double value = INFINITY;
     qm_status status = QM_OK;
     if (lengthen_worst(finder, classes, class_fault, 2, longest) ||
         lengthen_worst(finder, classes, class_fault, 1, longest))
         status = repair(finder, INFINITY, 64, changed, &value);
-    if (status == QM_OK && !*changed) restore(finder, finder->saved);
+    if (status == QM_OK && *changed) return try_shorter(finder, limit_effort(finder, SPREAD_EFFORT), &value);
+    restore(finder, finder->saved);
     return status;
 }
 
 qm_status qm_tmesh_spread_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
-                                  const qm_tmesh_classes *classes, const uint8_t *class_fault,
+                                  const qm_tmesh_classes *classes, const uint8_t *class_fault, bool *is_held,
                                   uint32_t *length, bool *changed)
 {
     *changed = false;
     lengths_finder finder = finder_make(ctx, quads, tmesh, length);
+    finder.is_held = is_held;
     return finder_end(&finder, spread(&finder, classes, class_fault, changed));
 }
