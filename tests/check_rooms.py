@@ -28,6 +28,7 @@ ROOMS = {
     'engine/src/matrix': 'core',
     'engine/src/layout': 'core bvh mesh',
     'engine/src/quads': 'core bvh mesh',
+    'engine/src/tmesh': 'core bvh mesh layout',
     'engine/src/reconstruct': 'core bvh mesh layout',
     'server/base': '',
     'server/format': 'base',

@@ -32,6 +32,7 @@ static const struct {
                 {NULL, &cmd_quality},
                 {NULL, &cmd_self_collide},
                 {NULL, &cmd_patches},
+                {NULL, &cmd_layout},
                 {NULL, &cmd_reconstruct},
                 {NULL, &cmd_remesh}};
 enum { COMMAND_COUNT = sizeof commands / sizeof commands[0] };

@@ -21,7 +21,7 @@ typedef struct cli_command {
 
 extern const cli_command cmd_hausdorff, cmd_deviation, cmd_project, cmd_distance, cmd_collide,
     cmd_self_collide, cmd_align, cmd_info, cmd_quality, cmd_patches, cmd_reconstruct, cmd_compare, cmd_check,
-    cmd_matrix, cmd_remesh, cmd_report, cmd_heatmap;
+    cmd_matrix, cmd_layout, cmd_remesh, cmd_report, cmd_heatmap;
 
 typedef enum cli_option_type {
     CLI_FLAG,     /* bool: set */

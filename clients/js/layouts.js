@@ -2,7 +2,7 @@
 
 import { readPages } from "./pages.js";
 
-/** @import { EditedLayout, Layout, LayoutBrief, LayoutRequest, Point, Stroke } from "./types.js" */
+/** @import { EditedLayout, Layout, LayoutBrief, LayoutRequest, Point, QuadLayoutRequest, Stroke } from "./types.js" */
 /** @import { Transport } from "./transport.js" */
 /** @typedef {{ signal?: AbortSignal }} Options */
 
@@ -26,8 +26,8 @@ export class Layouts {
   }
 
   /**
-   * Empty, or given whole.
-   * @param {LayoutRequest} request
+   * Empty, given whole, or of the quads of a mesh.
+   * @param {LayoutRequest | QuadLayoutRequest} request
    * @param {Options} [options]
    * @returns {Promise<Layout>}
    */

@@ -53,6 +53,17 @@ static bool session_fail(const layout_session *s, qm_status status, qm_problem *
     return false;
 }
 
+/** An argument that the engine rejects is a fault of the request. */
+static bool outcome(layout_session *s, qm_status status, qm_problem *problem)
+{
+    if (status == QM_OK) return true;
+    if (status == QM_E_ARGUMENT)
+        *problem = qm_problem_make(QM_PROBLEM_INVALID_LAYOUT, "%s", s->ctx.message);
+    else
+        session_fail(s, status, problem);
+    return false;
+}
+
 /** Acquires the mesh that the row names, and its surface. False with a problem. */
 static bool session_take_mesh(layout_session *s, qm_problem *problem)
 {
@@ -220,6 +231,30 @@ static bool set_patches(layout_session *s, bool has_patches, qm_problem *problem
     return status == QM_OK || session_fail(s, status, problem);
 }
 
+/** Makes the layout of the quads of a mesh, on the surface of another. False with a problem. */
+static bool make_of_quads(layout_session *s, const qm_json_quad_layout *wanted, qm_problem *problem)
+{
+    memcpy(s->row.mesh, wanted->mesh, sizeof s->row.mesh);
+    if (!session_take_mesh(s, problem)) return false;
+    qm_mesh_ref *quads = qm_meshes_acquire(s->app->meshes, wanted->quads, problem);
+    if (!quads) return false;
+    qm_status status = qm_quad_layout_make(&s->ctx, &qm_mesh_ref_get(quads)->mesh, &s->source,
+                                           &wanted->options, &s->layout, &s->issues, NULL);
+    qm_meshes_release(s->app->meshes, quads);
+    return outcome(s, status, problem);
+}
+
+/** The layout that a request describes, with its patches and issues. False with a problem. */
+static bool read_new(layout_session *s, const char *body, size_t size, qm_problem *problem)
+{
+    qm_json_quad_layout wanted;
+    bool has_patches;
+    if (!qm_json_read_quad_layout(body, size, &wanted, problem)) return false;
+    if (wanted.quads[0]) return make_of_quads(s, &wanted, problem);
+    return qm_json_read_layout(&s->ctx, body, size, s->row.mesh, &s->layout, &has_patches, problem) &&
+           session_take_mesh(s, problem) && set_patches(s, has_patches, problem);
+}
+
 /** Replies with the layout that a repeated request has created, or with a problem; false for a new one. */
 static bool reply_again(qm_request *request, const qm_store_idempotency *idempotency)
 {
@@ -248,10 +283,7 @@ void qm_handle_layout_create(qm_request *request)
     size_t size;
     const char *body = qm_request_body(request, &size);
     qm_problem problem;
-    bool has_patches;
-    if (qm_json_read_layout(&s.ctx, body, size, s.row.mesh, &s.layout, &has_patches, &problem) &&
-        session_take_mesh(&s, &problem) && set_patches(&s, has_patches, &problem) &&
-        store_new(&s, &idempotency, &problem)) {
+    if (read_new(&s, body, size, &problem) && store_new(&s, &idempotency, &problem)) {
         qm_reply_header(request, "Location", "/v1/layouts/%s", s.row.id);
         reply_layout(request, 201, &s.row, NULL);
     } else if (!reply_again(request, &idempotency)) { /* an equal request may have been faster */
@@ -407,17 +439,6 @@ static void edit_by_body(qm_request *request, qm_layout_edit_kind kind, bool has
     }
     make_edit(request, &edit, has_curve, apply);
     qm_layout_edit_reset(&edit);
-}
-
-/** An argument that the engine rejects is a fault of the request. */
-static bool outcome(layout_session *s, qm_status status, qm_problem *problem)
-{
-    if (status == QM_OK) return true;
-    if (status == QM_E_ARGUMENT)
-        *problem = qm_problem_make(QM_PROBLEM_INVALID_LAYOUT, "%s", s->ctx.message);
-    else
-        session_fail(s, status, problem);
-    return false;
 }
 
 static double snap_radius(const layout_session *s, const qm_layout_edit *edit)

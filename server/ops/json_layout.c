@@ -132,6 +132,34 @@ bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char me
     return is_valid;
 }
 
+static bool read_quad_layout(const cJSON *object, qm_json_quad_layout *out, qm_problem *problem)
+{
+    static const char *const names[] = {"mesh", "quads", "patches", "crease_angle", NULL};
+    const cJSON *patches = cJSON_GetObjectItemCaseSensitive(object, "patches"),
+                *angle = cJSON_GetObjectItemCaseSensitive(object, "crease_angle");
+    if (!qm_json_check_members(object, names, problem) ||
+        !qm_json_read_id(object, "mesh", out->mesh, problem) ||
+        !qm_json_read_id(object, "quads", out->quads, problem))
+        return false;
+    if (patches && !qm_json_read_count(patches, 1, 1e9, &out->options.patches))
+        return qm_json_reject(problem, "must be an integer of 1 or more", "/patches", 0, 0);
+    if (angle && !(qm_json_read_number(angle, &out->options.crease_angle) && out->options.crease_angle >= 0 &&
+                   out->options.crease_angle <= 180))
+        return qm_json_reject(problem, "must be a number from 0 to 180", "/crease_angle", 0, 0);
+    return true;
+}
+
+bool qm_json_read_quad_layout(const char *text, size_t size, qm_json_quad_layout *out, qm_problem *problem)
+{
+    *out = (qm_json_quad_layout){.options = qm_quad_layout_options_default()};
+    cJSON *object = qm_json_parse_object(text, size, "a layout", problem);
+    if (!object) return false;
+    bool is_valid =
+        !cJSON_GetObjectItemCaseSensitive(object, "quads") || read_quad_layout(object, out, problem);
+    cJSON_Delete(object);
+    return is_valid;
+}
+
 void qm_json_add_layout(qm_text *out, const qm_layout *layout)
 {
     qm_json_open(out, "nodes", "[");

@@ -9,6 +9,7 @@
 #include "problem.h"
 #include "qm/layout.h"
 #include "qm/pick.h"
+#include "qm/quad_layout.h"
 #include "qm/reconstruct.h"
 
 /**
@@ -21,6 +22,20 @@
  */
 bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char mesh[QM_ID_SIZE],
                          qm_layout *out, bool *has_patches, qm_problem *problem);
+
+/** The request of POST /v1/layouts for a layout of the quads of a mesh. */
+typedef struct qm_json_quad_layout {
+    char mesh[QM_ID_SIZE];
+    char quads[QM_ID_SIZE]; /* "": the request is of another kind */
+    qm_quad_layout_options options;
+} qm_json_quad_layout;
+
+/**
+ * Reads {mesh, quads, patches, crease_angle}. A request without quads is of another kind, and has no problem here.
+ *
+ * False with a problem (400).
+ */
+bool qm_json_read_quad_layout(const char *text, size_t size, qm_json_quad_layout *out, qm_problem *problem);
 
 /** Adds the members nodes, curves and patches. */
 void qm_json_add_layout(qm_text *out, const qm_layout *layout);

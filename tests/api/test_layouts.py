@@ -268,3 +268,35 @@ def test_every_answered_revision_survives_a_kill(make_daemon):
 def test_a_word_in_place_of_a_curve_is_a_resource_of_its_own(client):
     assert client.options("/v1/layouts/l_none/curves/merge").headers["Allow"] == "POST, OPTIONS"
     assert client.options("/v1/layouts/l_none/curves/3").headers["Allow"] == "DELETE, OPTIONS"
+
+
+def test_a_layout_is_made_of_the_quads_of_a_mesh(client):
+    plane = client.upload(shapes.saddle(12), name="quads")["id"]
+    reply = client.post("/v1/layouts", json={"mesh": plane, "quads": plane})
+    assert reply.status_code == 201, reply.text
+    made = reply.json()
+    assert made["complete"] and made["issues"] == [] and made["mesh"] == plane
+    assert len(made["nodes"]) == 4 and len(made["curves"]) == 4 and len(made["patches"]) == 1
+    assert client.get(f"/v1/layouts/{made['id']}").json() == made
+    divided = client.post("/v1/layouts", json={"mesh": plane, "quads": plane, "patches": 8, "crease_angle": 40}).json()
+    assert 4 <= len(divided["patches"]) <= 8
+    reply = client.post("/v1/reconstructions", json={"layout": made["id"]})
+    assert reply.status_code == 201, reply.text
+
+
+@pytest.mark.parametrize("change, pointer", [({"patches": 0}, "/patches"), ({"patches": [[0, 1, 2, 3]]}, "/patches"),
+                                             ({"crease_angle": 181}, "/crease_angle"), ({"quads": 7}, "/quads"),
+                                             ({"nodes": []}, "/nodes")])
+def test_bad_requests_for_layouts_of_quads_name_the_place(client, saddle, change, pointer):
+    reply = client.post("/v1/layouts", json={"mesh": saddle, "quads": saddle, **change})
+    check_problem(reply, 400, "invalid_field")
+    assert pointer in reply.text
+
+
+def test_triangles_and_unknown_meshes_give_no_layout(client, saddle):
+    triangles = client.upload(shapes.triangles(shapes.saddle(4)), name="triangles")["id"]
+    reply = client.post("/v1/layouts", json={"mesh": saddle, "quads": triangles})
+    check_problem(reply, 422, "invalid_layout")
+    assert "are triangles" in reply.json()["detail"]
+    reply = client.post("/v1/layouts", json={"mesh": saddle, "quads": "m_unknown"})
+    assert reply.status_code in (400, 404)

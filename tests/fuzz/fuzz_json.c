@@ -65,6 +65,9 @@ static void read_layout(void)
     qm_layout layout;
     bool has_patches;
     qm_problem problem = {0};
+    qm_json_quad_layout of_quads;
+    check(qm_json_read_quad_layout(text, text_size, &of_quads, &problem), &problem);
+    problem = (qm_problem){0};
     bool taken = qm_json_read_layout(&ctx, text, text_size, mesh, &layout, &has_patches, &problem);
     check(taken, &problem);
     if (!taken) return;

@@ -56,6 +56,18 @@ static inline unsigned qm_patch_corner(uint8_t turn, unsigned position)
  */
 qm_status qm_patch_set_find(qm_context *ctx, const qm_mesh *mesh, qm_patch_set *out);
 
+/**
+ * Finds the regions between the cuts, without joining them, and with edges that no patch crosses: cuts end at
+ * them as at a boundary, and start where they are irregular.
+ *
+ * mesh     passes qm_mesh_validate; its grids are not used
+ * creases  a byte a face, bit s for the side from corner s to corner s + 1, set in both faces of an edge; or
+ *          NULL
+ *
+ * Ownership and Returns: as for qm_patch_set_find.
+ */
+qm_status qm_patch_set_trace(qm_context *ctx, const qm_mesh *mesh, const uint8_t *creases, qm_patch_set *out);
+
 void qm_patch_set_reset(qm_context *ctx, qm_patch_set *set);
 
 /** The vertex of the mesh at (row, column) of a patch, row <= rows, column <= columns. The patch is not a

@@ -114,19 +114,31 @@ static qm_status write_patches(const patch_finder *finder, qm_patch_set *out)
     return QM_OK;
 }
 
-static qm_status find_patches(patch_finder *finder, qm_patch_set *out)
+/** Patches do not cross the marked sides: to the search they are boundaries. */
+static void unlink_creases(qm_patch_links *links, const uint8_t *creases)
+{
+    for (size_t f = 0; f < links->face_count; f++)
+        for (unsigned s = 0; s < 4; s++)
+            if (creases[f] >> s & 1) {
+                links->across[4 * f + s] = QM_PATCH_NO_LINK;
+                links->cuts[f] |= (uint8_t)(1u << s);
+            }
+}
+
+static qm_status find_patches(patch_finder *finder, const uint8_t *creases, bool join, qm_patch_set *out)
 {
     qm_status status = qm_patch_links_find(finder->ctx, finder->mesh, &finder->links);
     if (status != QM_OK) return status;
+    if (creases) unlink_creases(&finder->links, creases);
     if (!qm_patch_trace_start_irregular(&finder->trace)) return QM_E_NO_MEMORY;
     qm_patch_trace_run(&finder->trace);
     finder->owner = qm_context_alloc(finder->ctx, finder->mesh->face_count, sizeof *finder->owner);
     if (!finder->owner) return QM_E_NO_MEMORY;
     status = find_blocks(finder);
-    if (status == QM_OK)
+    if (status == QM_OK && join)
         status =
             qm_patch_merge(finder->ctx, &finder->links, finder->block, finder->block_count, finder->owner);
-    if (status == QM_OK) status = find_blocks(finder);
+    if (status == QM_OK && join) status = find_blocks(finder);
     return status == QM_OK ? write_patches(finder, out) : status;
 }
 
@@ -196,14 +208,11 @@ static qm_status take_grids(qm_context *ctx, const qm_mesh *mesh, qm_patch_set *
 
 /* ---- the public calls ---- */
 
-qm_status qm_patch_set_find(qm_context *ctx, const qm_mesh *mesh, qm_patch_set *out)
+static qm_status search(qm_context *ctx, const qm_mesh *mesh, const uint8_t *creases, bool join,
+                        qm_patch_set *out)
 {
-    QM_ASSERT(ctx && mesh && out);
-    *out = (qm_patch_set){0};
-    if (mesh->face_count == 0) return QM_OK;
-    if (grids_hold(mesh)) return take_grids(ctx, mesh, out);
     patch_finder finder = {.ctx = ctx, .mesh = mesh, .trace = {.ctx = ctx, .links = &finder.links}};
-    qm_status status = find_patches(&finder, out);
+    qm_status status = find_patches(&finder, creases, join, out);
     qm_patch_links_reset(ctx, &finder.links);
     qm_patch_trace_reset(&finder.trace);
     qm_context_free(ctx, finder.owner, mesh->face_count, sizeof *finder.owner);
@@ -211,6 +220,21 @@ qm_status qm_patch_set_find(qm_context *ctx, const qm_mesh *mesh, qm_patch_set *
     if (status == QM_OK) return QM_OK;
     qm_patch_set_reset(ctx, out);
     return qm_context_fail(ctx, status, "%s while finding the patches", qm_status_text(status));
+}
+
+qm_status qm_patch_set_find(qm_context *ctx, const qm_mesh *mesh, qm_patch_set *out)
+{
+    QM_ASSERT(ctx && mesh && out);
+    *out = (qm_patch_set){0};
+    if (mesh->face_count == 0) return QM_OK;
+    return grids_hold(mesh) ? take_grids(ctx, mesh, out) : search(ctx, mesh, NULL, true, out);
+}
+
+qm_status qm_patch_set_trace(qm_context *ctx, const qm_mesh *mesh, const uint8_t *creases, qm_patch_set *out)
+{
+    QM_ASSERT(ctx && mesh && out);
+    *out = (qm_patch_set){0};
+    return mesh->face_count == 0 ? QM_OK : search(ctx, mesh, creases, false, out);
 }
 
 void qm_patch_set_reset(qm_context *ctx, qm_patch_set *set)

@@ -1,0 +1,141 @@
+/**
+ * cmd_layout.c: a layout of few patches from a mesh of quads.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/host.h"
+#include "ops/json_layout.h"
+#include "options.h"
+#include "qm/quad_layout.h"
+
+typedef struct layout_options {
+    const char *quads, *surface, *output;
+    qm_quad_layout_options make;
+    bool as_json;
+} layout_options;
+
+/** The layout as JSON, of the members that reconstruct reads. */
+static bool write_layout(const layout_options *options, const qm_layout *layout)
+{
+    qm_text text = {0};
+    qm_text_add_string(&text, "{");
+    qm_json_add_layout(&text, layout);
+    qm_text_add_string(&text, "}\n");
+    char *bytes = qm_text_take(&text);
+    bool is_written = bytes && cli_write_file(options->output, bytes, strlen(bytes));
+    free(bytes);
+    if (!is_written) cli_report_unwritable(options->output, options->as_json);
+    return is_written;
+}
+
+static void print_facts(const layout_options *options, const qm_quad_layout_facts *facts,
+                        const qm_layout_issues *issues)
+{
+    FILE *out = strcmp(options->output, "-") == 0 ? stderr : stdout;
+    qm_text text = {0};
+    if (options->as_json) {
+        qm_text_add_string(&text, "{");
+        qm_json_add_count(&text, "quads", facts->quads);
+        qm_json_add_count(&text, "special_vertices", facts->special);
+        qm_json_add_count(&text, "regions", facts->regions);
+        qm_json_add_count(&text, "patches", facts->patches);
+        qm_json_add_comma(&text);
+        qm_json_add_layout_issues(&text, issues);
+        qm_text_add_string(&text, "}");
+    } else {
+        qm_text_printf(&text, "%s: %zu patches of %zu quads, %zu special vertices", options->output,
+                       facts->patches, facts->quads, facts->special);
+        for (size_t i = 0; i < issues->count; i++) {
+            const qm_layout_issue *issue = &issues->items[i];
+            qm_text_printf(&text, "\ncurves %u and %u cross at %.9g %.9g %.9g", issue->curve[0],
+                           issue->curve[1], issue->position[0], issue->position[1], issue->position[2]);
+        }
+    }
+    char *line = qm_text_take(&text);
+    fprintf(out, "%s\n", line ? line : "{}");
+    free(line);
+}
+
+static int make(qm_context *ctx, const layout_options *options, const qm_mesh *quads, const qm_bvh *surface)
+{
+    qm_ref_surface source;
+    qm_layout layout;
+    qm_layout_issues issues;
+    qm_quad_layout_facts facts;
+    qm_status status = qm_ref_surface_init(ctx, surface, &source);
+    if (status == QM_OK)
+        status = qm_quad_layout_make(ctx, quads, &source, &options->make, &layout, &issues, &facts);
+    if (status != QM_OK) {
+        cli_report_status(options->quads, status, ctx, options->as_json);
+        return EXIT_BAD_INPUT;
+    }
+    bool is_written = write_layout(options, &layout);
+    if (is_written) print_facts(options, &facts, &issues);
+    qm_layout_reset(ctx, &layout);
+    qm_layout_issues_reset(ctx, &issues);
+    return is_written ? EXIT_OK : EXIT_BAD_INPUT;
+}
+
+static int run(int argc, char **argv)
+{
+    layout_options o = {.make = qm_quad_layout_options_default()};
+    const cli_option options[] = {
+        {.name = "output",
+         .letter = 'o',
+         .value = "OUT",
+         .type = CLI_TEXT,
+         .is_required = true,
+         .target = &o.output,
+         .help = "the layout as JSON, for reconstruct; - is standard output, and the counts then go to "
+                 "standard error"},
+        {.name = "surface",
+         .value = "SURFACE",
+         .type = CLI_TEXT,
+         .target = &o.surface,
+         .help = "the mesh or point set that the curves lie on; the quads themselves if not given"},
+        {.name = "patches",
+         .value = "N",
+         .type = CLI_SIZE,
+         .min = 1,
+         .max = 1e9,
+         .target = &o.make.patches,
+         .help = "divide the layout into nearly N patches, where fewer would do"},
+        {.name = "crease-angle",
+         .value = "DEG",
+         .type = CLI_NUMBER,
+         .target = &o.make.crease_angle,
+         .help = "edges whose quads differ by more are creases, and become curves; 0 (default): none"},
+        {.name = "json",
+         .type = CLI_FLAG,
+         .target = &o.as_json,
+         .help = "counts and issues as JSON, or the problem document"}};
+    int status;
+    if (!cli_read_options(&cmd_layout, options, sizeof options / sizeof *options, argc, argv, &o.quads,
+                          &status))
+        return status;
+    if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
+    qm_context ctx = qm_host_context();
+    ctx.cancel = &cli_interrupted;
+    const qm_preparation as_target = {.parts = QM_BVH_TARGET, .thread_count = 1},
+                         as_quads = {
+                             .has_no_tree = o.surface != NULL, .parts = QM_BVH_TARGET, .thread_count = 1};
+    qm_loaded_mesh quads, surface = {0};
+    if (!cli_load_mesh(&ctx, o.quads, o.as_json, &as_quads, &quads)) return EXIT_BAD_INPUT;
+    bool is_loaded = !o.surface || cli_load_mesh(&ctx, o.surface, o.as_json, &as_target, &surface);
+    status = is_loaded ? make(&ctx, &o, &quads.mesh, o.surface ? surface.bvh : quads.bvh) : EXIT_BAD_INPUT;
+    if (is_loaded) qm_loaded_mesh_reset(&ctx, &surface);
+    qm_loaded_mesh_reset(&ctx, &quads);
+    return status;
+}
+
+const cli_command cmd_layout = {.name = "layout",
+                                .arguments = "QUADS -o OUT [options]",
+                                .summary = "a layout of few patches from a mesh of quads",
+                                .takes = "a mesh of quads and -o OUT",
+                                .path_count = 1,
+                                .description = "Makes a layout for reconstruct: patches of four sides, with "
+                                               "nodes at the irregular vertices of the quads\n"
+                                               "and curves along their boundaries and creases.\n\n",
+                                .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
+                                .run = run};

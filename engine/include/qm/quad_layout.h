@@ -1,0 +1,52 @@
+/**
+ * quad_layout.h: makes a layout from a mesh of quads: few patches that have nodes at its irregular vertices, and
+ * curves along its creases and boundaries.
+ *
+ * Cuts run from the irregular vertices straight over the quads until they meet (patch.h). Every part of a cut then gets an
+ * integer length, which may be 0, such that opposite sides of each region are equally long, no two irregular vertices
+ * fall together, and few patches come of it. These are drawn on the surface and relaxed there.
+ *
+ * Source: Campen, Bommes, Kobbelt, Quantized global parametrization, 2015; Lyon, Campen, Kobbelt, Quad layouts via
+ *         constrained T-mesh quantization, 2021.
+ */
+#ifndef QM_QUAD_LAYOUT_H
+#define QM_QUAD_LAYOUT_H
+
+#include "qm/layout.h"
+
+typedef struct qm_quad_layout_options {
+    double
+        crease_angle; /* degrees, from 0 to 180: an edge whose faces differ by more is a crease; 0: none are */
+    size_t patches;   /* the layout is divided until it has nearly so many; 0: as few as are found */
+    size_t effort;    /* trials to find fewer patches */
+} qm_quad_layout_options;
+
+/** 0, 0, 4000. */
+qm_quad_layout_options qm_quad_layout_options_default(void);
+
+/** Counts of the quads and of what was made of them. */
+typedef struct qm_quad_layout_facts {
+    size_t quads;   /* after a division, when some faces were triangles */
+    size_t special; /* irregular vertices, and those that features make nodes */
+    size_t regions; /* between the cuts */
+    size_t patches;
+} qm_quad_layout_facts;
+
+/**
+ * Makes a layout of a mesh of quads on a surface. A mesh with triangles or polygons is divided into quads first; edges of
+ * three faces or more become boundaries. The layout depends on the input alone.
+ *
+ * quads   passes qm_mesh_validate
+ * surface that the curves lie on: of the quads themselves, or one near them
+ * facts   may be NULL
+ *
+ * Ownership: *out and *issues are the caller's, for their resets; empty after an error. Issues name curves that cross
+ *            each other on the surface.
+ * Returns:   QM_OK; QM_E_EMPTY (no faces); QM_E_ARGUMENT (an option; fewer quads than other faces); QM_E_LAYOUT (the quads
+ *            bound no patches: some share two opposite corners); QM_E_TOO_LARGE; QM_E_NO_MEMORY; QM_E_CANCELED.
+ */
+qm_status qm_quad_layout_make(qm_context *ctx, const qm_mesh *quads, const qm_ref_surface *surface,
+                              const qm_quad_layout_options *options, qm_layout *out, qm_layout_issues *issues,
+                              qm_quad_layout_facts *facts);
+
+#endif

@@ -1,0 +1,121 @@
+#include "qm/quad_layout.h"
+
+#include "tmesh/tmesh.h"
+
+#define ROUNDS 32           /* drawings */
+#define PATIENCE 6          /* drawings that are no better than the best */
+#define MOST_PATCHES 5      /* for each special vertex, where fewer do */
+#define FOLDS_A_CROSSING 64 /* crossings count more than folds: a reconstruction refuses them */
+
+qm_quad_layout_options qm_quad_layout_options_default(void)
+{
+    return (qm_quad_layout_options){.effort = 4000};
+}
+
+static qm_status check(qm_context *ctx, const qm_mesh *mesh, const qm_quad_layout_options *options)
+{
+    if (!(options->crease_angle >= 0 && options->crease_angle <= 180))
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the crease angle must be from 0 to 180 degrees");
+    if (mesh->face_count == 0) return qm_context_fail(ctx, QM_E_EMPTY, "a point set has no quads");
+    size_t triangles = 0;
+    for (size_t f = 0; f < mesh->face_count; f++)
+        triangles += mesh->faces[4 * f + 3] == QM_NO_INDEX;
+    if (2 * triangles > mesh->face_count)
+        return qm_context_fail(ctx, QM_E_ARGUMENT,
+                               "a layout needs a mesh of quads; %zu of %zu faces are triangles", triangles,
+                               mesh->face_count);
+    return QM_OK;
+}
+
+typedef struct layout_work {
+    qm_context *ctx;
+    qm_arena lasting, scratch;
+    qm_patch_set set;
+    qm_tmesh_quads quads;
+    qm_tmesh tmesh;
+    uint32_t *length;
+    bool *is_held;
+} layout_work;
+
+/** Draws the layout, and spreads the lengths where that fails, as long as it helps; keeps the drawing with the fewest faults. */
+static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_layout *out,
+                      qm_layout_issues *issues)
+{
+    size_t least = SIZE_MAX, crossings = SIZE_MAX;
+    int idle = 0;
+    for (int round = 0; round < ROUNDS && least > 0 && idle < PATIENCE; round++) {
+        qm_tmesh_classes classes;
+        qm_tmesh_faults faults;
+        qm_layout layout = {0};
+        qm_layout_issues open = {0};
+        qm_arena_rewind(&work->scratch);
+        qm_status status =
+            qm_tmesh_classes_find(&work->scratch, &work->quads, &work->tmesh, work->length, 1, &classes);
+        if (status == QM_OK)
+            status = qm_tmesh_draw_curves(&work->scratch, &work->quads, &work->set, &work->tmesh,
+                                          work->length, &classes, surface, &layout, &open, &faults);
+        size_t count = status == QM_OK ? faults.folds + FOLDS_A_CROSSING * faults.crossings : SIZE_MAX;
+        /* More patches are worth less crossings, but not less folds when they are many. */
+        bool is_good = crossings == 0 && classes.face_count > MOST_PATCHES * work->quads.special_count;
+        bool is_better = count < least && !(is_good && faults.crossings == 0), changed = false;
+        idle = is_better ? 0 : idle + 1;
+        if (is_better) {
+            qm_layout spare = *out;
+            qm_layout_issues spare_issues = *issues;
+            *out = layout;
+            *issues = open;
+            layout = spare;
+            open = spare_issues;
+            least = count;
+            crossings = faults.crossings;
+        }
+        qm_layout_reset(work->ctx, &layout);
+        qm_layout_issues_reset(work->ctx, &open);
+        if (status == QM_OK && least > 0)
+            status = qm_tmesh_spread_lengths(work->ctx, &work->quads, &work->tmesh, &classes,
+                                             faults.class_fault, work->is_held, work->length, &changed);
+        if (status != QM_OK) return status;
+        if (!changed || is_good) break;
+    }
+    return QM_OK;
+}
+
+static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surface *surface,
+                      const qm_quad_layout_options *options, qm_layout *out, qm_layout_issues *issues)
+{
+    qm_status status = qm_tmesh_quads_make(&work->lasting, mesh, options->crease_angle, &work->quads);
+    if (status == QM_OK)
+        status = qm_patch_set_trace(work->ctx, &work->quads.mesh, work->quads.creases, &work->set);
+    if (status == QM_OK) status = qm_tmesh_make(&work->lasting, &work->quads, &work->set, &work->tmesh);
+    if (status != QM_OK) return status;
+    work->length = qm_arena_alloc(&work->lasting, work->tmesh.arc_count, sizeof *work->length);
+    work->is_held = qm_arena_zeroed(&work->lasting, work->tmesh.arc_count, sizeof *work->is_held);
+    if (!work->length || !work->is_held)
+        return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the lengths of arcs");
+    status = qm_tmesh_find_lengths(work->ctx, &work->quads, &work->tmesh, options->patches, options->effort,
+                                   work->length);
+    return status == QM_OK ? draw(work, surface, out, issues) : status;
+}
+
+qm_status qm_quad_layout_make(qm_context *ctx, const qm_mesh *quads, const qm_ref_surface *surface,
+                              const qm_quad_layout_options *options, qm_layout *out, qm_layout_issues *issues,
+                              qm_quad_layout_facts *facts)
+{
+    QM_ASSERT(ctx && quads && surface && options && out && issues);
+    *out = (qm_layout){0};
+    *issues = (qm_layout_issues){0};
+    qm_status status = check(ctx, quads, options);
+    if (status != QM_OK) return status;
+    layout_work work = {.ctx = ctx, .lasting = qm_arena_make(ctx), .scratch = qm_arena_make(ctx)};
+    status = make(&work, quads, surface, options, out, issues);
+    if (status == QM_OK && facts)
+        *facts = (qm_quad_layout_facts){work.quads.mesh.face_count, work.quads.special_count,
+                                        work.tmesh.patch_count, out->patch_count};
+    qm_patch_set_reset(ctx, &work.set);
+    qm_arena_reset(&work.lasting);
+    qm_arena_reset(&work.scratch);
+    if (status == QM_OK) return QM_OK;
+    qm_layout_reset(ctx, out);
+    qm_layout_issues_reset(ctx, issues);
+    return status;
+}

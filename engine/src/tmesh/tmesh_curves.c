@@ -1,0 +1,732 @@
+/**
+ * tmesh_curves.c: the curves of a layout on a surface.
+ *
+ * Every face of the layout is a lattice of STEPS x STEPS cells. Its vertices belong to a class of points (a node), to a
+ * class of segments (inside a curve that is shared by faces of several T-mesh patches) or to one patch alone. They start at the
+ * quads: where arcs without length have brought nodes together, in their middle. Then each moves to the mean of its
+ * neighbours and back onto the surface, over and over.
+ */
+#include <math.h>
+#include <string.h>
+
+#include "core/vec.h"
+#include "layout/layout_internal.h"
+#include "tmesh/tmesh.h"
+
+#define STEPS 4
+/* Rounds of sweeps, until no cell is folded. A special vertex is pulled to its place by PULL of the way, and by SLACKEN times
+ * less after each round in which it is a corner of a folded face. */
+#define ROUNDS 12
+#define SWEEPS 6
+#define PULL 0.3
+#define SLACKEN 0.5
+
+/** A vertex of the lattices. */
+typedef struct lattice_point {
+    qm_vec at, sum;
+    double normal[3];
+    uint32_t count; /* of neighbours in sum */
+    bool is_fixed, is_pinned, is_loose;
+    qm_vec pin;  /* of a special vertex */
+    double pull; /* towards it */
+} lattice_point;
+
+/** A feature between two special vertices, or a closed one from any node. */
+typedef struct feature_chain {
+    uint32_t first, count;         /* of the polyline's vertices */
+    uint32_t first_station, steps; /* of the layout: it has steps + 1 stations */
+} feature_chain;
+
+/** An arc of a feature in its chain. */
+typedef struct chain_arc {
+    uint32_t chain;  /* QM_NO_INDEX: no feature */
+    uint32_t step;   /* at its start in the direction of the chain */
+    double place[2]; /* of its ends in that direction */
+    bool forward;    /* it runs as the chain does */
+} chain_arc;
+
+typedef struct lattice_cell {
+    uint32_t corner[4];
+    uint32_t face;   /* its first lattice point of the layout's face: an index of grid */
+    uint32_t stride; /* of the grid */
+    bool is_folded;
+    double sign; /* of its area about the normals of the surface, when it is not folded */
+} lattice_cell;
+
+typedef struct curve_drawer {
+    qm_arena *arena;
+    const qm_tmesh_quads *quads;
+    const qm_patch_set *set;
+    const qm_tmesh *tmesh;
+    const uint32_t *length;
+    const qm_tmesh_classes *classes;
+    const qm_ref_surface *surface;
+    lattice_point *points;
+    size_t point_count;
+    uint32_t *of_class;   /* by point class: its lattice point */
+    uint32_t *of_segment; /* by segment class: the first of its STEPS - 1 */
+    size_t *first_cell;   /* by patch: of grid */
+    uint32_t *grid;       /* lattice points of each patch with faces, row by row */
+    lattice_cell *cells;
+    size_t cell_count;
+    uint32_t *first_at; /* by point: of at */
+    uint32_t *at;       /* 4 * cell + corner */
+    /* features */
+    feature_chain *chains;
+    size_t chain_count;
+    qm_vec *chain_point;
+    double *chain_length; /* from the start of its chain */
+    double *station;      /* places of the layout's points */
+    chain_arc *arcs;      /* by arc */
+} curve_drawer;
+
+static qm_vec vertex_at(const curve_drawer *d, uint32_t vertex)
+{
+    return qm_vec_load(d->quads->mesh.positions + 3 * (size_t)vertex);
+}
+
+/** The mesh's vertex after so many edges of an arc. */
+static uint32_t arc_vertex(const curve_drawer *d, uint32_t arc, uint32_t i)
+{
+    const qm_tmesh_slot *slot = &d->tmesh->slots[d->tmesh->arcs[arc].slot[0]];
+    const qm_tmesh_patch *patch = &d->tmesh->patches[slot->patch];
+    uint32_t at = slot->start + (slot->forward ? i : d->tmesh->arcs[arc].length - i), row, column;
+    switch (slot->side) {
+    case 0:
+        row = 0, column = at;
+        break;
+    case 1:
+        row = at, column = patch->columns;
+        break;
+    case 2:
+        row = patch->rows, column = patch->columns - at;
+        break;
+    default:
+        row = patch->rows - at, column = 0;
+        break;
+    }
+    return qm_patch_vertex(d->set, &d->quads->mesh, slot->patch, row, column);
+}
+
+/** The position on an arc, by edges from its start. */
+static qm_vec arc_position(const curve_drawer *d, uint32_t arc, double edges)
+{
+    uint32_t last = d->tmesh->arcs[arc].length - 1, i = (uint32_t)qm_clamp(floor(edges), 0, last);
+    return qm_vec_mix(vertex_at(d, arc_vertex(d, arc, i)), vertex_at(d, arc_vertex(d, arc, i + 1)),
+                      edges - i);
+}
+
+/* ---- features as polylines ---- */
+
+static bool is_chain_end(const curve_drawer *d, uint32_t node)
+{
+    return d->quads->is_special[d->tmesh->node_vertex[node]];
+}
+
+/** What has been used of the arrays of chains. */
+typedef struct chain_use {
+    size_t points, stations;
+} chain_use;
+
+/** Walks a chain from a node over an arc: its polyline, its arcs and its number of steps. */
+static void walk_chain(curve_drawer *d, const uint32_t *node_arcs, uint32_t node, uint32_t arc,
+                       chain_use *used)
+{
+    feature_chain *chain = &d->chains[d->chain_count];
+    *chain = (feature_chain){.first = (uint32_t)used->points, .first_station = (uint32_t)used->stations};
+    uint32_t start = node;
+    d->chain_point[used->points] = vertex_at(d, d->tmesh->node_vertex[node]);
+    d->chain_length[used->points++] = 0;
+    do {
+        const qm_tmesh_arc *at = &d->tmesh->arcs[arc];
+        bool forward = at->from == node;
+        chain_arc *in_chain = &d->arcs[arc];
+        *in_chain = (chain_arc){.chain = (uint32_t)d->chain_count, .step = chain->steps, .forward = forward};
+        in_chain->place[0] = d->chain_length[used->points - 1];
+        for (uint32_t i = 1; i <= at->length; i++, used->points++) {
+            qm_vec *to = &d->chain_point[used->points];
+            *to = vertex_at(d, arc_vertex(d, arc, forward ? i : at->length - i));
+            d->chain_length[used->points] =
+                d->chain_length[used->points - 1] + qm_vec_distance(to[0], to[-1]);
+        }
+        in_chain->place[1] = d->chain_length[used->points - 1];
+        chain->steps += d->length[arc];
+        node = forward ? at->to : at->from;
+        const uint32_t *pair = node_arcs + 2 * (size_t)node;
+        arc = pair[0] == arc ? pair[1] : pair[0];
+    } while (node != start && !is_chain_end(d, node));
+    chain->count = (uint32_t)(used->points - chain->first);
+    used->stations += chain->steps + 1;
+    d->chain_count++;
+}
+
+/** Where the layout meets a chain: half way between where the quads do, which may be crowded, and equal steps. */
+static bool place_stations(curve_drawer *d, size_t count)
+{
+    d->station = qm_arena_zeroed(d->arena, count, sizeof *d->station);
+    uint32_t *met = qm_arena_zeroed(d->arena, count, sizeof *met);
+    if (!d->station || !met) return false;
+    for (size_t a = 0; a < d->tmesh->arc_count; a++) {
+        const chain_arc *arc = &d->arcs[a];
+        for (uint32_t i = 0; i <= d->length[a] && arc->chain != QM_NO_INDEX; i++) {
+            size_t at = d->chains[arc->chain].first_station + arc->step + i;
+            double share = d->length[a] > 0 ? (double)i / d->length[a] : 0.5;
+            d->station[at] += arc->place[0] + share * (arc->place[1] - arc->place[0]);
+            met[at]++;
+        }
+    }
+    for (size_t c = 0; c < d->chain_count; c++) {
+        const feature_chain *chain = &d->chains[c];
+        double length = d->chain_length[chain->first + chain->count - 1];
+        for (uint32_t i = 0; i <= chain->steps; i++) {
+            size_t at = chain->first_station + i;
+            double even = chain->steps > 0 ? length * i / chain->steps : 0;
+            d->station[at] = i == 0 || i == chain->steps ? even : 0.5 * (even + d->station[at] / met[at]);
+        }
+    }
+    return true;
+}
+
+static bool find_chains(curve_drawer *d)
+{
+    const qm_tmesh *tmesh = d->tmesh;
+    size_t arcs = tmesh->arc_count, edges = 0;
+    for (size_t a = 0; a < arcs; a++)
+        edges += tmesh->arcs[a].is_feature ? tmesh->arcs[a].length + 1 : 0;
+    d->chains = qm_arena_alloc(d->arena, arcs, sizeof *d->chains);
+    d->chain_point = qm_arena_alloc(d->arena, edges + 1, sizeof *d->chain_point);
+    d->chain_length = qm_arena_alloc(d->arena, edges + 1, sizeof *d->chain_length);
+    d->arcs = qm_arena_alloc(d->arena, arcs, sizeof *d->arcs);
+    uint32_t *node_arcs = qm_arena_alloc(d->arena, 2 * tmesh->node_count, sizeof *node_arcs);
+    if (!d->chains || !d->chain_point || !d->chain_length || !d->arcs || !node_arcs) return false;
+    memset(node_arcs, 0xff, 2 * tmesh->node_count * sizeof *node_arcs);
+    for (uint32_t a = 0; a < arcs; a++) {
+        d->arcs[a].chain = QM_NO_INDEX;
+        const uint32_t end[2] = {tmesh->arcs[a].from, tmesh->arcs[a].to};
+        for (int i = 0; i < 2 && tmesh->arcs[a].is_feature; i++) {
+            uint32_t *pair = node_arcs + 2 * (size_t)end[i];
+            pair[pair[0] != QM_NO_INDEX] = a; /* two, but at the ends of chains, where it does not matter */
+        }
+    }
+    chain_use used = {0, 0};
+    for (int from_ends = 1; from_ends >= 0; from_ends--)
+        for (uint32_t a = 0; a < arcs; a++) {
+            const qm_tmesh_arc *arc = &tmesh->arcs[a];
+            if (!arc->is_feature || d->arcs[a].chain != QM_NO_INDEX) continue;
+            if (!from_ends || is_chain_end(d, arc->from))
+                walk_chain(d, node_arcs, arc->from, a, &used);
+            else if (is_chain_end(d, arc->to))
+                walk_chain(d, node_arcs, arc->to, a, &used);
+        }
+    return place_stations(d, used.stations);
+}
+
+static qm_vec chain_position(const curve_drawer *d, uint32_t chain, double place)
+{
+    const feature_chain *at = &d->chains[chain];
+    size_t low = at->first, high = at->first + at->count - 1;
+    while (high - low > 1) {
+        size_t middle = (low + high) / 2;
+        if (d->chain_length[middle] <= place)
+            low = middle;
+        else
+            high = middle;
+    }
+    double step = d->chain_length[high] - d->chain_length[low];
+    return qm_vec_mix(d->chain_point[low], d->chain_point[high],
+                      step > 0 ? qm_clamp((place - d->chain_length[low]) / step, 0, 1) : 0);
+}
+
+/* ---- lattice points and where they start ---- */
+
+static uint32_t class_of(const curve_drawer *d, uint32_t point)
+{
+    return d->of_class[d->classes->point_class[point]];
+}
+
+/** The point of an arc at a step. */
+static uint32_t arc_point(const curve_drawer *d, uint32_t arc, uint32_t step)
+{
+    if (step == 0) return d->tmesh->arcs[arc].from;
+    return step == d->length[arc] ? d->tmesh->arcs[arc].to : d->classes->first_point[arc] + step - 1;
+}
+
+static void gather(lattice_point *to, qm_vec at)
+{
+    to->sum = qm_vec_add(to->sum, at);
+    to->count++;
+}
+
+static void fix(lattice_point *to, qm_vec at)
+{
+    to->at = at;
+    to->is_fixed = true;
+}
+
+/** Places the classes of points: special vertices at themselves, features at their stations, others in the middle of what has
+ * come together. */
+static void place_classes(curve_drawer *d)
+{
+    const qm_tmesh *tmesh = d->tmesh;
+    for (uint32_t n = 0; n < tmesh->node_count; n++)
+        gather(&d->points[class_of(d, n)], vertex_at(d, tmesh->node_vertex[n]));
+    for (uint32_t a = 0; a < tmesh->arc_count; a++) {
+        const chain_arc *in_chain = &d->arcs[a];
+        uint32_t steps = d->length[a];
+        for (uint32_t i = 1; i < steps; i++)
+            gather(&d->points[class_of(d, arc_point(d, a, i))],
+                   arc_position(d, a, (double)i / steps * tmesh->arcs[a].length));
+        for (uint32_t i = 0; i <= steps && in_chain->chain != QM_NO_INDEX; i++) {
+            uint32_t station = d->chains[in_chain->chain].first_station + in_chain->step + i;
+            fix(&d->points[class_of(d, arc_point(d, a, in_chain->forward ? i : steps - i))],
+                chain_position(d, in_chain->chain, d->station[station]));
+        }
+    }
+    for (uint32_t n = 0; n < tmesh->node_count; n++)
+        if (d->quads->is_special[tmesh->node_vertex[n]]) {
+            lattice_point *to = &d->points[class_of(d, n)];
+            fix(to, vertex_at(d, tmesh->node_vertex[n]));
+            to->is_fixed = d->quads->is_on_feature[tmesh->node_vertex[n]];
+            to->is_pinned = true;
+            to->pin = to->at;
+        }
+    for (size_t i = 0; i < d->point_count; i++)
+        if (!d->points[i].is_fixed && !d->points[i].is_pinned && d->points[i].count > 0)
+            d->points[i].at = qm_vec_scale(1.0 / d->points[i].count, d->points[i].sum);
+}
+
+/** True when a segment's lattice points run as its arc: from the lower class to the higher. */
+static bool runs_up(const curve_drawer *d, uint32_t arc, uint32_t step)
+{
+    return class_of(d, arc_point(d, arc, step)) < class_of(d, arc_point(d, arc, step + 1));
+}
+
+static void place_segments(curve_drawer *d)
+{
+    for (uint32_t a = 0; a < d->tmesh->arc_count; a++) {
+        const chain_arc *in_chain = &d->arcs[a];
+        uint32_t steps = d->length[a];
+        for (uint32_t i = 0; i < steps; i++) {
+            uint32_t segment = d->classes->segment_class[d->classes->first_segment[a] + i];
+            bool up = runs_up(d, a, i), is_own = segment == d->classes->first_segment[a] + i;
+            for (uint32_t k = 1; k < STEPS; k++) {
+                lattice_point *to = &d->points[d->of_segment[segment] + (up ? k : STEPS - k) - 1];
+                double share = (double)k / STEPS;
+                if (in_chain->chain != QM_NO_INDEX) {
+                    uint32_t station = d->chains[in_chain->chain].first_station + in_chain->step +
+                                       (in_chain->forward ? i : steps - 1 - i);
+                    double along = in_chain->forward ? share : 1 - share;
+                    fix(to, chain_position(d, in_chain->chain,
+                                           d->station[station] +
+                                               along * (d->station[station + 1] - d->station[station])));
+                } else if (is_own && !to->is_fixed) {
+                    to->at = arc_position(d, a, (i + share) / steps * d->tmesh->arcs[a].length);
+                }
+            }
+        }
+    }
+}
+
+/** Numbers the points of the sides of a patch's grid. */
+static void join_sides(curve_drawer *d, size_t p, uint32_t *grid, uint32_t columns, uint32_t rows)
+{
+    for (int side = 0; side < 4; side++) {
+        uint32_t steps = qm_tmesh_side_steps(d->classes, p, side);
+        for (uint32_t i = 0; i <= steps * STEPS; i++) {
+            uint32_t step = i / STEPS, k = i % STEPS, point;
+            if (k == 0) {
+                point = class_of(d, qm_tmesh_side_point(d->classes, p, side, step));
+            } else {
+                uint32_t segment = qm_tmesh_side_segment(d->classes, p, side, step) >> 1;
+                bool up = class_of(d, qm_tmesh_side_point(d->classes, p, side, step)) <
+                          class_of(d, qm_tmesh_side_point(d->classes, p, side, step + 1));
+                point = d->of_segment[d->classes->segment_class[segment]] + (up ? k : STEPS - k) - 1;
+            }
+            uint32_t column = side == 0 ? i : side == 1 ? columns : side == 2 ? columns - i : 0;
+            uint32_t row = side == 0 ? 0 : side == 1 ? i : side == 2 ? rows : rows - i;
+            grid[(size_t)row * (columns + 1) + column] = point;
+        }
+    }
+}
+
+/** Where a side has a place of the layout, in edges of the quads: linear on each arc, in the middle of a jump. */
+static double side_edges(const curve_drawer *d, size_t p, int side, double place)
+{
+    const uint32_t *first = d->tmesh->patches[p].first;
+    double steps = 0, sum = 0;
+    uint32_t count = 0;
+    for (uint32_t s = first[side]; s < first[side + 1]; s++) {
+        const qm_tmesh_slot *slot = &d->tmesh->slots[s];
+        double length = d->length[slot->arc], edges = d->tmesh->arcs[slot->arc].length;
+        if (place >= steps && place <= steps + length) {
+            sum += length > 0 ? slot->start + (place - steps) / length * edges : slot->start + 0.5 * edges;
+            count++;
+        }
+        steps += length;
+    }
+    return count > 0 ? sum / count : 0;
+}
+
+static qm_vec patch_position(const curve_drawer *d, size_t p, double column, double row)
+{
+    const qm_tmesh_patch *patch = &d->tmesh->patches[p];
+    uint32_t c = (uint32_t)qm_clamp(floor(column), 0, patch->columns - 1),
+             r = (uint32_t)qm_clamp(floor(row), 0, patch->rows - 1);
+    qm_vec corner[4];
+    for (uint32_t i = 0; i < 4; i++)
+        corner[i] =
+            vertex_at(d, qm_patch_vertex(d->set, &d->quads->mesh, p, r + (i > 1), c + (i == 1 || i == 2)));
+    return qm_vec_mix(qm_vec_mix(corner[0], corner[1], column - c),
+                      qm_vec_mix(corner[3], corner[2], column - c), row - r);
+}
+
+/** Adds the inner points of a patch's grid, at the places that its sides have in the quads. */
+static void place_inside(curve_drawer *d, size_t p, uint32_t *grid, uint32_t columns, uint32_t rows)
+{
+    const qm_tmesh_patch *patch = &d->tmesh->patches[p];
+    for (uint32_t row = 1; row < rows; row++) {
+        double v = (double)row / STEPS, height = (double)rows / STEPS, right = side_edges(d, p, 1, v),
+               left = patch->rows - side_edges(d, p, 3, height - v);
+        for (uint32_t column = 1; column < columns; column++) {
+            double u = (double)column / STEPS, width = (double)columns / STEPS;
+            double bottom = side_edges(d, p, 0, u), top = patch->columns - side_edges(d, p, 2, width - u);
+            double x = bottom + v / height * (top - bottom), y = left + u / width * (right - left);
+            grid[(size_t)row * (columns + 1) + column] = (uint32_t)d->point_count;
+            d->points[d->point_count++] = (lattice_point){.at = patch_position(d, p, x, y)};
+        }
+    }
+}
+
+static bool has_faces(const curve_drawer *d, size_t p, uint32_t *columns, uint32_t *rows)
+{
+    *columns = STEPS * qm_tmesh_side_steps(d->classes, p, 0);
+    *rows = STEPS * qm_tmesh_side_steps(d->classes, p, 1);
+    return *columns > 0 && *rows > 0;
+}
+
+static bool make_lattices(curve_drawer *d)
+{
+    const qm_tmesh_classes *classes = d->classes;
+    size_t cells = 0, inner = 0;
+    uint32_t columns, rows;
+    d->first_cell = qm_arena_alloc(d->arena, d->tmesh->patch_count, sizeof *d->first_cell);
+    if (!d->first_cell) return false;
+    for (size_t p = 0; p < d->tmesh->patch_count; p++) {
+        d->first_cell[p] = cells;
+        if (!has_faces(d, p, &columns, &rows)) continue;
+        cells += ((size_t)columns + 1) * (rows + 1);
+        inner += ((size_t)columns - 1) * (rows - 1);
+    }
+    size_t capacity = classes->point_count + (STEPS - 1) * classes->segment_count + inner;
+    d->grid = qm_arena_alloc(d->arena, cells, sizeof *d->grid);
+    d->points = qm_arena_zeroed(d->arena, capacity, sizeof *d->points);
+    d->of_class = qm_arena_alloc(d->arena, classes->point_count, sizeof *d->of_class);
+    d->of_segment = qm_arena_alloc(d->arena, classes->segment_count, sizeof *d->of_segment);
+    if (!d->grid || !d->points || !d->of_class || !d->of_segment) return false;
+    for (size_t i = 0; i < classes->point_count; i++)
+        if (classes->point_class[i] == i) d->of_class[i] = (uint32_t)d->point_count++;
+    for (size_t i = 0; i < classes->segment_count; i++)
+        if (classes->segment_class[i] == i) {
+            d->of_segment[i] = (uint32_t)d->point_count;
+            d->point_count += STEPS - 1;
+        }
+    place_classes(d);
+    place_segments(d);
+    for (size_t p = 0; p < d->tmesh->patch_count; p++) {
+        if (!has_faces(d, p, &columns, &rows)) continue;
+        join_sides(d, p, d->grid + d->first_cell[p], columns, rows);
+        place_inside(d, p, d->grid + d->first_cell[p], columns, rows);
+    }
+    return true;
+}
+
+/* ---- relaxation ---- */
+
+/** False, and the point is where it was, when that is the other side of a thin wall. */
+static bool project(const curve_drawer *d, lattice_point *point)
+{
+    double at[3];
+    qm_ref_surface_point on;
+    qm_vec_store(at, point->at);
+    qm_ref_surface_project(d->surface, at, &on);
+    qm_vec old = qm_vec_load(point->normal), normal = qm_vec_load(on.normal);
+    if (qm_vec_dot(old, normal) < -0.2 && !d->surface->is_cloud) return false;
+    point->at = qm_vec_load(on.position);
+    memcpy(point->normal, on.normal, sizeof on.normal);
+    return true;
+}
+
+/** Lists the cells, and those round each point. */
+static bool list_cells(curve_drawer *d)
+{
+    size_t count = 0;
+    uint32_t columns, rows;
+    for (size_t p = 0; p < d->tmesh->patch_count; p++)
+        if (has_faces(d, p, &columns, &rows)) count += (size_t)columns * rows;
+    d->cells = qm_arena_alloc(d->arena, count, sizeof *d->cells);
+    d->at = qm_arena_alloc(d->arena, 4 * count, sizeof *d->at);
+    d->first_at = qm_arena_zeroed(d->arena, d->point_count + 1, sizeof *d->first_at);
+    if (!d->cells || !d->at || !d->first_at) return false;
+    for (size_t p = 0; p < d->tmesh->patch_count; p++) {
+        if (!has_faces(d, p, &columns, &rows)) continue;
+        uint32_t stride = columns + 1;
+        for (uint32_t row = 0; row < rows; row++)
+            for (uint32_t column = 0; column < columns; column++) {
+                size_t first = d->first_cell[p];
+                const uint32_t *cell = d->grid + first + (size_t)row * stride + column;
+                d->cells[d->cell_count++] = (lattice_cell){
+                    {cell[0], cell[1], cell[stride + 1], cell[stride]},
+                    (uint32_t)(first + (size_t)(row / STEPS * STEPS) * stride + column / STEPS * STEPS),
+                    stride,
+                    false,
+                    0};
+            }
+    }
+    for (size_t c = 0; c < 4 * d->cell_count; c++)
+        d->first_at[d->cells[c / 4].corner[c % 4]]++;
+    uint32_t sum = 0;
+    for (size_t i = 0; i <= d->point_count; i++)
+        sum = d->first_at[i] += sum;
+    for (size_t c = 4 * d->cell_count; c-- > 0;)
+        d->at[--d->first_at[d->cells[c / 4].corner[c % 4]]] = (uint32_t)c;
+    return true;
+}
+
+/** Twice the area of the triangle at a corner of a cell, about a normal. */
+static double corner_area(const curve_drawer *d, const lattice_cell *cell, uint32_t i, qm_vec normal)
+{
+    qm_vec at = d->points[cell->corner[i]].at;
+    return cell->sign * qm_vec_dot(qm_vec_cross(qm_vec_sub(d->points[cell->corner[(i + 1) & 3]].at, at),
+                                                qm_vec_sub(d->points[cell->corner[(i + 3) & 3]].at, at)),
+                                   normal);
+}
+
+/** The side on which most of each patch lies. */
+static void find_signs(curve_drawer *d)
+{
+    size_t cell = 0;
+    for (size_t p = 0; p < d->tmesh->patch_count; p++) {
+        uint32_t columns, rows;
+        if (!has_faces(d, p, &columns, &rows)) continue;
+        size_t end = cell + (size_t)columns * rows;
+        double sum = 0;
+        for (size_t c = cell; c < end; c++) {
+            d->cells[c].sign = 1;
+            for (uint32_t i = 0; i < 4; i++)
+                sum += corner_area(d, &d->cells[c], i, qm_vec_load(d->points[d->cells[c].corner[i]].normal));
+        }
+        for (size_t c = cell; c < end; c++)
+            d->cells[c].sign = sum < 0 ? -1 : 1;
+        cell = end;
+    }
+}
+
+/** Counts the folded cells; lets the points of their faces move, and pulls the special vertices of these less. */
+static size_t count_folds(curve_drawer *d)
+{
+    size_t folds = 0;
+    for (size_t c = 0; c < d->cell_count; c++) {
+        lattice_cell *cell = &d->cells[c];
+        cell->is_folded = false;
+        for (uint32_t i = 0; i < 4; i++)
+            cell->is_folded |= corner_area(d, cell, i, qm_vec_load(d->points[cell->corner[i]].normal)) <= 0;
+        if (!cell->is_folded) continue;
+        folds++;
+        for (uint32_t i = 0; i <= STEPS; i++)
+            for (uint32_t j = 0; j <= STEPS; j++) {
+                lattice_point *at = &d->points[d->grid[cell->face + (size_t)i * cell->stride + j]];
+                at->is_loose = true;
+                if (i % STEPS == 0 && j % STEPS == 0) at->pull *= SLACKEN;
+            }
+    }
+    return folds;
+}
+
+/** Moves a point to the mean of its neighbours. */
+static void smooth_point(curve_drawer *d, uint32_t index)
+{
+    lattice_point *point = &d->points[index];
+    qm_vec sum = {0}, old = point->at;
+    uint32_t count = 0;
+    for (uint32_t i = d->first_at[index]; i < d->first_at[index + 1]; i++)
+        for (uint32_t k = 1; k < 4; k += 2, count++)
+            sum = qm_vec_add(sum, d->points[d->cells[d->at[i] / 4].corner[(d->at[i] + k) & 3]].at);
+    if (count == 0) return;
+    qm_vec mean = qm_vec_scale(1.0 / count, sum);
+    if (point->pull > 0) mean = qm_vec_mix(mean, point->pin, point->pull);
+    point->at = mean;
+    if (!project(d, point)) point->at = old;
+}
+
+static void place_on_surface(curve_drawer *d)
+{
+    for (size_t i = 0; i < d->point_count; i++) {
+        lattice_point *point = &d->points[i];
+        memset(point->normal, 0, sizeof point->normal);
+        project(d, point);
+        point->pull = point->is_pinned ? PULL : 0;
+    }
+}
+
+static qm_status relax(curve_drawer *d, size_t *folds)
+{
+    qm_vec *best = qm_arena_alloc(d->arena, d->point_count, sizeof *best);
+    if (!best || !list_cells(d))
+        return qm_context_fail(d->arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves");
+    place_on_surface(d);
+    find_signs(d);
+    size_t least = SIZE_MAX;
+    for (int round = 0; round <= ROUNDS && least > 0; round++) {
+        for (int sweep = 0; sweep < SWEEPS && round > 0; sweep++) {
+            if (qm_context_canceled(d->arena->ctx))
+                return qm_context_fail(d->arena->ctx, QM_E_CANCELED, "canceled");
+            for (uint32_t i = 0; i < d->point_count; i++) {
+                if (!d->points[i].is_fixed && d->points[i].is_loose) smooth_point(d, i);
+            }
+        }
+        size_t now = count_folds(d);
+        if (now >= least) continue;
+        least = now;
+        for (size_t i = 0; i < d->point_count; i++)
+            best[i] = d->points[i].at;
+    }
+    for (size_t i = 0; i < d->point_count; i++)
+        d->points[i].at = best[i];
+    *folds = least;
+    return QM_OK;
+}
+
+/* ---- the layout ---- */
+
+/** What has been made of the lattices. */
+typedef struct layout_maker {
+    curve_drawer *d;
+    qm_layout *out;
+    uint32_t *node;  /* by lattice point */
+    uint32_t *point; /* by node */
+    uint32_t *curve; /* by the lattice point after the start of a curve from its lower end */
+} layout_maker;
+
+static qm_status node_of(layout_maker *maker, uint32_t point, uint32_t *node)
+{
+    if (maker->node[point] == QM_NO_INDEX) {
+        double at[3];
+        qm_vec_store(at, maker->d->points[point].at);
+        qm_status status = qm_layout_add_node(maker->d->arena->ctx, maker->out, at);
+        if (status != QM_OK) return status;
+        maker->node[point] = (uint32_t)maker->out->node_count - 1;
+        maker->point[maker->node[point]] = point;
+    }
+    *node = maker->node[point];
+    return QM_OK;
+}
+
+/** The id of the curve over STEPS + 1 lattice points, which has one more point between each two. */
+static qm_status curve_of(layout_maker *maker, const uint32_t *point, uint32_t *id)
+{
+    curve_drawer *d = maker->d;
+    uint32_t key = point[STEPS / 2];
+    if (maker->curve[key] == QM_NO_INDEX) {
+        uint32_t from, to;
+        double line[2 * STEPS + 1][3];
+        qm_status status = node_of(maker, point[0], &from);
+        if (status == QM_OK) status = node_of(maker, point[STEPS], &to);
+        if (status != QM_OK) return status;
+        for (int i = 0; i <= STEPS; i++) {
+            const lattice_point *at = &d->points[point[i]];
+            qm_vec_store(line[2 * i], at->at);
+            if (i == 0) continue;
+            lattice_point middle = d->points[point[i - 1]];
+            middle.at = qm_vec_mix(middle.at, at->at, 0.5);
+            project(d, &middle);
+            qm_vec_store(line[2 * i - 1], middle.at);
+        }
+        status = qm_layout_add_curve(d->arena->ctx, maker->out, from, to, line[0], 2 * STEPS + 1);
+        if (status != QM_OK) return status;
+        maker->curve[key] = maker->out->curves[maker->out->curve_count - 1].id;
+    }
+    *id = maker->curve[key];
+    return QM_OK;
+}
+
+static qm_status add_face(layout_maker *maker, const uint32_t *cell, uint32_t stride)
+{
+    uint32_t id[4];
+    for (int side = 0; side < 4; side++) {
+        uint32_t line[STEPS + 1];
+        for (uint32_t i = 0; i <= STEPS; i++) {
+            uint32_t column = side == 0 ? i : side == 1 ? STEPS : side == 2 ? STEPS - i : 0;
+            uint32_t row = side == 0 ? 0 : side == 1 ? i : side == 2 ? STEPS : STEPS - i;
+            line[i] = cell[(size_t)row * stride + column];
+        }
+        qm_status status = curve_of(maker, line, &id[side]);
+        if (status != QM_OK) return status;
+    }
+    return qm_layout_add_patch(maker->d->arena->ctx, maker->out, id);
+}
+
+/** Marks lattice points: 1 at the corners of folded faces, 2 at the ends of curves that cross. */
+static void mark_faults(const layout_maker *maker, const qm_layout_issues *issues, uint8_t *fault)
+{
+    curve_drawer *d = maker->d;
+    count_folds(d);
+    for (size_t c = 0; c < d->cell_count; c++) {
+        const lattice_cell *cell = &d->cells[c];
+        for (uint32_t i = 0; i < 4 && cell->is_folded; i++)
+            fault[d->grid[cell->face + (size_t)(i / 2) * STEPS * cell->stride + i % 2 * STEPS]] = 1;
+    }
+    for (size_t i = 0; i < 2 * issues->count; i++) { /* curves were numbered from 0 */
+        const qm_curve *curve = &maker->out->curves[issues->items[i / 2].curve[i % 2]];
+        fault[maker->point[curve->from]] = fault[maker->point[curve->to]] = 2;
+    }
+}
+
+static qm_status make_layout(curve_drawer *d, qm_layout *out, qm_layout_issues *issues, uint8_t *class_fault)
+{
+    layout_maker maker = {.d = d, .out = out};
+    maker.node = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.node);
+    maker.point = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.point);
+    maker.curve = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.curve);
+    uint8_t *fault = qm_arena_zeroed(d->arena, d->point_count, sizeof *fault);
+    if (!maker.node || !maker.point || !maker.curve || !fault) return QM_E_NO_MEMORY;
+    memset(maker.node, 0xff, d->point_count * sizeof *maker.node);
+    memset(maker.curve, 0xff, d->point_count * sizeof *maker.curve);
+    for (size_t p = 0; p < d->tmesh->patch_count; p++) {
+        uint32_t columns, rows;
+        if (!has_faces(d, p, &columns, &rows)) continue;
+        const uint32_t *grid = d->grid + d->first_cell[p];
+        for (uint32_t row = 0; row < rows; row += STEPS)
+            for (uint32_t column = 0; column < columns; column += STEPS) {
+                qm_status status = add_face(&maker, grid + (size_t)row * (columns + 1) + column, columns + 1);
+                if (status != QM_OK) return status;
+            }
+    }
+    qm_status status = qm_layout_find_crossings(d->arena->ctx, out, issues);
+    if (status != QM_OK) return status;
+    mark_faults(&maker, issues, fault);
+    for (size_t i = 0; i < d->classes->point_count; i++)
+        if (d->classes->point_class[i] == i) class_fault[i] = fault[d->of_class[i]];
+    return QM_OK;
+}
+
+qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
+                               const qm_tmesh *tmesh, const uint32_t *length, const qm_tmesh_classes *classes,
+                               const qm_ref_surface *surface, qm_layout *out, qm_layout_issues *issues,
+                               qm_tmesh_faults *faults)
+{
+    curve_drawer d = {.arena = arena,
+                      .quads = quads,
+                      .set = set,
+                      .tmesh = tmesh,
+                      .length = length,
+                      .classes = classes,
+                      .surface = surface};
+    *faults = (qm_tmesh_faults){.class_fault = qm_arena_zeroed(arena, classes->point_count, 1)};
+    if (!faults->class_fault || !find_chains(&d) || !make_lattices(&d))
+        return qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves of %zu patches",
+                               classes->face_count);
+    qm_status status = relax(&d, &faults->folds);
+    if (status == QM_OK) status = make_layout(&d, out, issues, faults->class_fault);
+    faults->crossings = issues->count;
+    return status;
+}

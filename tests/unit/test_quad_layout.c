@@ -1,0 +1,547 @@
+/* Layouts of meshes of quads. What the engine draws is counted again from its nodes, curves and patches alone, and its
+ * lengths are held against all lengths of small cases. */
+#include "check.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "core/vec.h"
+#include "failing_allocator.h"
+#include "ground.h"
+#include "qm/patch.h"
+#include "qm/quad_layout.h"
+#include "qm/reconstruct.h"
+#include "tmesh/tmesh.h"
+
+#define SIZE 6 /* of a block of voxels */
+
+typedef struct voxels {
+    bool is_full[SIZE][SIZE][SIZE];
+} voxels;
+
+static bool is_full(const voxels *set, int x, int y, int z)
+{
+    return x >= 0 && y >= 0 && z >= 0 && x < SIZE && y < SIZE && z < SIZE && set->is_full[x][y][z];
+}
+
+static void fill(voxels *set, int x0, int y0, int z0, int x1, int y1, int z1, bool value)
+{
+    for (int x = x0; x < x1; x++)
+        for (int y = y0; y < y1; y++)
+            for (int z = z0; z < z1; z++)
+                set->is_full[x][y][z] = value;
+}
+
+/** The boundary of a set of voxels, each side of each divided into n x n quads. */
+static qm_mesh boundary_of(const voxels *set, int n)
+{
+    int line = SIZE * n + 1;
+    size_t lattice = (size_t)line * (size_t)line * (size_t)line, faces = 0;
+    uint32_t *number = malloc(lattice * sizeof *number);
+    assert_non_null(number);
+    memset(number, 0xff, lattice * sizeof *number);
+    qm_mesh mesh = qm_shape_make(lattice, 6 * SIZE * SIZE * SIZE * (size_t)n * (size_t)n);
+    size_t vertices = 0;
+    for (int x = 0; x < SIZE; x++)
+        for (int y = 0; y < SIZE; y++)
+            for (int z = 0; z < SIZE; z++)
+                for (int side = 0; side < 6 && is_full(set, x, y, z); side++) {
+                    int axis = side / 2, up = side % 2, way[3] = {0, 0, 0};
+                    way[axis] = up ? 1 : -1;
+                    if (is_full(set, x + way[0], y + way[1], z + way[2])) continue;
+                    int u = (axis + 1) % 3, v = (axis + 2) % 3;
+                    for (int i = 0; i < n * n; i++) {
+                        for (int c = 0; c < 4; c++) {
+                            int k = up ? c : 3 - c; /* outwards */
+                            int at[3] = {x * n, y * n, z * n};
+                            at[axis] += up * n;
+                            at[u] += i % n + (k == 1 || k == 2);
+                            at[v] += i / n + (k > 1);
+                            size_t place =
+                                ((size_t)at[0] * (size_t)line + (size_t)at[1]) * (size_t)line + (size_t)at[2];
+                            if (number[place] == QM_NO_INDEX) {
+                                number[place] = (uint32_t)vertices;
+                                for (int a = 0; a < 3; a++)
+                                    mesh.positions[3 * vertices + (size_t)a] = (double)at[a] / n;
+                                vertices++;
+                            }
+                            mesh.faces[4 * faces + (size_t)c] = number[place];
+                        }
+                        faces++;
+                    }
+                }
+    free(number);
+    qm_mesh exact = qm_shape_make(vertices, faces);
+    memcpy(exact.positions, mesh.positions, 3 * vertices * sizeof *exact.positions);
+    memcpy(exact.faces, mesh.faces, 4 * faces * sizeof *exact.faces);
+    qm_shape_free(&mesh);
+    return exact;
+}
+
+/** Pulls the vertices of a mesh onto a sphere round the middle of the block. */
+static void make_round(qm_mesh *mesh, double middle)
+{
+    for (size_t v = 0; v < mesh->vertex_count; v++) {
+        double *p = mesh->positions + 3 * v, length = 0;
+        for (int k = 0; k < 3; k++)
+            length += (p[k] - middle) * (p[k] - middle);
+        for (int k = 0; k < 3; k++)
+            p[k] = (p[k] - middle) / sqrt(length);
+    }
+}
+
+/** A torus whose last column joins the first, shifted by some rows: cuts along it wind. */
+static qm_mesh wound_torus(int columns, int rows, int shift)
+{
+    qm_mesh mesh = qm_shape_torus(columns, rows, 1.0, 0.4);
+    /* Turning each cross-section by its share of the shift moves the seam, and the grid with it. */
+    for (int i = 0; i < columns; i++)
+        for (int j = 0; j < rows; j++) {
+            double u = 2 * M_PI * i / columns, v = 2 * M_PI * (j + (double)shift * i / columns) / rows;
+            double *p = mesh.positions + 3 * ((size_t)j * (size_t)columns + (size_t)i);
+            p[0] = (1 + 0.4 * cos(v)) * cos(u);
+            p[1] = (1 + 0.4 * cos(v)) * sin(u);
+            p[2] = 0.4 * sin(v);
+        }
+    for (size_t f = 0; f < mesh.face_count; f++)
+        for (int k = 0; k < 4; k++) {
+            uint32_t *corner = &mesh.faces[4 * f + (size_t)k];
+            bool is_last = f % (size_t)columns == (size_t)columns - 1;
+            uint32_t column = *corner % (uint32_t)columns, row = *corner / (uint32_t)columns;
+            if (is_last && column == 0)
+                *corner = (row + (uint32_t)shift) % (uint32_t)rows * (uint32_t)columns + column;
+        }
+    return mesh;
+}
+
+/** Turns the edge between two quads: their six vertices get the next diagonal. */
+static void turn_edge(qm_mesh *mesh, qm_random *random)
+{
+    for (;;) {
+        size_t f = qm_random_below(random, mesh->face_count), k = qm_random_below(random, 4);
+        uint32_t *one = mesh->faces + 4 * f, a = one[k], b = one[(k + 1) & 3];
+        for (size_t g = 0; g < mesh->face_count; g++)
+            for (size_t i = 0; i < 4; i++) {
+                uint32_t *other = mesh->faces + 4 * g;
+                if (other[i] != b || other[(i + 1) & 3] != a) continue;
+                /* Round the two: a, c, d of the other, then b, e, h of the one. */
+                uint32_t c = other[(i + 2) & 3], d = other[(i + 3) & 3], e = one[(k + 2) & 3],
+                         h = one[(k + 3) & 3];
+                size_t at_a = 0, at_b = 0;
+                for (size_t j = 0; j < 4 * mesh->face_count; j++)
+                    at_a += mesh->faces[j] == a, at_b += mesh->faces[j] == b;
+                if (at_a < 4 || at_b < 4 || c == e || d == h || c == h || d == e) break;
+                const uint32_t left[4] = {c, d, b, e}, right[4] = {e, h, a, c};
+                memcpy(one, left, sizeof left);
+                memcpy(other, right, sizeof right);
+                return;
+            }
+    }
+}
+
+/* ---- counts of a layout from its members alone ---- */
+
+typedef struct counts {
+    ptrdiff_t euler;
+    size_t irregular, boundary_curves;
+    size_t valences; /* of irregular inner nodes */
+} counts;
+
+static counts count_layout(const qm_layout *layout, const char *name)
+{
+    counts out = {0};
+    size_t *valence = calloc(layout->node_count + 1, sizeof *valence),
+           *uses = calloc(layout->curve_count + 1, sizeof *uses);
+    bool *on_rim = calloc(layout->node_count + 1, sizeof *on_rim);
+    assert_true(valence && uses && on_rim);
+    for (size_t p = 0; p < layout->patch_count; p++) {
+        uint32_t corner[4];
+        for (int k = 0; k < 4; k++) {
+            corner[k] = qm_layout_corner(layout, &layout->patches[p], k);
+            valence[corner[k]]++;
+            uses[layout->patches[p].side[k]]++;
+            for (int i = 0; i < k; i++)
+                QM_CHECK(corner[i] != corner[k], "%s: patch %zu has a node twice", name, p);
+        }
+    }
+    for (size_t c = 0; c < layout->curve_count; c++) {
+        QM_CHECK(uses[c] == 1 || uses[c] == 2, "%s: curve %zu has %zu patches", name, c, uses[c]);
+        out.boundary_curves += uses[c] == 1;
+        if (uses[c] == 1) on_rim[layout->curves[c].from] = on_rim[layout->curves[c].to] = true;
+    }
+    for (size_t v = 0; v < layout->node_count; v++) {
+        QM_CHECK(valence[v] > 0, "%s: node %zu has no patch", name, v);
+        bool is_irregular = on_rim[v] ? valence[v] != 2 : valence[v] != 4;
+        out.irregular += is_irregular;
+        if (is_irregular) out.valences += valence[v];
+    }
+    out.euler =
+        (ptrdiff_t)layout->node_count - (ptrdiff_t)layout->curve_count + (ptrdiff_t)layout->patch_count;
+    free(valence);
+    free(uses);
+    free(on_rim);
+    return out;
+}
+
+/** The same counts of the mesh: its irregular vertices. */
+static counts count_mesh(const qm_mesh *mesh)
+{
+    counts out = {0};
+    size_t *valence = calloc(mesh->vertex_count, sizeof *valence);
+    bool *on_rim = calloc(mesh->vertex_count, sizeof *on_rim);
+    assert_true(valence && on_rim);
+    for (size_t i = 0; i < 4 * mesh->face_count; i++) {
+        valence[mesh->faces[i]]++;
+        uint32_t a = mesh->faces[i], b = mesh->faces[i / 4 * 4 + (i + 1) % 4];
+        bool is_shared = false;
+        for (size_t j = 0; j < 4 * mesh->face_count && !is_shared; j++)
+            is_shared = mesh->faces[j] == b && mesh->faces[j / 4 * 4 + (j + 1) % 4] == a;
+        if (!is_shared) on_rim[a] = on_rim[b] = true, out.boundary_curves++;
+    }
+    for (size_t v = 0; v < mesh->vertex_count; v++)
+        if (on_rim[v] ? valence[v] != 2 : valence[v] != 4) out.irregular++, out.valences += valence[v];
+    size_t edges = (4 * mesh->face_count + out.boundary_curves) / 2;
+    out.euler = (ptrdiff_t)mesh->vertex_count - (ptrdiff_t)edges + (ptrdiff_t)mesh->face_count;
+    free(valence);
+    free(on_rim);
+    return out;
+}
+
+/** Makes a layout, checks its counts, and that a reconstruction takes it; takes the mesh over. */
+static size_t check_layout(const char *name, qm_mesh mesh, double crease_angle, bool may_cross)
+{
+    qm_ground g;
+    qm_ground_make(&g, mesh);
+    qm_quad_layout_options options = qm_quad_layout_options_default();
+    options.crease_angle = crease_angle;
+    options.effort = 300;
+    qm_layout layout;
+    qm_layout_issues issues;
+    qm_quad_layout_facts facts;
+    qm_status status = qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, &facts);
+    QM_CHECK(status == QM_OK, "%s: %s", name, g.ctx.message);
+    counts of_mesh = count_mesh(&g.mesh), of_layout = count_layout(&layout, name);
+    QM_CHECK(of_layout.euler == of_mesh.euler, "%s: %td, not %td", name, of_layout.euler, of_mesh.euler);
+    QM_CHECK(crease_angle > 0 ||
+                 (of_layout.irregular == of_mesh.irregular && of_layout.valences == of_mesh.valences),
+             "%s: %zu irregular of %zu", name, of_layout.irregular, of_mesh.irregular);
+    QM_CHECK((of_layout.boundary_curves > 0) == (of_mesh.boundary_curves > 0), "%s", name);
+    QM_CHECK(facts.patches == layout.patch_count && facts.patches <= facts.quads, "%s: %zu", name,
+             facts.patches);
+    QM_CHECK(may_cross || issues.count == 0, "%s: %zu crossings", name, issues.count);
+    if (issues.count == 0) {
+        assert_int_equal(qm_layout_validate(&g.ctx, &layout, g.source.diagonal), QM_OK);
+        qm_reconstruction_options how = qm_reconstruction_options_default();
+        qm_reconstruction *r;
+        QM_CHECK(qm_reconstruction_create(&g.ctx, &g.source, &layout, &how, &r) == QM_OK, "%s: %s", name,
+                 g.ctx.message);
+        qm_reconstruction_destroy(&g.ctx, r);
+    }
+    size_t patches = layout.patch_count;
+    qm_layout_reset(&g.ctx, &layout);
+    qm_layout_issues_reset(&g.ctx, &issues);
+    qm_ground_free(&g);
+    return patches;
+}
+
+static void simple_shapes_have_the_fewest_patches(void **state)
+{
+    (void)state;
+    voxels cube = {0}, bar = {0};
+    fill(&cube, 0, 0, 0, 2, 2, 2, true);
+    fill(&bar, 0, 0, 0, 5, 1, 1, true);
+    qm_mesh ball = boundary_of(&cube, 4);
+    make_round(&ball, 1.0);
+    assert_int_equal(check_layout("ball", ball, 0, false), 6);
+    assert_int_equal(check_layout("bar", boundary_of(&bar, 2), 0, false), 6);
+    assert_int_equal(check_layout("plane", qm_shape_plane(7, 0), 0, false), 1);
+    assert_int_equal(check_layout("saddle", qm_shape_saddle(6), 0, false), 1);
+    assert_in_range(check_layout("torus", qm_shape_torus(24, 12, 1, 0.4), 0, false), 4, 9);
+    assert_in_range(check_layout("wound torus", wound_torus(24, 12, 5), 0, true), 4, 24);
+}
+
+static void shapes_of_any_genus_keep_their_counts(void **state)
+{
+    (void)state;
+    voxels set = {0};
+    fill(&set, 0, 0, 0, 3, 3, 1, true);
+    fill(&set, 1, 1, 0, 2, 2, 1, false);
+    check_layout("ring", boundary_of(&set, 2), 0, true);
+    set = (voxels){0};
+    fill(&set, 0, 0, 0, 5, 3, 1, true);
+    fill(&set, 1, 1, 0, 2, 2, 1, false);
+    fill(&set, 3, 1, 0, 4, 2, 1, false);
+    check_layout("double ring", boundary_of(&set, 2), 0, true);
+    set = (voxels){0};
+    fill(&set, 0, 0, 0, 3, 1, 1, true);
+    fill(&set, 0, 0, 0, 1, 3, 1, true);
+    fill(&set, 0, 0, 0, 1, 1, 3, true);
+    check_layout("corner", boundary_of(&set, 2), 0, true);
+}
+
+/** A random set of voxels that hang together by their sides. */
+static voxels random_voxels(qm_random *random, int count)
+{
+    voxels set = {0};
+    set.is_full[2][2][2] = true;
+    for (int i = 1; i < count;) {
+        int at[3];
+        for (int k = 0; k < 3; k++)
+            at[k] = (int)qm_random_below(random, SIZE);
+        bool touches = false;
+        for (int side = 0; side < 6; side++) {
+            int way[3] = {0, 0, 0};
+            way[side / 2] = side % 2 ? 1 : -1;
+            touches |= is_full(&set, at[0] + way[0], at[1] + way[1], at[2] + way[2]);
+        }
+        if (!touches || is_full(&set, at[0], at[1], at[2])) continue;
+        set.is_full[at[0]][at[1]][at[2]] = true;
+        i++;
+    }
+    return set;
+}
+
+/** Every edge of the boundary has two faces, and no vertex has several fans: else the engine cuts there. */
+static bool is_manifold(const qm_mesh *mesh)
+{
+    qm_context ctx = qm_context_make();
+    qm_mesh_facts facts;
+    assert_int_equal(qm_mesh_find_facts(&ctx, mesh, &facts), QM_OK);
+    return facts.manifold;
+}
+
+static void random_meshes_keep_their_counts(void **state)
+{
+    (void)state;
+    for (uint64_t stream = 0, done = 0; done < (qm_check_long() ? 200 : 6); stream++) {
+        qm_random random = qm_random_make(qm_check_seed(), stream);
+        char name[64];
+        snprintf(name, sizeof name, "seed %llu, voxels %llu", (unsigned long long)qm_check_seed(),
+                 (unsigned long long)stream);
+        voxels set = random_voxels(&random, 2 + (int)qm_random_below(&random, 8));
+        qm_mesh mesh = boundary_of(&set, 2);
+        if (is_manifold(&mesh)) {
+            check_layout(name, mesh, 0, true);
+            done++;
+        } else {
+            qm_shape_free(&mesh);
+        }
+    }
+    for (uint64_t stream = 0; stream < (qm_check_long() ? 200u : 6u); stream++) {
+        qm_random random = qm_random_make(qm_check_seed(), 1000 + stream);
+        char name[64];
+        snprintf(name, sizeof name, "seed %llu, torus %llu", (unsigned long long)qm_check_seed(),
+                 (unsigned long long)stream);
+        qm_mesh mesh = wound_torus(20, 10, (int)qm_random_below(&random, 10));
+        size_t turns = 1 + qm_random_below(&random, 4);
+        for (size_t i = 0; i < turns; i++)
+            turn_edge(&mesh, &random);
+        check_layout(name, mesh, 0, true);
+    }
+}
+
+static void creases_become_curves(void **state)
+{
+    (void)state;
+    voxels set = {0};
+    fill(&set, 0, 0, 0, 3, 2, 1, true);
+    qm_ground g;
+    qm_ground_make(&g, boundary_of(&set, 3));
+    qm_quad_layout_options options = {.crease_angle = 40, .effort = 100};
+    qm_layout layout;
+    qm_layout_issues issues;
+    assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL),
+                     QM_OK);
+    assert_int_equal(layout.patch_count, 6);
+    assert_int_equal(layout.curve_count, 12);
+    const double most[3] = {3, 2, 1};
+    for (size_t c = 0; c < layout.curve_count; c++)
+        for (size_t i = 0; i < layout.curves[c].point_count; i++) {
+            const double *p = layout.curves[c].points + 3 * i;
+            int on_sides = 0;
+            for (int k = 0; k < 3; k++)
+                on_sides += fabs(p[k]) < 1e-12 || fabs(p[k] - most[k]) < 1e-12;
+            QM_CHECK(on_sides >= 2, "curve %zu leaves the edge at %g %g %g", c, p[0], p[1], p[2]);
+        }
+    qm_layout_reset(&g.ctx, &layout);
+    qm_layout_issues_reset(&g.ctx, &issues);
+    qm_ground_free(&g);
+}
+
+static void a_layout_is_divided_as_wanted(void **state)
+{
+    (void)state;
+    voxels cube = {0};
+    fill(&cube, 0, 0, 0, 2, 2, 2, true);
+    qm_mesh mesh = boundary_of(&cube, 6);
+    make_round(&mesh, 1.0);
+    qm_ground g;
+    qm_ground_make(&g, mesh);
+    for (size_t wanted = 6; wanted <= 96; wanted *= 2) {
+        qm_quad_layout_options options = {.patches = wanted, .effort = 100};
+        qm_layout layout;
+        qm_layout_issues issues;
+        assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL),
+                         QM_OK);
+        QM_CHECK(layout.patch_count <= wanted && 2 * layout.patch_count >= wanted, "%zu of %zu",
+                 layout.patch_count, wanted);
+        assert_int_equal(count_layout(&layout, "divided").euler, 2);
+        qm_layout_reset(&g.ctx, &layout);
+        qm_layout_issues_reset(&g.ctx, &issues);
+    }
+    qm_ground_free(&g);
+}
+
+/* ---- the slow twin: all lengths of a small T-mesh ---- */
+
+typedef struct small_case {
+    qm_context ctx;
+    qm_arena arena, scratch;
+    qm_mesh mesh;
+    qm_patch_set set;
+    qm_tmesh_quads quads;
+    qm_tmesh tmesh;
+} small_case;
+
+static void open_case(small_case *s, qm_mesh mesh)
+{
+    *s = (small_case){.ctx = qm_context_make(), .mesh = mesh};
+    s->arena = qm_arena_make(&s->ctx);
+    s->scratch = qm_arena_make(&s->ctx);
+    assert_int_equal(qm_tmesh_quads_make(&s->arena, &s->mesh, 0, &s->quads), QM_OK);
+    assert_int_equal(qm_patch_set_trace(&s->ctx, &s->quads.mesh, s->quads.creases, &s->set), QM_OK);
+    assert_int_equal(qm_tmesh_make(&s->arena, &s->quads, &s->set, &s->tmesh), QM_OK);
+}
+
+static void close_case(small_case *s)
+{
+    qm_patch_set_reset(&s->ctx, &s->set);
+    qm_arena_reset(&s->arena);
+    qm_arena_reset(&s->scratch);
+    qm_shape_free(&s->mesh);
+}
+
+static bool sides_agree(const small_case *s, const uint32_t *length)
+{
+    for (size_t p = 0; p < s->tmesh.patch_count; p++)
+        for (int axis = 0; axis < 2; axis++)
+            if (qm_tmesh_side_length(&s->tmesh, length, p, axis) !=
+                qm_tmesh_side_length(&s->tmesh, length, p, axis + 2))
+                return false;
+    return true;
+}
+
+/** The fewest faces of all lengths of at most a limit that are a layout. */
+static size_t fewest_faces(small_case *s, uint32_t limit)
+{
+    size_t arcs = s->tmesh.arc_count, best = SIZE_MAX;
+    uint32_t *length = calloc(arcs, sizeof *length);
+    assert_non_null(length);
+    for (;;) {
+        if (sides_agree(s, length)) {
+            qm_tmesh_classes classes;
+            qm_arena_rewind(&s->scratch);
+            assert_int_equal(qm_tmesh_classes_find(&s->scratch, &s->quads, &s->tmesh, length, 1, &classes),
+                             QM_OK);
+            if (classes.fault_count == 0 && classes.face_count < best) best = classes.face_count;
+        }
+        size_t a = 0;
+        while (a < arcs && length[a] == limit)
+            length[a++] = 0;
+        if (a == arcs) break;
+        length[a]++;
+    }
+    free(length);
+    return best;
+}
+
+static void lengths_are_the_best_of_all(void **state)
+{
+    (void)state;
+    voxels cube = {0}, step = {0};
+    fill(&cube, 0, 0, 0, 2, 2, 2, true);
+    fill(&step, 0, 0, 0, 2, 1, 1, true);
+    qm_mesh meshes[] = {boundary_of(&cube, 1), boundary_of(&step, 2), qm_shape_plane(5, 0)};
+    for (size_t i = 0; i < sizeof meshes / sizeof *meshes; i++) {
+        small_case s;
+        open_case(&s, meshes[i]);
+        QM_CHECK(s.tmesh.arc_count <= 14, "case %zu has %zu arcs", i, s.tmesh.arc_count);
+        size_t expected = fewest_faces(&s, 2);
+        uint32_t *length = calloc(s.tmesh.arc_count, sizeof *length);
+        assert_int_equal(qm_tmesh_find_lengths(&s.ctx, &s.quads, &s.tmesh, 0, 200, length), QM_OK);
+        assert_true(sides_agree(&s, length));
+        qm_tmesh_classes classes;
+        assert_int_equal(qm_tmesh_classes_find(&s.scratch, &s.quads, &s.tmesh, length, 1, &classes), QM_OK);
+        QM_CHECK(classes.fault_count == 0 && classes.face_count == expected, "case %zu: %zu faces, not %zu",
+                 i, classes.face_count, expected);
+        free(length);
+        close_case(&s);
+    }
+}
+
+static void bad_input_is_a_status(void **state)
+{
+    (void)state;
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_plane(3, 0));
+    qm_quad_layout_options options = qm_quad_layout_options_default();
+    qm_layout layout;
+    qm_layout_issues issues;
+    options.crease_angle = 181;
+    assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL),
+                     QM_E_ARGUMENT);
+    options.crease_angle = NAN;
+    assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL),
+                     QM_E_ARGUMENT);
+    options.crease_angle = 0;
+    qm_mesh points = {.positions = g.mesh.positions, .vertex_count = g.mesh.vertex_count};
+    assert_int_equal(qm_quad_layout_make(&g.ctx, &points, &g.source, &options, &layout, &issues, NULL),
+                     QM_E_EMPTY);
+    uint32_t corners[4] = {0, 1, 2, QM_NO_INDEX};
+    qm_mesh triangle = points;
+    triangle.faces = corners;
+    triangle.face_count = 1;
+    assert_int_equal(qm_quad_layout_make(&g.ctx, &triangle, &g.source, &options, &layout, &issues, NULL),
+                     QM_E_ARGUMENT);
+    assert_true(layout.patch_count == 0 && issues.count == 0);
+    qm_ground_free(&g);
+}
+
+static void running_out_of_memory_is_a_status(void **state)
+{
+    (void)state;
+    voxels cube = {0};
+    fill(&cube, 0, 0, 0, 2, 2, 2, true);
+    qm_ground g;
+    qm_ground_make(&g, boundary_of(&cube, 2));
+    qm_quad_layout_options options = {.crease_angle = 30, .effort = 4};
+    qm_status status = QM_E_NO_MEMORY;
+    for (size_t fail_at = 0; status != QM_OK; fail_at++) {
+        qm_failing_allocator memory = {.fail_at = fail_at};
+        qm_context ctx = {.allocator = qm_failing_allocator_hook(&memory)};
+        qm_layout layout;
+        qm_layout_issues issues;
+        status = qm_quad_layout_make(&ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL);
+        QM_CHECK(status == QM_OK || status == QM_E_NO_MEMORY, "call %zu: %s", fail_at, ctx.message);
+        qm_layout_reset(&ctx, &layout);
+        qm_layout_issues_reset(&ctx, &issues);
+        assert_true(memory.live_blocks == 0 && !memory.mismatched);
+    }
+    qm_ground_free(&g);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(simple_shapes_have_the_fewest_patches),
+        cmocka_unit_test(shapes_of_any_genus_keep_their_counts),
+        cmocka_unit_test(random_meshes_keep_their_counts),
+        cmocka_unit_test(creases_become_curves),
+        cmocka_unit_test(a_layout_is_divided_as_wanted),
+        cmocka_unit_test(lengths_are_the_best_of_all),
+        cmocka_unit_test(bad_input_is_a_status),
+        cmocka_unit_test(running_out_of_memory_is_a_status),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
