@@ -9,7 +9,7 @@
 #include "ops/json_layout.h"
 #include "options.h"
 
-#define DEFAULT_QUADS 10000
+#define WARNINGS_SHOWN 20
 
 typedef struct reconstruct_options {
     const char *surface, *layout, *output, *picture;
@@ -32,6 +32,11 @@ static bool load_layout(qm_context *ctx, const reconstruct_options *options, con
     if (is_valid && !has_patches) {
         qm_layout_issues issues;
         qm_status status = qm_layout_find_patches(ctx, source, out, &issues);
+        for (size_t i = 0; i < issues.count && status == QM_OK; i++) {
+            char text[QM_ISSUE_TEXT];
+            qm_layout_issue_text(&issues.items[i], text);
+            fprintf(stderr, "%s: %s\n", options->layout, text);
+        }
         is_valid = status == QM_OK;
         if (!is_valid) problem = qm_problem_from_status(status, ctx->message);
         qm_layout_issues_reset(ctx, &issues);
@@ -46,11 +51,13 @@ typedef struct printer {
     const reconstruct_options *options;
     FILE *out; /* stdout, or stderr if the mesh goes to stdout */
     double diagonal;
+    size_t step_count;
 } printer;
 
 static void on_step(void *user, const qm_refine_record *record)
 {
-    const printer *p = user;
+    printer *p = user;
+    p->step_count++;
     if (p->options->as_json) {
         qm_text text = {0};
         qm_text_add_string(&text, "{");
@@ -75,6 +82,42 @@ static void on_step(void *user, const qm_refine_record *record)
     fprintf(p->out, ", %.1f ms\n", record->step_ms);
 }
 
+/** Prints the result as the last line: as an object, or as a sentence after the warnings. */
+static void print_result(const printer *p, const qm_reconstruction *r, size_t quads, qm_refine_stop stop)
+{
+    size_t points, uncovered;
+    qm_reconstruction_coverage(r, &points, &uncovered);
+    if (p->options->as_json) {
+        qm_text text = {0};
+        qm_text_add_string(&text, "{");
+        qm_json_add_string(&text, "mesh", p->options->output);
+        qm_json_add_count(&text, "quads", quads);
+        qm_json_add_count(&text, "patch_count", qm_reconstruction_patch_count(r));
+        qm_json_add_count(&text, "step_count", p->step_count);
+        qm_json_add_string(&text, "stopped_by", qm_refine_stop_name(stop));
+        qm_json_open(&text, "coverage", "{");
+        qm_json_add_count(&text, "samples", points);
+        qm_json_add_count(&text, "uncovered_samples", uncovered);
+        qm_text_add_string(&text, "}");
+        qm_json_add_warnings(&text, r);
+        qm_text_add_string(&text, "}");
+        char *line = qm_text_take(&text);
+        fprintf(p->out, "%s\n", line ? line : "{}");
+        free(line);
+        return;
+    }
+    qm_reconstruction_warning warning[WARNINGS_SHOWN];
+    size_t count = qm_reconstruction_find_warnings(r, warning, WARNINGS_SHOWN);
+    for (size_t i = 0; i < count && i < WARNINGS_SHOWN; i++) {
+        char text[QM_WARNING_TEXT];
+        qm_json_warning_text(&warning[i], text);
+        fprintf(stderr, "%s: %s\n", p->options->output, text);
+    }
+    fprintf(p->out, "%s: %zu quads in %zu patches; %.2f %% of the surface is covered; stopped by %s\n",
+            p->options->output, quads, qm_reconstruction_patch_count(r),
+            100.0 * (double)(points - uncovered) / (double)points, qm_refine_stop_name(stop));
+}
+
 static bool write_picture(const reconstruct_options *options, const qm_mesh *mesh)
 {
     if (!options->picture || cli_write_picture(options->picture, mesh)) return true;
@@ -86,7 +129,7 @@ static bool write_picture(const reconstruct_options *options, const qm_mesh *mes
 static int refine_and_write(qm_context *ctx, const reconstruct_options *options, const qm_ref_surface *source,
                             qm_reconstruction *r)
 {
-    printer p = {options, strcmp(options->output, "-") == 0 ? stderr : stdout, source->diagonal};
+    printer p = {options, strcmp(options->output, "-") == 0 ? stderr : stdout, source->diagonal, 0};
     qm_refine_stop stop;
     qm_status status = qm_refine(ctx, r, source, &options->goal, on_step, &p, &stop);
     ctx->cancel = NULL; /* the mesh is written, also after an interrupt */
@@ -96,14 +139,9 @@ static int refine_and_write(qm_context *ctx, const reconstruct_options *options,
         cli_report_status(options->surface, status, ctx, options->as_json);
         return EXIT_BAD_INPUT;
     }
-    size_t points, uncovered;
-    qm_reconstruction_coverage(r, &points, &uncovered);
     bool is_done =
         cli_write_mesh(ctx, options->output, &mesh, options->as_json) && write_picture(options, &mesh);
-    if (is_done && !options->as_json)
-        fprintf(p.out, "%s: %zu quads in %zu patches; %.2f %% of the surface is covered; stopped by %s\n",
-                options->output, mesh.face_count, qm_reconstruction_patch_count(r),
-                100.0 * (double)(points - uncovered) / (double)points, qm_refine_stop_name(stop));
+    if (is_done) print_result(&p, r, mesh.face_count, stop);
     qm_mesh_reset(ctx, &mesh);
     bool is_reached =
         stop != QM_REFINE_CANCELED && (!(options->goal.hausdorff > 0.0) || stop == QM_REFINE_HAUSDORFF);
@@ -197,7 +235,7 @@ static int run(int argc, char **argv)
          .letter = 'j',
          .type = CLI_FLAG,
          .target = &o.as_json,
-         .help = "steps and result as JSON, one object a line"}};
+         .help = "steps and, last, the result as JSON, one object a line"}};
     const char *paths[2];
     int status;
     if (!cli_read_options(&cmd_reconstruct, options, sizeof options / sizeof *options, argc, argv, paths,
@@ -206,8 +244,6 @@ static int run(int argc, char **argv)
     o.surface = paths[0];
     o.layout = paths[1];
     o.goal.measures = !skips_measuring;
-    bool has_goal = o.goal.max_quads || o.goal.steps || o.goal.edge > 0.0 || o.hausdorff > 0.0;
-    if (!has_goal) o.goal.max_quads = DEFAULT_QUADS;
     if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
     if (o.picture && !cli_check_writable(o.picture, o.as_json)) return EXIT_BAD_INPUT;
     qm_context ctx = qm_host_context();

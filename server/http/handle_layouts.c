@@ -223,8 +223,8 @@ static bool set_patches(layout_session *s, bool has_patches, qm_problem *problem
 {
     qm_status status;
     if (has_patches) {
-        status = qm_layout_validate(&s->ctx, &s->layout, s->source.diagonal);
-        if (status == QM_OK) status = qm_layout_find_crossings(&s->ctx, &s->layout, &s->issues);
+        status = qm_layout_validate(&s->ctx, &s->layout, s->source.diagonal, &s->source);
+        if (status == QM_OK) status = qm_layout_find_crossings(&s->ctx, &s->layout, &s->source, &s->issues);
     } else {
         status = qm_layout_find_patches(&s->ctx, &s->source, &s->layout, &s->issues);
     }
@@ -490,7 +490,7 @@ static bool apply_stroke(layout_session *s, const qm_layout_edit *edit, uint32_t
     uint32_t id = QM_NO_INDEX;
     bool good = pick_stroke(s, edit, &stroke, problem) &&
                 outcome(s,
-                        qm_layout_add_stroke(&s->ctx, &s->layout, stroke.points, stroke.count,
+                        qm_layout_add_stroke(&s->ctx, &s->layout, &s->source, stroke.points, stroke.count,
                                              snap_radius(s, edit), &id),
                         problem);
     if (good) add_stroke_facts(more, id, &stroke);

@@ -392,6 +392,7 @@ static char *make_document(const qm_reconstruction_lease *r, const qm_store_reco
     qm_json_add_count(&text, "samples", points);
     qm_json_add_count(&text, "uncovered_samples", uncovered);
     qm_text_add_string(&text, "}");
+    qm_json_add_warnings(&text, r->reconstruction);
     qm_json_add_string(&text, "created", created);
     return qm_text_take(&text);
 }

@@ -190,21 +190,69 @@ void qm_json_add_layout(qm_text *out, const qm_layout *layout)
     qm_text_add_string(out, "]");
 }
 
+void qm_layout_issue_text(const qm_layout_issue *issue, char out[QM_ISSUE_TEXT])
+{
+    if (issue->fault == QM_LAYOUT_DANGLING_END)
+        snprintf(out, QM_ISSUE_TEXT, "curve %u ends at node %u, where no other curve begins", issue->curve[0],
+                 issue->node);
+    else if (issue->fault == QM_LAYOUT_CELL_SIDES)
+        snprintf(out, QM_ISSUE_TEXT, "the cell beside curve %u has %u sides, not four", issue->curve[0],
+                 issue->sides);
+    else
+        snprintf(out, QM_ISSUE_TEXT, "curves %u and %u cross without a node", issue->curve[0],
+                 issue->curve[1]);
+}
+
+const char *qm_json_warning_name(qm_reconstruction_warning_kind kind)
+{
+    static const char *const names[] = {"spans_hole", "uncovered", "one_sided", "inside_out"};
+    _Static_assert(sizeof names / sizeof names[0] == QM_RECONSTRUCTION_WARNING_COUNT, "a name for each kind");
+    QM_ASSERT(kind < QM_RECONSTRUCTION_WARNING_COUNT);
+    return names[kind];
+}
+
+void qm_json_warning_text(const qm_reconstruction_warning *warning, char out[QM_WARNING_TEXT])
+{
+    if (warning->kind == QM_RECONSTRUCTION_SPANS_HOLE)
+        snprintf(out, QM_WARNING_TEXT, "patch %zu spans a hole of the surface", warning->patch);
+    else if (warning->kind == QM_RECONSTRUCTION_UNCOVERED)
+        snprintf(out, QM_WARNING_TEXT, "no patch covers %.1f %% of the surface", 100.0 * warning->share);
+    else if (warning->kind == QM_RECONSTRUCTION_ONE_SIDED)
+        snprintf(out, QM_WARNING_TEXT, "the patches have no common orientation: the layout is one-sided");
+    else
+        snprintf(out, QM_WARNING_TEXT,
+                 "the faces look inward, as those of the surface: the mesh is inside out");
+}
+
+void qm_json_add_warnings(qm_text *out, const qm_reconstruction *reconstruction)
+{
+    qm_reconstruction_warning warning[100];
+    size_t most = sizeof warning / sizeof *warning,
+           count = qm_reconstruction_find_warnings(reconstruction, warning, most);
+    qm_json_open(out, "warnings", "[");
+    for (size_t i = 0; i < count && i < most; i++) {
+        char text[QM_WARNING_TEXT];
+        qm_json_warning_text(&warning[i], text);
+        qm_json_add_comma(out);
+        qm_text_add_string(out, "{");
+        qm_json_add_string(out, "kind", qm_json_warning_name(warning[i].kind));
+        if (warning[i].kind == QM_RECONSTRUCTION_SPANS_HOLE)
+            qm_json_add_count(out, "patch", warning[i].patch);
+        if (warning[i].kind == QM_RECONSTRUCTION_UNCOVERED)
+            qm_json_add_number(out, "share", warning[i].share);
+        qm_json_add_string(out, "detail", text);
+        qm_text_add_string(out, "}");
+    }
+    qm_text_add_string(out, "]");
+}
+
 static void write_issue(qm_text *out, const qm_layout_issue *issue)
 {
     static const char *const names[] = {"dangling_end", "cell_sides", "crossing"};
     _Static_assert(sizeof names / sizeof names[0] == QM_LAYOUT_FAULT_COUNT, "a name for each fault");
     QM_ASSERT(issue->fault < QM_LAYOUT_FAULT_COUNT);
-    char message[160];
-    if (issue->fault == QM_LAYOUT_DANGLING_END)
-        snprintf(message, sizeof message, "curve %u ends at node %u, where no other curve begins",
-                 issue->curve[0], issue->node);
-    else if (issue->fault == QM_LAYOUT_CELL_SIDES)
-        snprintf(message, sizeof message, "the cell beside curve %u has %u sides, not four", issue->curve[0],
-                 issue->sides);
-    else
-        snprintf(message, sizeof message, "curves %u and %u cross without a node", issue->curve[0],
-                 issue->curve[1]);
+    char message[QM_ISSUE_TEXT];
+    qm_layout_issue_text(issue, message);
     qm_json_add_string(out, "kind", names[issue->fault]);
     qm_json_add_count(out, "curve", issue->curve[0]);
     if (issue->fault == QM_LAYOUT_CROSSING) qm_json_add_count(out, "other_curve", issue->curve[1]);

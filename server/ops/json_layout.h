@@ -43,6 +43,18 @@ void qm_json_add_layout(qm_text *out, const qm_layout *layout);
 /** Adds the member issues: why the layout is incomplete, each with a message. */
 void qm_json_add_layout_issues(qm_text *out, const qm_layout_issues *issues);
 
+/** What a reconstruction's warning says, and the word that names it. */
+#define QM_WARNING_TEXT 200
+const char *qm_json_warning_name(qm_reconstruction_warning_kind kind);
+void qm_json_warning_text(const qm_reconstruction_warning *warning, char out[QM_WARNING_TEXT]);
+
+/** Adds the member warnings of a reconstruction: the first hundred, each with its kind and detail. */
+void qm_json_add_warnings(qm_text *out, const qm_reconstruction *reconstruction);
+
+/** What a layout's issue says. */
+#define QM_ISSUE_TEXT 160
+void qm_layout_issue_text(const qm_layout_issue *issue, char out[QM_ISSUE_TEXT]);
+
 /** The edits that have a body. */
 typedef enum qm_layout_edit_kind {
     QM_EDIT_STROKE,

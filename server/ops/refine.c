@@ -172,6 +172,23 @@ static bool is_reached(const refinement *r, const qm_refine_record *record, size
     return false;
 }
 
+static size_t find_limit(const qm_refine_goal *goal)
+{
+    if (goal->max_quads > 0) return goal->max_quads;
+    bool has_goal = goal->steps > 0 || goal->edge > 0.0 || goal->hausdorff > 0.0;
+    return has_goal ? QM_REFINE_MAX_QUADS : QM_REFINE_DEFAULT_QUADS;
+}
+
+static size_t count_quads(const qm_reconstruction *reconstruction)
+{
+    size_t quads = 0;
+    for (size_t p = 0; p < qm_reconstruction_patch_count(reconstruction); p++) {
+        qm_reconstruction_patch patch = qm_reconstruction_get_patch(reconstruction, p);
+        quads += (size_t)patch.columns * patch.rows;
+    }
+    return quads;
+}
+
 qm_status qm_refine(qm_context *ctx, qm_reconstruction *reconstruction, const qm_ref_surface *source,
                     const qm_refine_goal *goal, qm_refine_fn *on_step, void *user, qm_refine_stop *stop)
 {
@@ -184,7 +201,10 @@ qm_status qm_refine(qm_context *ctx, qm_reconstruction *reconstruction, const qm
                     goal,
                     qm_reconstruction_cover_distance(reconstruction),
                     (double)uncovered / (double)points};
-    size_t max_quads = goal->max_quads > 0 ? goal->max_quads : QM_REFINE_MAX_QUADS;
+    size_t max_quads = find_limit(goal), quads = count_quads(reconstruction);
+    if (quads > max_quads)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the mesh has %zu quads already, the limit is %zu", quads,
+                               max_quads);
     for (size_t steps = 1;; steps++) {
         if (qm_context_canceled(ctx)) return *stop = QM_REFINE_CANCELED, QM_OK;
         qm_refine_record record = {0};
@@ -193,7 +213,16 @@ qm_status qm_refine(qm_context *ctx, qm_reconstruction *reconstruction, const qm
         record.step_ms = qm_clock_now_ms() - start;
         if (status == QM_E_CANCELED) return *stop = QM_REFINE_CANCELED, QM_OK;
         if (status != QM_OK) return status;
-        if (record.step.chords_doubled == 0) return *stop = QM_REFINE_QUADS, QM_OK;
+        if (record.step.chords_doubled == 0) {
+            /* Of one quad a patch nothing was asked yet: a limit that allows no step is a mistake. */
+            if (quads > qm_reconstruction_patch_count(reconstruction) || steps > 1)
+                return *stop = QM_REFINE_QUADS, QM_OK;
+            return qm_context_fail(
+                ctx, QM_E_ARGUMENT,
+                "no step fits into the limit of %zu quads: the mesh has %zu, one a patch, and a "
+                "step doubles a row of patches",
+                max_quads, quads);
+        }
         status = measure_step(&r, reconstruction, &record);
         /* A step is complete even if the measurement of its distance was canceled. */
         if (status != QM_OK && status != QM_E_CANCELED) return status;

@@ -10,12 +10,14 @@
 #include "qm/reconstruct.h"
 
 #define QM_REFINE_MAX_QUADS 4000000
+#define QM_REFINE_DEFAULT_QUADS 10000 /* the limit of a refinement without any goal */
 
 /** Goals: the refinement stops when it reaches the first of them. */
 typedef struct qm_refine_goal {
-    size_t steps;     /* 0: any number */
-    size_t max_quads; /* upper limit of the mesh; 0: QM_REFINE_MAX_QUADS */
-    double edge;      /* longest mean edge of a chord; 0: none */
+    size_t steps; /* 0: any number */
+    size_t
+        max_quads; /* upper limit of the mesh; 0: QM_REFINE_MAX_QUADS, or the default if there is no goal at all */
+    double edge; /* longest mean edge of a chord; 0: none */
     double
         hausdorff; /* upper bound of the distance; 0: none. Points that no patch reached at the start do not count. */
     bool measures; /* measures the distance after each step even if it is no goal */

@@ -393,7 +393,7 @@ def test_bad_requests_are_refused(client, saddle):
     # A surface that the layout does not lie on.
     far = client.upload(shapes.cube(origin=(50, 50, 50)))["id"]
     problem = check_problem(client.post("/v1/reconstructions", json={**layout, "source": far}), 422, "invalid_layout")
-    assert "patch" in problem["detail"]
+    assert "outside its box" in problem["detail"]
     check_problem(client.get("/v1/reconstructions/r_none"), 404, "reconstruction_not_found")
     for fields in ({"steps": 0}, {"until": {"max_quads": 0}}, {"until": {"quads": 7}}, {"until": 7},
                    {"quads": "bilinear"}, {"measure": 1}):
@@ -476,3 +476,31 @@ def test_point_sets_made_worse(client, spoil):
         assert any(step["holes_filled"] > 0 for step in result["steps"])
     if spoil in ("outliers", "apart"):
         assert made["coverage"]["uncovered_samples"] > 0
+
+
+def test_what_the_mesh_does_not_show_is_told(client, saddle):
+    assert start(client, saddle)["warnings"] == []
+    made = client.post("/v1/layouts", json={"mesh": saddle, **saddle_layout()}).json()
+    kept = client.post("/v1/layouts", json={"mesh": saddle, "nodes": made["nodes"], "curves": made["curves"],
+                                            "patches": made["patches"][:1]}).json()
+    warnings = client.post("/v1/reconstructions", json={"layout": kept["id"]}).json()["warnings"]
+    assert [w["kind"] for w in warnings] == ["uncovered"] and 0.3 < warnings[0]["share"] < 0.7
+
+
+def test_layouts_elsewhere_are_refused(client, saddle):
+    drawn = saddle_layout()
+    for shift, scale, words in ((40, 1, "outside its box"), (0, 1000, "in another unit")):
+        far = {"nodes": [[scale * p[0] + shift, *(scale * x for x in p[1:])] for p in drawn["nodes"]],
+               "curves": [{**c, "points": [[scale * p[0] + shift, *(scale * x for x in p[1:])] for p in c["points"]]}
+                          for c in drawn["curves"]]}
+        layout = client.post("/v1/layouts", json={"mesh": saddle, **far}).json()
+        problem = check_problem(client.post("/v1/reconstructions", json={"layout": layout["id"]}), 422, "invalid_layout")
+        assert words in problem["detail"]
+
+
+def test_a_limit_that_allows_no_step_fails_and_no_goal_is_the_default(client, saddle):
+    made = start(client, saddle)
+    job = refine(client, made, until={"max_quads": 3})
+    assert job["state"] == "failed" and "no step fits into the limit of 3 quads" in job["problem"]["detail"]
+    result = refine(client, made, measure=False)["result"]
+    assert result["stopped_by"] == "max_quads" and 2500 < result["quads"] <= 10000

@@ -55,9 +55,9 @@ OUT = catalogue.OUT / "reconstruction.obj"
 
 
 def refine(layout, surface, quads, *options):
-    """The steps of the command line; distances as shares of the diagonal."""
+    """The steps of the command line, whose last line is the result; distances as shares of the diagonal."""
     found = quadmesh("reconstruct", surface, layout, "-o", OUT, "--quads", quads, *options)
-    return found if "failed" in found else {"steps": found["lines"], "mesh": quadmesh("info", OUT)["lines"][0]}
+    return found if "failed" in found else {"steps": found["lines"][:-1], "mesh": quadmesh("info", OUT)["lines"][0]}
 
 
 def follow(layout, surface):

@@ -88,13 +88,16 @@ def test_no_libspng_is_a_problem_only_where_a_picture_is_written(quadmesh, surfa
 
 def test_goals_and_exit_status(quadmesh, surface, layout):
     done = quadmesh("reconstruct", surface, layout, "-o", "out.ply", "--hausdorff", "2e-3", "--json")
-    steps = [json.loads(line) for line in done.stdout.splitlines()]
+    *steps, result = [json.loads(line) for line in done.stdout.splitlines()]
+    assert result["mesh"] == "out.ply" and result["stopped_by"] == "hausdorff" and result["warnings"] == []
+    assert (result["quads"], result["step_count"]) == (steps[-1]["quads"], len(steps))
     assert done.returncode == 0 and steps[-1]["hausdorff"]["upper_relative"] <= 2e-3
     assert steps[-2]["hausdorff"]["upper_relative"] > 2e-3
     done = quadmesh("reconstruct", surface, layout, "-o", "out.ply", "--hausdorff", "1e-9", "--quads", 20)
     assert done.returncode == 3 and "stopped by max_quads" in done.stdout
     done = quadmesh("reconstruct", surface, layout, "-o", "out.ply", "--steps", 3, "--no-measure", "--json")
-    steps = [json.loads(line) for line in done.stdout.splitlines()]
+    *steps, result = [json.loads(line) for line in done.stdout.splitlines()]
+    assert result["stopped_by"] == "steps"
     assert len(steps) == 3 and steps[0]["hausdorff"] is None
 
 
@@ -145,3 +148,47 @@ def test_bad_files_and_usage(quadmesh, surface, layout, tmp_path):
                       (surface, layout, "-o", "x", "--colour")):
         assert quadmesh("reconstruct", *arguments).returncode == 2, arguments
     assert quadmesh("reconstruct", "--help").returncode == 0
+
+
+def test_limits_that_allow_no_step_and_the_default(quadmesh, surface, layout):
+    done = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--quads", 1)
+    assert done.returncode == 2 and "no step fits into the limit of 1 quads: the mesh has 1" in done.stderr
+    done = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--no-measure", "--json")
+    result = json.loads(done.stdout.splitlines()[-1])
+    assert done.returncode == 0 and result["stopped_by"] == "max_quads" and 5000 < result["quads"] <= 10000
+
+
+def moved(scale, shift):
+    """The layout of write_layout in another place or unit."""
+    def move(p):
+        return [scale * p[0] + shift, *(scale * x for x in p[1:])]
+    def change(path):
+        drawn = json.loads(write_layout(path).read_text())
+        drawn["nodes"] = [move(p) for p in drawn["nodes"]]
+        for curve in drawn["curves"]:
+            curve["points"] = [move(p) for p in curve["points"]]
+        path.write_text(json.dumps(drawn))
+        return path
+    return change
+
+
+@pytest.mark.parametrize("change, words", [
+    (moved(1000, 0), "times as large as the surface: is it in another unit?"),
+    (moved(0.001, 0.5), "and not on it: is it in another unit?"),
+    (moved(1, 40), "diagonals of the surface outside its box"),
+])
+def test_layouts_elsewhere_or_in_another_unit_are_told_of(quadmesh, surface, tmp_path, change, words):
+    done = quadmesh("reconstruct", surface, change(tmp_path / "far.json"), "-o", "out.obj")
+    assert done.returncode == 2 and words in done.stderr and "far.json" in done.stderr
+
+
+def test_cells_without_a_patch_are_told_of(quadmesh, surface, tmp_path):
+    """A triangle of curves beside the four of a patch: the cell has three sides."""
+    path = write_layout(tmp_path / "lost.json")
+    drawn = json.loads(path.read_text())
+    drawn["nodes"].append(on_plate(1.2, 0.5))
+    for k, (a, b) in enumerate([(1, 4), (4, 2)]):
+        drawn["curves"].append({"id": 4 + k, "from": a, "to": b, "points": [drawn["nodes"][a], drawn["nodes"][b]]})
+    path.write_text(json.dumps(drawn))
+    done = quadmesh("reconstruct", surface, path, "-o", "out.obj", "--quads", 100)
+    assert done.returncode == 0 and "has 3 sides, not four" in done.stderr

@@ -25,7 +25,7 @@ def run(*words):
 
 def reconstruct(surface, layout, out, *options):
     text = run("reconstruct", DATA / surface, layout, "-o", out, "--json", *options)
-    return [json.loads(line) for line in text.splitlines()]
+    return [json.loads(line) for line in text.splitlines()][:-1]
 
 
 def distance(a, b, quads):

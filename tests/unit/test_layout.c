@@ -49,7 +49,7 @@ static void check_found(qm_mesh mesh, qm_layout layout)
     assert_int_equal(issues.count, 0);
     assert_int_equal(found.patch_count, layout.patch_count);
     assert_int_equal(count_shared(&layout, &found), layout.patch_count);
-    assert_int_equal(qm_layout_validate(&g.ctx, &found, g.source.diagonal), QM_OK);
+    assert_int_equal(qm_layout_validate(&g.ctx, &found, g.source.diagonal, &g.source), QM_OK);
     qm_layout_issues_reset(&g.ctx, &issues);
     qm_layout_free(&found);
     qm_layout_free(&layout);
@@ -116,7 +116,7 @@ static void cells_that_are_no_patch_are_explained(void **state)
 
     const double stub[] = {0.0, 0.0, 0.0, 0.2, 0.3, 0.0};
     uint32_t id;
-    assert_int_equal(qm_layout_add_stroke(&g.ctx, &layout, stub, 2, 0.01, &id), QM_OK);
+    assert_int_equal(qm_layout_add_stroke(&g.ctx, &layout, NULL, stub, 2, 0.01, &id), QM_OK);
     assert_int_equal(qm_layout_find_patches(&g.ctx, &g.source, &layout, &issues), QM_OK);
     bool is_dangling = false;
     for (size_t i = 0; i < issues.count; i++)
@@ -136,7 +136,7 @@ static void crossing_curves_are_named(void **state)
     for (int k = 0; k < 3; k += 2)
         assert_int_equal(qm_layout_add_node(&ctx, &layout, across + 3 * k), QM_OK);
     assert_int_equal(qm_layout_add_curve(&ctx, &layout, 4, 5, across, 3), QM_OK);
-    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.4), QM_E_LAYOUT);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.4, NULL), QM_E_LAYOUT);
     assert_non_null(strstr(ctx.message, "curves 3 and 4 cross"));
     qm_layout_free(&layout);
 
@@ -145,7 +145,7 @@ static void crossing_curves_are_named(void **state)
     assert_int_equal(qm_layout_add_node(&ctx, &layout, loop), QM_OK);
     assert_int_equal(qm_layout_add_node(&ctx, &layout, loop + 12), QM_OK);
     assert_int_equal(qm_layout_add_curve(&ctx, &layout, 0, 1, loop, 5), QM_OK);
-    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.4), QM_E_LAYOUT);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.4, NULL), QM_E_LAYOUT);
     assert_non_null(strstr(ctx.message, "curve 0 crosses itself"));
     qm_layout_free(&layout);
 }
@@ -158,7 +158,7 @@ static void bad_layouts_are_refused_by_name(void **state)
     qm_curve *curve = &layout.curves[1];
     double kept = curve->points[4];
     curve->points[4] = NAN;
-    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.0), QM_E_NOT_FINITE);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.0, NULL), QM_E_NOT_FINITE);
     assert_non_null(strstr(ctx.message, "point 1 of curve 1"));
     curve->points[4] = kept;
 
@@ -172,14 +172,14 @@ static void bad_layouts_are_refused_by_name(void **state)
     const uint32_t again[4] = {0, 5, 2, 4};
     for (int k = 0; k < 2; k++)
         assert_int_equal(qm_layout_add_patch(&ctx, &layout, again), QM_OK);
-    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.0), QM_E_LAYOUT);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.0, NULL), QM_E_LAYOUT);
     assert_non_null(strstr(ctx.message, "more than two patches"));
     qm_layout_clear_patches(&ctx, &layout);
 
     for (size_t k = 0; k < curve->point_count; k++)
         memcpy(curve->points + 3 * k, layout.nodes + 3 * (size_t)curve->from, 3 * sizeof(double));
     curve->to = curve->from;
-    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.0), QM_E_LAYOUT);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.0, NULL), QM_E_LAYOUT);
     assert_non_null(strstr(ctx.message, "curve 1 has no length"));
     qm_layout_free(&layout);
 }
@@ -191,7 +191,7 @@ static void split_and_merge_undo_one_another(void **state)
     qm_layout layout = {0};
     const double line[] = {0, 0, 0, 1, 0, 0, 2, 0, 0};
     uint32_t id, part;
-    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, line, 3, 0.1, &id), QM_OK);
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, NULL, line, 3, 0.1, &id), QM_OK);
     assert_int_equal(qm_layout_split_curve(&ctx, &layout, id, (const double[]){1.5, 0.3, 0}), QM_OK);
     assert_int_equal(layout.curve_count, 2);
     assert_int_equal(layout.node_count, 3);
@@ -205,7 +205,7 @@ static void split_and_merge_undo_one_another(void **state)
     assert_int_equal(layout.node_count, 2);
     assert_int_equal(layout.curves[0].id, part);
     assert_true(qm_layout_curve_length(&layout.curves[0]) == 2.0);
-    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.0), QM_OK);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.0, NULL), QM_OK);
     assert_int_equal(qm_layout_merge_curves(&ctx, &layout, part, part), QM_E_ARGUMENT);
     assert_int_equal(qm_layout_merge_curves(&ctx, &layout, part, 99), QM_E_ARGUMENT);
     assert_int_equal(qm_layout_delete_curve(&ctx, &layout, part), QM_OK);
@@ -221,24 +221,24 @@ static void strokes_snap_merge_and_split(void **state)
     qm_layout layout = {0};
     uint32_t first, next;
     const double line[] = {0, 0, 0, 1, 0, 0}, on[] = {1.05, 0.02, 0, 2, 0.1, 0};
-    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, line, 2, 0.1, &first), QM_OK);
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, NULL, line, 2, 0.1, &first), QM_OK);
     /* Goes on nearly straight: one curve. */
-    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, on, 2, 0.1, &next), QM_OK);
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, NULL, on, 2, 0.1, &next), QM_OK);
     assert_int_equal(next, first);
     assert_int_equal(layout.curve_count, 1);
     assert_int_equal(layout.node_count, 2);
     /* Turns off at a right angle: two curves that share a node. */
     const double off[] = {2, 0.05, 0, 2, 1, 0};
-    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, off, 2, 0.1, &next), QM_OK);
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, NULL, off, 2, 0.1, &next), QM_OK);
     assert_int_not_equal(next, first);
     assert_int_equal(layout.curve_count, 2);
     assert_int_equal(layout.node_count, 3);
     /* Begins in the middle of the first: that is split, and nothing is joined at the new node of three. */
     const double branch[] = {0.5, -0.05, 0, 0.5, -1, 0};
-    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, branch, 2, 0.1, &next), QM_OK);
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, NULL, branch, 2, 0.1, &next), QM_OK);
     assert_int_equal(layout.curve_count, 4);
     assert_int_equal(layout.node_count, 5);
-    assert_int_equal(qm_layout_validate(&ctx, &layout, 2.0), QM_OK);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 2.0, NULL), QM_OK);
 
     /* An end that hangs free is put on a curve, and on nothing where there is nothing. */
     assert_int_equal(qm_layout_snap_end(&ctx, &layout, next, 1, (const double[]){9, 9, 9}, 0.5),
@@ -246,7 +246,7 @@ static void strokes_snap_merge_and_split(void **state)
     assert_int_equal(qm_layout_snap_end(&ctx, &layout, next, 1, (const double[]){0.25, 0, 0}, 0.1), QM_OK);
     assert_int_equal(layout.curve_count, 5);
     assert_int_equal(layout.node_count, 5);
-    assert_int_equal(qm_layout_validate(&ctx, &layout, 2.0), QM_OK);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 2.0, NULL), QM_OK);
 
     const double detour[] = {7, 7, 7, 0.4, -0.6, 0, 7, 7, 7};
     assert_int_equal(qm_layout_redraw_curve(&ctx, &layout, next, detour, 3), QM_OK);
@@ -258,7 +258,7 @@ static void strokes_snap_merge_and_split(void **state)
     assert_int_equal(qm_layout_redraw_curve(&ctx, &layout, next, back, 4), QM_OK);
     drawn = &layout.curves[qm_layout_find_curve(&layout, next)];
     assert_true(drawn->points[0] == 0.5 && drawn->points[3] == 0.4 && drawn->points[6] == 0.3);
-    assert_int_equal(qm_layout_validate(&ctx, &layout, 2.0), QM_OK);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 2.0, NULL), QM_OK);
     qm_layout_free(&layout);
 }
 
@@ -272,34 +272,34 @@ static void strokes_cut_what_they_cross(void **state)
     const double across[][9] = {
         {1, -1, 0, 1, 0.5, 0, 1, 1, 0}, {2, -1, 0, 2, 0.7, 0, 2, 1, 0}, {3, -1, 0, 3, 0, 0, 3, 1, 0}};
     for (int i = 0; i < 3; i++)
-        assert_int_equal(qm_layout_add_stroke(&ctx, &layout, across[i], 3, 0.1, &id), QM_OK);
+        assert_int_equal(qm_layout_add_stroke(&ctx, &layout, NULL, across[i], 3, 0.1, &id), QM_OK);
     assert_int_equal(layout.curve_count, 3);
     const double stroke[] = {0, 0, 0, 0.9, 0, 0, 3, 0, 0, 4, 0, 0};
-    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, stroke, 4, 0.1, &id), QM_OK);
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, NULL, stroke, 4, 0.1, &id), QM_OK);
     assert_int_equal(layout.curve_count, 3 + 4 + 3);
     assert_int_equal(layout.node_count, 6 + 2 + 3);
     qm_layout_issues crossings = {0};
-    assert_int_equal(qm_layout_find_crossings(&ctx, &layout, &crossings), QM_OK);
+    assert_int_equal(qm_layout_find_crossings(&ctx, &layout, NULL, &crossings), QM_OK);
     assert_int_equal(crossings.count, 0);
-    assert_int_equal(qm_layout_validate(&ctx, &layout, 5.0), QM_OK);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 5.0, NULL), QM_OK);
     const qm_curve *own = &layout.curves[qm_layout_find_curve(&layout, id)];
     assert_true(own->points[0] == 0.0 && own->points[3 * (own->point_count - 1)] == 1.0);
     /* Another goes near the node in the middle, so through it: only itself is cut. */
     const double oblique[] = {1.5, -0.5, 0, 2.04, 0, 0, 2.6, 0.5, 0};
-    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, oblique, 3, 0.1, &id), QM_OK);
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, NULL, oblique, 3, 0.1, &id), QM_OK);
     assert_int_equal(layout.curve_count, 10 + 2);
     assert_int_equal(layout.node_count, 11 + 2);
     qm_layout_issues_reset(&ctx, &crossings);
-    assert_int_equal(qm_layout_find_crossings(&ctx, &layout, &crossings), QM_OK);
+    assert_int_equal(qm_layout_find_crossings(&ctx, &layout, NULL, &crossings), QM_OK);
     assert_int_equal(crossings.count, 0);
     /* One that shoots past a node ends there, without crossing what it has passed. */
     const double past[] = {4.5, 2, 0, 4.2, 0.5, 0, 4, 0.05, 0, 3.96, -0.06, 0, 3.95, 0.02, 0};
-    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, past, 5, 0.1, &id), QM_OK);
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, NULL, past, 5, 0.1, &id), QM_OK);
     assert_int_equal(layout.curve_count, 12 + 1);
     assert_int_equal(layout.node_count, 13 + 1);
     assert_int_equal(layout.curves[qm_layout_find_curve(&layout, id)].point_count, 3);
     qm_layout_issues_reset(&ctx, &crossings);
-    assert_int_equal(qm_layout_find_crossings(&ctx, &layout, &crossings), QM_OK);
+    assert_int_equal(qm_layout_find_crossings(&ctx, &layout, NULL, &crossings), QM_OK);
     assert_int_equal(crossings.count, 0);
     qm_layout_issues_reset(&ctx, &crossings);
     qm_layout_free(&layout);
@@ -311,7 +311,7 @@ static qm_status run_all(qm_context *ctx, const qm_ref_surface *source, qm_layou
     const double stroke[] = {0.25, 0, 0, 0.25, 1, 0};
     uint32_t id;
     qm_layout_issues issues = {0};
-    qm_status status = qm_layout_add_stroke(ctx, layout, stroke, 2, 0.01, &id);
+    qm_status status = qm_layout_add_stroke(ctx, layout, NULL, stroke, 2, 0.01, &id);
     if (status == QM_OK) status = qm_layout_split_curve(ctx, layout, id, (const double[]){0.25, 0.5, 0});
     if (status == QM_OK) status = qm_layout_merge_curves(ctx, layout, id, layout->next_id - 1);
     if (status == QM_OK) status = qm_layout_redraw_curve(ctx, layout, id, stroke, 2);
@@ -320,7 +320,7 @@ static qm_status run_all(qm_context *ctx, const qm_ref_surface *source, qm_layou
     qm_layout_issues_reset(ctx, &issues);
     if (status == QM_OK) status = qm_layout_delete_curve(ctx, layout, id);
     const double across[] = {0, 0.5, 0, 0.495, 0.5, 0, 1, 0.5, 0};
-    if (status == QM_OK) status = qm_layout_add_stroke(ctx, layout, across, 3, 0.01, &id);
+    if (status == QM_OK) status = qm_layout_add_stroke(ctx, layout, NULL, across, 3, 0.01, &id);
     return status;
 }
 
@@ -340,7 +340,8 @@ static void running_out_of_memory_leaves_a_whole_layout(void **state)
         status = run_all(&ctx, &g.source, &layout);
         QM_CHECK(status == QM_OK || status == QM_E_NO_MEMORY, "call %zu: %s", fail_at, ctx.message);
         qm_context plain = qm_context_make();
-        QM_CHECK(qm_layout_validate(&plain, &layout, 1.0) == QM_OK, "call %zu: %s", fail_at, plain.message);
+        QM_CHECK(qm_layout_validate(&plain, &layout, 1.0, NULL) == QM_OK, "call %zu: %s", fail_at,
+                 plain.message);
         qm_layout_reset(&ctx, &layout);
         QM_CHECK(memory.live_blocks == 0 && !memory.mismatched, "call %zu leaves %zu blocks", fail_at,
                  memory.live_blocks);

@@ -231,7 +231,7 @@ static size_t check_layout(const char *name, qm_mesh mesh, double crease_angle, 
              facts.patches);
     QM_CHECK(may_cross || issues.count == 0, "%s: %zu crossings", name, issues.count);
     if (issues.count == 0) {
-        assert_int_equal(qm_layout_validate(&g.ctx, &layout, g.source.diagonal), QM_OK);
+        assert_int_equal(qm_layout_validate(&g.ctx, &layout, g.source.diagonal, &g.source), QM_OK);
         qm_reconstruction_options how = qm_reconstruction_options_default();
         qm_reconstruction *r;
         QM_CHECK(qm_reconstruction_create(&g.ctx, &g.source, &layout, &how, &r) == QM_OK, "%s: %s", name,

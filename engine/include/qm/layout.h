@@ -82,10 +82,12 @@ double qm_layout_curve_length(const qm_curve *curve);
  * closed patches, curves with at most two patches, and no curves that cross without a node.
  *
  * diagonal  of the surface's box: a length below 1e-9 of it counts as zero
+ * surface   as for qm_layout_find_crossings
  *
  * Returns: QM_OK; QM_E_NOT_FINITE, QM_E_LAYOUT (ctx->message names the curve id or patch index).
  */
-qm_status qm_layout_validate(qm_context *ctx, const qm_layout *layout, double diagonal);
+qm_status qm_layout_validate(qm_context *ctx, const qm_layout *layout, double diagonal,
+                             const qm_ref_surface *surface);
 
 /** Faults of a layout: where its curves do not bound four-sided patches. */
 typedef enum qm_layout_fault {
@@ -121,7 +123,9 @@ void qm_layout_issues_reset(qm_context *ctx, qm_layout_issues *issues);
 qm_status qm_layout_find_patches(qm_context *ctx, const qm_ref_surface *source, qm_layout *layout,
                                  qm_layout_issues *out);
 
-/** Adds an issue for each pair of curves that cross, and each curve that crosses itself. */
-qm_status qm_layout_find_crossings(qm_context *ctx, const qm_layout *layout, qm_layout_issues *out);
+/** Adds an issue for each pair of curves that cross, and each curve that crosses itself. Curves on opposite walls of
+ * the surface do not cross, however near these are; surface may be NULL, and then nearness alone decides. */
+qm_status qm_layout_find_crossings(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
+                                   qm_layout_issues *out);
 
 #endif

@@ -36,9 +36,10 @@ qm_status qm_layout_snap_end(qm_context *ctx, qm_layout *layout, uint32_t id, in
  * the two are joined under the other one's id. The stroke and every curve that it crosses are split at the
  * crossing: at a node of that curve within radius, or else at a new one.
  *
- * id   of the curve that the stroke became or joined, up to the first split
+ * surface  as for qm_layout_find_crossings
+ * id       of the curve that the stroke became or joined, up to the first split
  */
-qm_status qm_layout_add_stroke(qm_context *ctx, qm_layout *layout, const double *points, size_t point_count,
-                               double radius, uint32_t *id);
+qm_status qm_layout_add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                               const double *points, size_t point_count, double radius, uint32_t *id);
 
 #endif

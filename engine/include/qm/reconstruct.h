@@ -46,8 +46,9 @@ qm_reconstruction_options qm_reconstruction_options_default(void);
  * Ownership: borrows the source's tree and mesh, which must outlive it; copies the layout. *out is the
  * caller's, for
  *            qm_reconstruction_destroy.
- * Returns:   QM_OK; QM_E_LAYOUT (a fault that qm_layout_validate reports; no patch; a patch far from all of
- *            the surface: ctx->message names it); QM_E_ARGUMENT; QM_E_NO_MEMORY; QM_E_CANCELED. After an
+ * Returns:   QM_OK; QM_E_LAYOUT (a fault that qm_layout_validate reports; no patch; a point far outside the
+ *            surface's box; a layout in another unit; a patch far from all of the surface, unless it lies in a hole:
+ *            ctx->message names it); QM_E_ARGUMENT; QM_E_NO_MEMORY; QM_E_CANCELED. After an
  *            error *out is NULL.
  */
 qm_status qm_reconstruction_create(qm_context *ctx, const qm_ref_surface *source, const qm_layout *layout,
@@ -101,6 +102,25 @@ typedef struct qm_reconstruction_patch {
 
 size_t qm_reconstruction_patch_count(const qm_reconstruction *reconstruction);
 qm_reconstruction_patch qm_reconstruction_get_patch(const qm_reconstruction *reconstruction, size_t patch);
+
+/** What a reconstruction does that its mesh does not show. */
+typedef enum qm_reconstruction_warning_kind {
+    QM_RECONSTRUCTION_SPANS_HOLE, /* no surface lies under the patch: it is a Coons patch between its curves */
+    QM_RECONSTRUCTION_UNCOVERED,  /* more than a hundredth of the samples is beyond the cover distance */
+    QM_RECONSTRUCTION_ONE_SIDED,  /* the patches have no common orientation, as on a Moebius strip */
+    QM_RECONSTRUCTION_INSIDE_OUT, /* the mesh is closed and its faces look inward, as those of the surface do */
+    QM_RECONSTRUCTION_WARNING_COUNT
+} qm_reconstruction_warning_kind;
+
+typedef struct qm_reconstruction_warning {
+    qm_reconstruction_warning_kind kind;
+    size_t patch; /* that spans the hole */
+    double share; /* of the samples that is uncovered */
+} qm_reconstruction_warning;
+
+/** Finds the warnings of a reconstruction as it is; writes up to capacity of them, and returns their number. */
+size_t qm_reconstruction_find_warnings(const qm_reconstruction *reconstruction,
+                                       qm_reconstruction_warning *out, size_t capacity);
 
 /** Counts the points or samples, and those farther than the cover distance from all patches. */
 void qm_reconstruction_coverage(const qm_reconstruction *reconstruction, size_t *points, size_t *uncovered);

@@ -45,6 +45,36 @@ typedef struct qm_ref_surface_point {
 void qm_ref_surface_project(const qm_ref_surface *source, const double p[3], qm_ref_surface_point *out);
 
 /**
+ * As qm_ref_surface_project, onto the wall that looks one way: of a mesh the faces whose normals are within a right
+ * angle of a direction, of a point set with normals the points whose normals are within 78 degrees of it, if there are several walls. So a
+ * point between two walls, or off a thin one, comes to the wall that it belongs to.
+ *
+ * direction  of any length above 0
+ * reach      above 0, in the unit of the surface
+ *
+ * Returns: true; false where no such wall is within reach, and on a point set without normals: *out is then the
+ *          projection of qm_ref_surface_project.
+ */
+bool qm_ref_surface_project_toward(const qm_ref_surface *source, const double p[3], const double direction[3],
+                                   double reach, qm_ref_surface_point *out);
+
+/**
+ * As qm_ref_surface_project, for a point of a curve. On a point set with normals it keeps sharp edges and corners: a
+ * point within their spacing and a reach of one comes to it, where the smooth surface would be rounded off. Of two
+ * walls the nearer one counts.
+ *
+ * reach  0 or more, in the unit of the surface
+ */
+void qm_ref_surface_project_curve(const qm_ref_surface *source, const double p[3], double reach,
+                                  qm_ref_surface_point *out);
+
+/**
+ * True if two points of a surface lie on walls that look away from or at each other, as those of a thin sheet or of
+ * a gap. False where normals are unknown.
+ */
+bool qm_ref_surface_is_between_walls(const qm_ref_surface *source, const double a[3], const double b[3]);
+
+/**
  * Radius of the discs that draw the points of a set: 0.15 (V / n)^(1/3), where V is the volume of its box,
  * whose thin sides count as a hundredth of its diagonal. 0 for a mesh.
  *

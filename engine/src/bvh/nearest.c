@@ -4,6 +4,9 @@
 #include "nearest.h"
 
 #include "bvh_demand.h"
+#include "prim/triangle.h"
+
+#define MIN_TOWARD 0.2 /* the cosine of 78 degrees: the normals of one wall, and not those across an edge */
 
 /* ---- the nearest face ---- */
 
@@ -55,6 +58,8 @@ typedef struct point_search {
     const qm_bvh *bvh;
     qm_vec p;
     int wanted;
+    double reach2;        /* squared distance of the farthest points that count */
+    const qm_vec *toward; /* NULL, or only points count whose normals lie within 78 degrees of it */
     qm_nearest_points *out;
 } point_search;
 
@@ -62,7 +67,16 @@ typedef struct point_search {
 static double max_d2(const point_search *search)
 {
     const qm_nearest_points *out = search->out;
-    return out->count < search->wanted ? INFINITY : out->d2[out->count - 1];
+    return out->count < search->wanted ? search->reach2 : out->d2[out->count - 1];
+}
+
+/** True for a point whose normal counts. */
+static bool is_toward(const point_search *search, uint32_t vertex)
+{
+    if (!search->toward) return true;
+    const float *normal = search->bvh->mesh.normals + 3 * (size_t)vertex;
+    qm_vec n = {normal[0], normal[1], normal[2]};
+    return qm_vec_dot(n, *search->toward) > MIN_TOWARD * qm_vec_norm(n);
 }
 
 static bool comes_before(const qm_nearest_points *out, int i, double d2, uint32_t index)
@@ -104,21 +118,25 @@ static void visit_pack(point_search *search, size_t index)
     }
     double limit = max_d2(search);
     for (int i = 0; i < lanes->lane_count; i++) {
-        if (d2[i] > limit) continue;
+        if (d2[i] > limit || !is_toward(search, lanes->face[i])) continue;
         qm_vec at = {pack->row[QM_PACK_OX][i], pack->row[QM_PACK_OY][i], pack->row[QM_PACK_OZ][i]};
         insert(search, d2[i], lanes->face[i], at);
         limit = max_d2(search);
     }
 }
 
-/** Visits the children of a node, nearest box first. */
-static void visit_node(point_search *search, int level, size_t node)
+/**
+ * Sorts the children of a node by their squared distances from a point, d2, of boxes that are a little larger than
+ * their contents. Returns the number of children.
+ */
+static int sort_children(const qm_bvh *bvh, qm_vec p, int level, size_t node, float d2[QM_PACK_LANES],
+                         int order[QM_PACK_LANES])
 {
-    int order[QM_PACK_LANES], children = qm_box_tree_child_count(&search->bvh->boxes, level, node);
-    /* Squared distances from the point to the boxes, which are a little larger than their contents. */
-    const qm_box_node *boxes = &search->bvh->boxes.groups[level][node];
-    const float at[3] = {(float)search->p.x, (float)search->p.y, (float)search->p.z};
-    float d2[QM_PACK_LANES] = {0};
+    int children = qm_box_tree_child_count(&bvh->boxes, level, node);
+    const qm_box_node *boxes = &bvh->boxes.groups[level][node];
+    const float at[3] = {(float)p.x, (float)p.y, (float)p.z};
+    for (int i = 0; i < QM_PACK_LANES; i++)
+        d2[i] = 0.0f;
     for (int k = 0; k < 3; k++) {
         for (int i = 0; i < QM_PACK_LANES; i++) {
             float below = boxes->low[k][i] - at[k], above = at[k] - boxes->high[k][i];
@@ -133,6 +151,15 @@ static void visit_node(point_search *search, int level, size_t node)
             order[slot] = order[slot - 1];
         order[slot] = i;
     }
+    return children;
+}
+
+/** Visits the children of a node, nearest box first. */
+static void visit_node(point_search *search, int level, size_t node)
+{
+    int order[QM_PACK_LANES];
+    float d2[QM_PACK_LANES];
+    int children = sort_children(search->bvh, search->p, level, node, d2, order);
     for (int i = 0; i < children; i++) {
         /* When the point is far away, a float may lose more than the margin of the boxes makes up for. */
         if ((double)d2[order[i]] * (1.0 - 0x1p-18) > max_d2(search)) return;
@@ -147,7 +174,68 @@ static void visit_node(point_search *search, int level, size_t node)
 void qm_nearest_points_find(const qm_bvh *bvh, qm_vec p, int wanted, qm_nearest_points *out)
 {
     QM_ASSERT(wanted >= 1 && wanted <= QM_NEAREST_POINTS_MAX && bvh->mesh.face_count == 0);
-    point_search search = {.bvh = bvh, .p = p, .wanted = wanted, .out = out};
+    point_search search = {.bvh = bvh, .p = p, .wanted = wanted, .reach2 = INFINITY, .out = out};
     out->count = 0;
     visit_node(&search, bvh->boxes.level_count, 0);
+}
+
+void qm_nearest_points_find_toward(const qm_bvh *bvh, qm_vec p, int wanted, qm_vec toward, double reach,
+                                   qm_nearest_points *out)
+{
+    QM_ASSERT(wanted >= 1 && wanted <= QM_NEAREST_POINTS_MAX && bvh->mesh.face_count == 0 &&
+              bvh->mesh.normals);
+    point_search search = {
+        .bvh = bvh, .p = p, .wanted = wanted, .reach2 = reach * reach, .toward = &toward, .out = out};
+    out->count = 0;
+    visit_node(&search, bvh->boxes.level_count, 0);
+}
+
+/* ---- the nearest point of a mesh's faces that look one way ---- */
+
+typedef struct facing_search {
+    const qm_bvh *bvh;
+    qm_vec p, toward;
+    double best2;
+    qm_facing_point *out;
+} facing_search;
+
+static void visit_facing_pack(facing_search *search, size_t index)
+{
+    const qm_pack_lanes *lanes = &search->bvh->lanes[index];
+    for (uint32_t i = 0; i < lanes->lane_count; i++) {
+        qm_vec corner[3];
+        qm_bvh_load_triangle(search->bvh, (uint32_t)index, i, corner);
+        qm_vec normal = qm_vec_cross(qm_vec_sub(corner[1], corner[0]), qm_vec_sub(corner[2], corner[0]));
+        if (!(qm_vec_dot(normal, search->toward) > 0.0)) continue;
+        qm_triangle triangle = qm_triangle_make(corner[0], corner[1], corner[2]);
+        double d2 = qm_triangle_distance2(&triangle, search->p), weight[3];
+        if (d2 >= search->best2) continue;
+        qm_triangle_footpoint(&triangle, search->p, weight);
+        search->best2 = d2;
+        search->out->position = qm_triangle_at(corner, weight);
+        search->out->normal = qm_vec_scale(1.0 / qm_vec_norm(normal), normal);
+    }
+}
+
+static void visit_facing_node(facing_search *search, int level, size_t node)
+{
+    int order[QM_PACK_LANES];
+    float d2[QM_PACK_LANES];
+    int children = sort_children(search->bvh, search->p, level, node, d2, order);
+    for (int i = 0; i < children; i++) {
+        if ((double)d2[order[i]] * (1.0 - 0x1p-18) > search->best2) return;
+        size_t child = 8 * node + (size_t)order[i];
+        if (level > 1)
+            visit_facing_node(search, level - 1, child);
+        else
+            visit_facing_pack(search, child);
+    }
+}
+
+bool qm_nearest_facing(const qm_bvh *bvh, qm_vec p, qm_vec toward, double reach, qm_facing_point *out)
+{
+    QM_ASSERT(bvh->mesh.face_count > 0);
+    facing_search search = {.bvh = bvh, .p = p, .toward = toward, .best2 = reach * reach, .out = out};
+    visit_facing_node(&search, bvh->boxes.level_count, 0);
+    return search.best2 < reach * reach;
 }

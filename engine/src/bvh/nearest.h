@@ -125,4 +125,20 @@ typedef struct qm_nearest_points {
  * fewer. The tree is that of a point set, built with QM_BVH_TARGET. */
 void qm_nearest_points_find(const qm_bvh *bvh, qm_vec p, int wanted, qm_nearest_points *out);
 
+/** As qm_nearest_points_find, of the points within a reach, local, whose normals are within 78 degrees of a unit
+ * vector. The set has normals. */
+void qm_nearest_points_find_toward(const qm_bvh *bvh, qm_vec p, int wanted, qm_vec toward, double reach,
+                                   qm_nearest_points *out);
+
+/* ---- the nearest point of a mesh's faces that look one way ---- */
+
+/** A point of a mesh, local, and the unit normal of its face. */
+typedef struct qm_facing_point {
+    qm_vec position, normal;
+} qm_facing_point;
+
+/** Finds the point nearest to p, local, of the triangles whose normals are within a right angle of a vector. False
+ * when there is none nearer than the reach, local. The tree is that of a mesh. */
+bool qm_nearest_facing(const qm_bvh *bvh, qm_vec p, qm_vec toward, double reach, qm_facing_point *out);
+
 #endif

@@ -205,10 +205,10 @@ static qm_status check_curve(qm_context *ctx, const qm_layout *layout, const qm_
     return QM_OK;
 }
 
-static qm_status check_crossings(qm_context *ctx, const qm_layout *layout)
+static qm_status check_crossings(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface)
 {
     qm_layout_issues issues = {0};
-    qm_status status = qm_layout_find_crossings(ctx, layout, &issues);
+    qm_status status = qm_layout_find_crossings(ctx, layout, surface, &issues);
     if (status == QM_OK && issues.count > 0) {
         const qm_layout_issue *issue = &issues.items[0];
         const double *at = issue->position;
@@ -222,7 +222,8 @@ static qm_status check_crossings(qm_context *ctx, const qm_layout *layout)
     return status;
 }
 
-qm_status qm_layout_validate(qm_context *ctx, const qm_layout *layout, double diagonal)
+qm_status qm_layout_validate(qm_context *ctx, const qm_layout *layout, double diagonal,
+                             const qm_ref_surface *surface)
 {
     QM_ASSERT(ctx && layout);
     qm_status status = QM_OK;
@@ -248,5 +249,5 @@ qm_status qm_layout_validate(qm_context *ctx, const qm_layout *layout, double di
             status = qm_context_fail(ctx, QM_E_LAYOUT, "curve %u is a side of more than two patches",
                                      layout->curves[i].id);
     }
-    return status == QM_OK ? check_crossings(ctx, layout) : status;
+    return status == QM_OK ? check_crossings(ctx, layout, surface) : status;
 }

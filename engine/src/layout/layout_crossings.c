@@ -2,11 +2,12 @@
  * layout_crossings.c: curves that cross without a node.
  *
  * Two segments cross if the nearest points of their lines lie inside both and are much nearer to each other
- * than the segments are long. A sweep along x compares segments whose ranges of x overlap, and no others.
+ * than the segments are long, unless they lie on two walls of the surface. A sweep along x compares segments whose ranges of x overlap, and no others.
  */
 #include "layout_internal.h"
 
 #define NEAR 0.1           /* of the sum of two lengths: crossing segments are nearer than that */
+#define TOUCH 1e-6         /* of that sum: nearer ones meet, whatever walls they lie on */
 #define END_TOLERANCE 1e-9 /* of a segment's length */
 #define HAND_JITTER 0.1    /* of a curve's points: a loop over fewer of its segments is hand jitter */
 
@@ -53,7 +54,8 @@ static bool is_curve_end(const qm_layout *layout, const segment *p, double s)
 }
 
 /** Computes the crossing of two segments. False if they do not cross, or are nearly parallel. */
-static bool segments_cross(const qm_layout *layout, const segment *a, const segment *b, qm_vec *at)
+static bool segments_cross(const qm_layout *layout, const qm_ref_surface *surface, const segment *a,
+                           const segment *b, qm_vec *at)
 {
     qm_vec p = segment_end(layout, a, 0), q = segment_end(layout, b, 0);
     qm_vec d = qm_vec_sub(segment_end(layout, a, 1), p), e = qm_vec_sub(segment_end(layout, b, 1), q);
@@ -66,7 +68,14 @@ static bool segments_cross(const qm_layout *layout, const segment *a, const segm
         return false;
     if (is_curve_end(layout, a, s) || is_curve_end(layout, b, t)) return false;
     *at = qm_vec_axpy(p, s, d);
-    return qm_vec_distance(*at, qm_vec_axpy(q, t, e)) < NEAR * (sqrt(dd) + sqrt(ee));
+    qm_vec other = qm_vec_axpy(q, t, e);
+    double gap = qm_vec_distance(*at, other), size = sqrt(dd) + sqrt(ee);
+    if (!(gap < NEAR * size)) return false;
+    if (!surface || gap <= TOUCH * size) return true;
+    double on_a[3], on_b[3];
+    qm_vec_store(on_a, *at);
+    qm_vec_store(on_b, other);
+    return !qm_ref_surface_is_between_walls(surface, on_a, on_b);
 }
 
 /** True if there is an issue for this pair of curves: a pair is reported once, however often it crosses. */
@@ -80,14 +89,14 @@ static bool is_reported(const qm_layout_issues *issues, uint32_t a, uint32_t b)
 }
 
 /** Adds an issue if two segments cross and their curves have none yet. */
-static qm_status test_pair(qm_context *ctx, const qm_layout *layout, const segment *a, const segment *b,
-                           qm_layout_issues *out)
+static qm_status test_pair(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
+                           const segment *a, const segment *b, qm_layout_issues *out)
 {
     double gap = fabs((double)a->index - (double)b->index);
     size_t point_count = layout->curves[a->curve].point_count;
     if (a->curve == b->curve && (gap < 3.0 || gap < HAND_JITTER * (double)point_count)) return QM_OK;
     qm_vec at;
-    if (!segments_cross(layout, a, b, &at)) return QM_OK;
+    if (!segments_cross(layout, surface, a, b, &at)) return QM_OK;
     uint32_t first = layout->curves[a->curve].id, second = layout->curves[b->curve].id;
     qm_layout_issue issue = {.fault = QM_LAYOUT_CROSSING,
                              .curve = {first < second ? first : second, first < second ? second : first},
@@ -97,7 +106,8 @@ static qm_status test_pair(qm_context *ctx, const qm_layout *layout, const segme
     return qm_layout_add_issue(ctx, out, &issue);
 }
 
-qm_status qm_layout_find_crossings(qm_context *ctx, const qm_layout *layout, qm_layout_issues *out)
+qm_status qm_layout_find_crossings(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
+                                   qm_layout_issues *out)
 {
     QM_ASSERT(ctx && layout && out);
     size_t total = 0;
@@ -118,7 +128,7 @@ qm_status qm_layout_find_crossings(qm_context *ctx, const qm_layout *layout, qm_
     qm_status status = QM_OK;
     for (size_t i = 0; i < total && status == QM_OK; i++)
         for (size_t k = i + 1; k < total && segments[k].low <= segments[i].high && status == QM_OK; k++)
-            status = test_pair(ctx, layout, &segments[i], &segments[k], out);
+            status = test_pair(ctx, layout, surface, &segments[i], &segments[k], out);
     qm_context_free(ctx, segments, total, sizeof *segments);
     return status;
 }

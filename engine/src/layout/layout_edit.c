@@ -469,7 +469,8 @@ static bool contains(const uint32_t *ids, size_t count, uint32_t id)
  * Splits a curve and the curves that it crosses, with a common node each. Its part up to the first keeps its
  * id.
  */
-static qm_status split_crossings(qm_context *ctx, qm_layout *layout, uint32_t id, double radius)
+static qm_status split_crossings(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                                 uint32_t id, double radius)
 {
     uint32_t own[MAX_CROSSED + 1] = {id};
     qm_status status = QM_OK;
@@ -477,7 +478,7 @@ static qm_status split_crossings(qm_context *ctx, qm_layout *layout, uint32_t id
     for (size_t count = 1; status == QM_OK && was_split && count <= MAX_CROSSED; count++) {
         qm_layout_issues found = {0};
         was_split = false;
-        status = qm_layout_find_crossings(ctx, layout, &found);
+        status = qm_layout_find_crossings(ctx, layout, surface, &found);
         for (size_t i = 0; i < found.count && status == QM_OK && !was_split; i++) {
             const qm_layout_issue *issue = &found.items[i];
             bool first = contains(own, count, issue->curve[0]),
@@ -493,8 +494,8 @@ static qm_status split_crossings(qm_context *ctx, qm_layout *layout, uint32_t id
     return status;
 }
 
-static qm_status add_stroke(qm_context *ctx, qm_layout *layout, const double *points, size_t count,
-                            double radius, uint32_t *id)
+static qm_status add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                            const double *points, size_t count, double radius, uint32_t *id)
 {
     uint32_t from, to;
     qm_status status = find_end_node(ctx, layout, points, radius, &from);
@@ -514,16 +515,16 @@ static qm_status add_stroke(qm_context *ctx, qm_layout *layout, const double *po
     /* Joining two curves removes their node, and the nodes after it move up. */
     if (layout->node_count < nodes && to > from) to--;
     if (status == QM_OK && from != to) status = continue_curve(ctx, layout, id, to);
-    return status == QM_OK ? split_crossings(ctx, layout, *id, radius) : status;
+    return status == QM_OK ? split_crossings(ctx, layout, surface, *id, radius) : status;
 }
 
-qm_status qm_layout_add_stroke(qm_context *ctx, qm_layout *layout, const double *points, size_t point_count,
-                               double radius, uint32_t *id)
+qm_status qm_layout_add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                               const double *points, size_t point_count, double radius, uint32_t *id)
 {
     if (point_count < 2)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "a stroke has two points or more, got %zu", point_count);
     qm_layout copy;
     qm_status status = qm_layout_copy(ctx, layout, &copy);
     if (status != QM_OK) return status;
-    return finish_edit(ctx, layout, &copy, add_stroke(ctx, &copy, points, point_count, radius, id));
+    return finish_edit(ctx, layout, &copy, add_stroke(ctx, &copy, surface, points, point_count, radius, id));
 }

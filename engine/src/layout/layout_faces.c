@@ -265,7 +265,7 @@ static qm_status find_faces(arrangement *arr, qm_layout_issues *out)
         arrangement_face found = trace_face(arr, dart);
         status = store_face(arr, &found, out);
     }
-    return status == QM_OK ? qm_layout_find_crossings(arr->ctx, arr->layout, out) : status;
+    return status == QM_OK ? qm_layout_find_crossings(arr->ctx, arr->layout, arr->surface, out) : status;
 }
 
 qm_status qm_layout_find_patches(qm_context *ctx, const qm_ref_surface *surface, qm_layout *layout,

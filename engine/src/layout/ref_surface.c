@@ -12,8 +12,8 @@
 #include "bvh/surface.h"
 #include "core/linear.h"
 #include "knn_graph.h"
+#include "ref_points.h"
 
-#define FIT_POINTS 20 /* neighbours that a polynomial of second order is fitted to: it has six unknowns */
 #define MIN_SIDE 1e-2 /* of the diagonal: thinner sides of a box count as this thick */
 
 qm_status qm_ref_surface_init(qm_context *ctx, const qm_bvh *bvh, qm_ref_surface *out)
@@ -79,43 +79,42 @@ static bool fit_heights(const qm_nearest_points *near, const double *weight, con
     return qm_linear_solve(&sums, x);
 }
 
-static void set_point(const qm_ref_surface *surface, qm_vec p, qm_vec at, qm_vec normal,
-                      qm_ref_surface_point *out)
+void qm_ref_surface_set_point(const qm_ref_surface *surface, qm_vec p, qm_vec at, qm_vec normal,
+                              qm_ref_surface_point *out)
 {
     qm_vec_store(out->position, qm_frame_world(&surface->bvh->frame, at));
     qm_vec_store(out->normal, normal);
     out->distance = qm_vec_distance(p, at) * surface->bvh->frame.inverse_scale;
 }
 
-static void project_to_cloud(const qm_ref_surface *surface, qm_vec p, qm_ref_surface_point *out)
+void qm_ref_surface_project_to_points(const qm_ref_surface *surface, qm_vec p, const qm_nearest_points *near,
+                                      qm_ref_surface_point *out)
 {
-    qm_nearest_points near;
-    qm_nearest_points_find(surface->bvh, p, FIT_POINTS, &near);
-    QM_ASSERT(near.count <= FIT_POINTS);
+    QM_ASSERT(near->count >= 1 && near->count <= QM_FIT_POINTS);
     /* Weights fall with the distance from the nearest neighbour, not from p, which may be far from all of
      * them. */
-    qm_vec nearest = near.position[0];
+    qm_vec nearest = near->position[0];
     double weight[QM_NEAREST_POINTS_MAX], radius2 = 0.0;
-    for (int i = 0; i < near.count; i++)
-        radius2 = fmax(radius2, qm_vec_norm2(qm_vec_sub(near.position[i], nearest)));
+    for (int i = 0; i < near->count; i++)
+        radius2 = fmax(radius2, qm_vec_norm2(qm_vec_sub(near->position[i], nearest)));
     out->spacing = sqrt(radius2) * surface->bvh->frame.inverse_scale;
-    set_point(surface, p, nearest, (qm_vec){0, 0, 0}, out);
-    if (near.count < 3 || radius2 == 0.0) return;
-    for (int i = 0; i < near.count; i++) {
-        double ratio = qm_vec_norm2(qm_vec_sub(near.position[i], nearest)) / (1.2 * radius2);
+    qm_ref_surface_set_point(surface, p, nearest, (qm_vec){0, 0, 0}, out);
+    if (near->count < 3 || radius2 == 0.0) return;
+    for (int i = 0; i < near->count; i++) {
+        double ratio = qm_vec_norm2(qm_vec_sub(near->position[i], nearest)) / (1.2 * radius2);
         weight[i] = (1.0 - ratio) * (1.0 - ratio);
     }
-    local_frame frame = fit_plane(&near, weight);
+    local_frame frame = fit_plane(near, weight);
     if (frame.flatness > 0.3) return;
     double scale = 1.0 / sqrt(radius2), x[QM_LEAST_SQUARES_MAX];
     /* p is projected onto the plane first, so that the polynomial is evaluated among the neighbours. */
     double height = qm_vec_dot(qm_vec_sub(p, frame.centroid), frame.axis[0]);
     qm_vec base = qm_vec_axpy(p, -height, frame.axis[0]);
     if (qm_vec_norm2(qm_vec_sub(base, nearest)) > 4.0 * radius2) base = nearest;
-    if (!fit_heights(&near, weight, &frame, base, scale, x) || !(fabs(x[0]) <= 1.0)) return;
+    if (!fit_heights(near, weight, &frame, base, scale, x) || !(fabs(x[0]) <= 1.0)) return;
     qm_vec normal = qm_vec_axpy(qm_vec_axpy(frame.axis[0], -x[1], frame.axis[1]), -x[2], frame.axis[2]);
     normal = qm_vec_scale(1.0 / qm_vec_norm(normal), normal);
-    set_point(surface, p, qm_vec_axpy(base, x[0] / scale, frame.axis[0]), normal, out);
+    qm_ref_surface_set_point(surface, p, qm_vec_axpy(base, x[0] / scale, frame.axis[0]), normal, out);
 }
 
 void qm_ref_surface_project(const qm_ref_surface *surface, const double p[3], qm_ref_surface_point *out)
@@ -123,7 +122,9 @@ void qm_ref_surface_project(const qm_ref_surface *surface, const double p[3], qm
     QM_ASSERT(surface && surface->bvh && p && out);
     qm_vec local = qm_frame_local(&surface->bvh->frame, p);
     if (surface->is_cloud) {
-        project_to_cloud(surface, local, out);
+        qm_nearest_points near;
+        qm_nearest_points_find(surface->bvh, local, QM_FIT_POINTS, &near);
+        qm_ref_surface_project_to_points(surface, local, &near, out);
     } else {
         const qm_bvh *bvh = surface->bvh;
         qm_hit hit = {.d2 = INFINITY};

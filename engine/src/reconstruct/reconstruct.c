@@ -20,6 +20,7 @@
 #define SAMPLES_PER_QUAD 12 /* samples projected onto the lattices */
 #define START_FAIR 10       /* rounds of fairing of lattices that have just been created */
 #define STEP_FAIR 4         /* rounds of fairing of lattices that were fitted before */
+#define MAX_STRAY 0.05      /* of the mean samples of a patch: fewer may have strayed into one over a hole */
 #define EDIT_ROUNDS 2       /* fits of the lattices that an edit has changed */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
@@ -68,12 +69,67 @@ static qm_status refine_lattices(qm_context *ctx, qm_reconstruction *r, int fair
     if (status == QM_OK) status = qm_samples_project(ctx, r, samples);
     if (status == QM_OK) status = qm_lattices_fit(ctx, r, samples);
     for (size_t p = 0; p < r->layout.patch_count && status == QM_OK; p++)
-        if (r->lattices[p].is_stale) qm_lattice_untangle(&r->surface, &r->lattices[p]);
+        if (r->lattices[p].is_stale && !r->lattices[p].spans_hole)
+            qm_lattice_untangle(&r->surface, &r->lattices[p]);
     return status;
 }
 
+/** The distance of a position from the surface, of a point set from its nearest point: the surface through points runs
+ * on into holes. */
+static double gap(const qm_ref_surface *surface, const double position[3])
+{
+    if (surface->is_cloud) {
+        qm_nearest_points near;
+        qm_nearest_points_find(surface->bvh, qm_frame_local(&surface->bvh->frame, position), 1, &near);
+        return sqrt(near.d2[0]) * surface->bvh->frame.inverse_scale;
+    }
+    qm_ref_surface_point projection;
+    qm_ref_surface_project(surface, position, &projection);
+    return projection.distance;
+}
+
+/** True if most inner vertices of a lattice, a Coons patch, lie near the surface, for the size of their edges. */
+static bool is_near_surface(const qm_reconstruction *r, const qm_lattice *lattice)
+{
+    size_t near = 0, count = 0;
+    for (uint32_t j = 1; j < lattice->rows; j++) {
+        for (uint32_t i = 1; i < lattice->columns; i++, count++) {
+            double edge =
+                fmax(qm_vec_distance(qm_lattice_at(lattice, i - 1, j), qm_lattice_at(lattice, i, j)),
+                     qm_vec_distance(qm_lattice_at(lattice, i, j - 1), qm_lattice_at(lattice, i, j)));
+            near += gap(&r->surface, qm_lattice_vertex(lattice, i, j)) <=
+                    fmin(0.5 * edge, qm_reconstruction_cover_distance(r));
+        }
+    }
+    return 2 * near > count;
+}
+
+/** True if another patch has the curve too, or if most of it lies near the surface. */
+static bool is_held(const qm_reconstruction *r, uint32_t curve)
+{
+    size_t owners = 0, near = 0;
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        for (int k = 0; k < 4; k++)
+            owners += r->layout.patches[p].side[k] == curve;
+    if (owners > 1) return true;
+    const qm_polyline *polyline = &r->polylines[curve];
+    for (size_t i = 0; i < polyline->point_count; i++) {
+        qm_ref_surface_point projection;
+        qm_ref_surface_project(&r->surface, polyline->points + 3 * i, &projection);
+        near += projection.distance <= qm_reconstruction_cover_distance(r);
+    }
+    return 2 * near > polyline->point_count;
+}
+
+/** True if a patch without samples lies in a hole of the surface: all its curves are held. */
+static bool is_in_hole(const qm_reconstruction *r, const uint32_t side[4])
+{
+    return is_held(r, side[0]) && is_held(r, side[1]) && is_held(r, side[2]) && is_held(r, side[3]);
+}
+
 /**
- * Counts the samples of each patch by their first parameters; a patch without any lies beside the surface.
+ * Counts the samples of each patch by their first parameters. A patch without any is thinner than the samples are
+ * dense, or spans a hole, or lies beside the surface, which is an error.
  */
 static qm_status count_points(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples)
 {
@@ -81,7 +137,10 @@ static qm_status count_points(qm_context *ctx, qm_reconstruction *r, const qm_sa
         if (samples->location[i].distance < INFINITY) r->lattices[samples->location[i].patch].points++;
     for (size_t p = 0; p < r->layout.patch_count; p++) {
         const uint32_t *side = r->layout.patches[p].side;
-        if (r->lattices[p].points > 0) continue;
+        double mean = (double)samples->count / (double)r->layout.patch_count;
+        if ((double)r->lattices[p].points > MAX_STRAY * mean || is_near_surface(r, &r->lattices[p])) continue;
+        r->lattices[p].spans_hole = is_in_hole(r, side);
+        if (r->lattices[p].spans_hole || r->lattices[p].points > 0) continue;
         return qm_context_fail(ctx, QM_E_LAYOUT,
                                "patch %zu (curves %u, %u, %u, %u) has no point of the surface inside", p,
                                r->layout.curves[side[0]].id, r->layout.curves[side[1]].id,
@@ -202,7 +261,9 @@ static qm_status create_empty(qm_context *ctx, const qm_ref_surface *surface, co
         return qm_context_fail(ctx, QM_E_ARGUMENT, "the cover share must be above 0, threads 1 or more");
     if (layout->patch_count == 0)
         return qm_context_fail(ctx, QM_E_LAYOUT, "the layout has no patch: no four curves close a cell");
-    qm_status status = qm_layout_validate(ctx, layout, surface->diagonal);
+    qm_status status =
+        qm_reconstruction_check_place(ctx, surface, layout, options->cover_share * surface->diagonal);
+    if (status == QM_OK) status = qm_layout_validate(ctx, layout, surface->diagonal, surface);
     if (status != QM_OK) return status;
     qm_reconstruction *r = qm_context_alloc(ctx, 1, sizeof *r);
     if (!r) return no_memory(ctx);
@@ -226,13 +287,14 @@ static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconst
     if (r->lattices) memset(r->lattices, 0, patches * sizeof *r->lattices);
     r->chords = qm_context_alloc(ctx, curves, sizeof *r->chords);
     if (!r->polylines || !r->lattices || !r->chords) return no_memory(ctx);
-    qm_status status = qm_chords_find(ctx, r);
+    qm_status status = qm_samples_create(ctx, r, first_sample_count(r), samples);
+    if (status == QM_OK) status = qm_samples_find_sides(ctx, r, samples);
+    if (status == QM_OK) status = qm_chords_find(ctx, r);
     if (status == QM_OK) status = qm_polylines_create(ctx, r);
     if (status == QM_OK) status = qm_polylines_reroute(ctx, r, first_sample_count(r));
     if (status == QM_OK) qm_polylines_straighten(r);
     if (status == QM_OK && old) inherit_curves(r, old);
     if (status == QM_OK) status = qm_polylines_set_vertices(ctx, r);
-    if (status == QM_OK) status = qm_samples_create(ctx, r, first_sample_count(r), samples);
     return status == QM_OK ? qm_parameters_find(ctx, r, samples) : status;
 }
 
@@ -250,6 +312,7 @@ static qm_status fit_new(qm_context *ctx, qm_reconstruction *r, qm_samples *samp
     if (status != QM_OK) return status;
     qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
     status = qm_lattices_fit(ctx, r, samples);
+    if (status == QM_OK) status = qm_lattices_choose(ctx, r);
     if (status == QM_OK) status = refine_lattices(ctx, r, START_FAIR, samples);
     if (status != QM_OK) return status;
     count_uncovered(r, samples);
@@ -282,6 +345,7 @@ static qm_status fit_changed(qm_context *ctx, qm_reconstruction *r, const qm_rec
     }
     *redone = stale_count;
     status = qm_lattices_fit(ctx, r, samples);
+    if (status == QM_OK) status = qm_lattices_choose(ctx, r);
     qm_samples_reset(ctx, samples);
     if (status == QM_OK) status = create_fine_samples(ctx, r, samples);
     for (int round = 0; round < EDIT_ROUNDS && status == QM_OK; round++)

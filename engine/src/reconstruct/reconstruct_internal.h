@@ -10,6 +10,7 @@
  *   reconstruct_lattice_fit.c         inner vertices of lattices from the samples around them
  *   reconstruct_lattice_untangle.c    repair of folded and inverted quads
  *   reconstruct_lattice_mesh.c        lattices to a mesh, and its boundary
+ *   reconstruct_warnings.c    whether the layout fits the surface; what the result does not show by itself
  *
  * A layout patch has a lattice of vertices. A chord has two counts: `edges` is that of the mesh, a power of
  * two; `lattice_edges` is that of the lattices, a multiple of it and at least QM_RECONSTRUCTION_BASE. The
@@ -47,6 +48,8 @@ typedef struct qm_lattice {
     double *vertices;
     bool *in_hole;      /* of each vertex: no three samples enclosed it when it was fitted */
     bool is_stale;      /* split in this step: its inner vertices are to be fitted */
+    bool faces_walls;   /* its normals are about those of the surface, which are known */
+    bool spans_hole;    /* no surface is under it: a Coons patch between its curves */
     uint32_t component; /* of the layout: patches that curves connect */
     size_t points;      /* samples that belong to the patch */
 } qm_lattice;
@@ -76,6 +79,7 @@ struct qm_reconstruction {
     qm_polyline *polylines; /* layout.curve_count */
     qm_lattice *lattices;   /* layout.patch_count */
     size_t point_count, uncovered_count;
+    bool has_sides; /* the surface's normals tell its walls apart, and the patches are oriented by them */
 };
 
 /** Vertices low to high of a lattice: columns, then rows. */
@@ -119,6 +123,10 @@ static inline qm_chord *qm_chord_of_patch(const qm_reconstruction *r, size_t pat
     QM_ASSERT(patch < r->layout.patch_count);
     return &r->chords[r->polylines[r->layout.patches[patch].side[direction]].chord];
 }
+
+/** Checks that the layout lies where the surface does, in its unit. QM_OK or QM_E_LAYOUT. */
+qm_status qm_reconstruction_check_place(qm_context *ctx, const qm_ref_surface *surface,
+                                        const qm_layout *layout, double cover_distance);
 
 /** Finds the chords of the layout. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r);
@@ -180,6 +188,20 @@ qm_status qm_lattices_create(qm_context *ctx, qm_reconstruction *r);
  */
 qm_status qm_lattices_double(qm_context *ctx, qm_reconstruction *r);
 
+/**
+ * Finds which stale lattices face walls of the surface: those whose Coons patches lie along it. Replaces one by that
+ * patch, projected, where far fewer of its vertices are off their wall. QM_OK or QM_E_NO_MEMORY.
+ */
+qm_status qm_lattices_choose(qm_context *ctx, qm_reconstruction *r);
+
+/** The unit normal of a lattice at a vertex from its two to four neighbours; 0 where they lie on a line. */
+qm_vec qm_lattice_normal(const qm_lattice *lattice, uint32_t column, uint32_t row);
+
+/** Projects a position of an inner vertex onto the wall that the lattice faces there, if it does. True if there
+ * is such a wall near. */
+bool qm_lattice_project(const qm_ref_surface *surface, const qm_lattice *lattice, uint32_t column,
+                        uint32_t row, const double p[3], qm_ref_surface_point *out);
+
 /** Evens out the inner vertices of stale lattices within the surface. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_lattices_fair(qm_context *ctx, qm_reconstruction *r, int rounds);
 
@@ -217,10 +239,13 @@ qm_status qm_samples_project(qm_context *ctx, const qm_reconstruction *r, qm_sam
 void qm_samples_scale(const qm_reconstruction *r, qm_samples *samples, uint32_t base);
 
 /**
- * Flips the normals of a graph, whose first nodes are the samples, to agree with the samples' own. False if
- * these are unknown or inconsistent between neighbours.
+ * Sets whether the surface has sides: if the samples' own normals are known, and consistent between neighbours. Those
+ * on the two walls of a sheet or gap are opposed and consistent. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
  */
-bool qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph);
+qm_status qm_samples_find_sides(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples);
+
+/** Flips the normals of the graph to agree with the samples' own, and removes links between opposed samples. */
+void qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph);
 
 /**
  * Orients the patches of the layout consistently, anticlockwise about the surface's normals, and sets the

@@ -10,6 +10,13 @@
 
 #define FLAT_TURN 20.0 /* curvature that flat regions are given: radians along the surface's diagonal */
 
+#define CLOUD_REACH 0.05 /* of the diagonal: a wall of points is sought no farther away */
+#define OFF_WALL 0.5     /* of its shortest edge: a vertex farther from its wall is off it */
+#define MIN_ALONG 0.98   /* of the vertices of a Coons patch that lies along its walls */
+#define EXACT 0.02       /* of the longest edge: a Coons patch no farther from its wall is as good as it */
+#define SILENT 0.1       /* of the longest edge: a wall without points is no farther from those of others */
+#define CHOOSE_RATIO 2   /* times fewer vertices off their wall make the Coons patch the better start */
+
 enum { POINT_SIZE = 3 * sizeof(double) };
 
 static qm_status no_memory(qm_context *ctx)
@@ -80,6 +87,15 @@ qm_vec qm_lattice_coons(const qm_lattice *lattice, const qm_vertex_block *block,
     return qm_vec_sub(qm_vec_add(across, along), qm_vec_mix(bottom, top, v));
 }
 
+/** Sets the inner vertices to the Coons patch of the border. */
+static void fill_inside(const qm_lattice *lattice)
+{
+    const qm_vertex_block all = {{0, 0}, {lattice->columns, lattice->rows}};
+    for (uint32_t j = 1; j < lattice->rows; j++)
+        for (uint32_t i = 1; i < lattice->columns; i++)
+            qm_vec_store(qm_lattice_vertex(lattice, i, j), qm_lattice_coons(lattice, &all, i, j));
+}
+
 qm_status qm_lattices_create(qm_context *ctx, qm_reconstruction *r)
 {
     for (size_t p = 0; p < r->layout.patch_count; p++) {
@@ -88,14 +104,160 @@ qm_status qm_lattices_create(qm_context *ctx, qm_reconstruction *r)
         *lattice = (qm_lattice){.columns = qm_chord_of_patch(r, p, 0)->lattice_edges,
                                 .rows = qm_chord_of_patch(r, p, 1)->lattice_edges,
                                 .is_stale = true,
+                                .spans_hole = lattice->spans_hole,
                                 .component = lattice->component,
                                 .points = lattice->points};
         if (!qm_lattice_allocate(ctx, lattice)) return no_memory(ctx);
         set_border(r, p);
-        const qm_vertex_block all = {{0, 0}, {lattice->columns, lattice->rows}};
-        for (uint32_t j = 1; j < lattice->rows; j++)
-            for (uint32_t i = 1; i < lattice->columns; i++)
-                qm_vec_store(qm_lattice_vertex(lattice, i, j), qm_lattice_coons(lattice, &all, i, j));
+        fill_inside(lattice);
+    }
+    return QM_OK;
+}
+
+qm_vec qm_lattice_normal(const qm_lattice *lattice, uint32_t i, uint32_t j)
+{
+    uint32_t west = i > 0 ? i - 1 : i, east = i < lattice->columns ? i + 1 : i;
+    uint32_t south = j > 0 ? j - 1 : j, north = j < lattice->rows ? j + 1 : j;
+    qm_vec normal =
+        qm_vec_cross(qm_vec_sub(qm_lattice_at(lattice, east, j), qm_lattice_at(lattice, west, j)),
+                     qm_vec_sub(qm_lattice_at(lattice, i, north), qm_lattice_at(lattice, i, south)));
+    double length = qm_vec_norm(normal);
+    return length > 0.0 ? qm_vec_scale(1.0 / length, normal) : (qm_vec){0, 0, 0};
+}
+
+/** The lengths of the shortest and of the longest edge at an inner vertex. */
+static void measure_edges(const qm_lattice *lattice, uint32_t i, uint32_t j, double *shortest,
+                          double *longest)
+{
+    const qm_vec here = qm_lattice_at(lattice, i, j);
+    const qm_vec neighbour[4] = {qm_lattice_at(lattice, i - 1, j), qm_lattice_at(lattice, i + 1, j),
+                                 qm_lattice_at(lattice, i, j - 1), qm_lattice_at(lattice, i, j + 1)};
+    *shortest = INFINITY;
+    *longest = 0.0;
+    for (int k = 0; k < 4; k++) {
+        double length = qm_vec_distance(here, neighbour[k]);
+        *shortest = fmin(*shortest, length);
+        *longest = fmax(*longest, length);
+    }
+}
+
+bool qm_lattice_project(const qm_ref_surface *surface, const qm_lattice *lattice, uint32_t i, uint32_t j,
+                        const double p[3], qm_ref_surface_point *out)
+{
+    double shortest, longest, toward[3];
+    measure_edges(lattice, i, j, &shortest, &longest);
+    qm_vec normal = qm_lattice_normal(lattice, i, j);
+    double reach = surface->is_cloud ? CLOUD_REACH * surface->diagonal : longest;
+    qm_vec_store(toward, normal);
+    if (!lattice->faces_walls || !(reach > 0.0) || !(qm_vec_norm2(normal) > 0.0)) {
+        qm_ref_surface_project(surface, p, out);
+        return false;
+    }
+    if (qm_ref_surface_project_toward(surface, p, toward, reach, out)) return true;
+    /* A wall of too few points, of which those of the walls beside it do not tell where it is, or a hole. */
+    if (surface->is_cloud || out->distance > longest)
+        *out = (qm_ref_surface_point){.position = {p[0], p[1], p[2]}, .spacing = out->spacing};
+    return false;
+}
+
+/** The number of inner vertices that are off the wall that the lattice faces there. */
+static size_t count_off_wall(const qm_ref_surface *surface, const qm_lattice *lattice)
+{
+    size_t count = 0;
+    for (uint32_t j = 1; j < lattice->rows; j++) {
+        for (uint32_t i = 1; i < lattice->columns; i++) {
+            double shortest, longest;
+            qm_ref_surface_point projection;
+            measure_edges(lattice, i, j, &shortest, &longest);
+            bool has_wall =
+                qm_lattice_project(surface, lattice, i, j, qm_lattice_vertex(lattice, i, j), &projection);
+            count += !has_wall || projection.distance > OFF_WALL * shortest;
+        }
+    }
+    return count;
+}
+
+/**
+ * True if a Coons patch lies along the walls that it faces, within the cover distance. Its normals are then those of
+ * the surface; over a protrusion they are not.
+ */
+static bool is_along_walls(const qm_reconstruction *r, const qm_lattice *lattice)
+{
+    double reach = qm_reconstruction_cover_distance(r);
+    size_t count = 0, along = 0;
+    for (uint32_t j = 1; j < lattice->rows; j += 2) {
+        for (uint32_t i = 1; i < lattice->columns; i += 2) {
+            double toward[3];
+            qm_ref_surface_point projection;
+            qm_vec_store(toward, qm_lattice_normal(lattice, i, j));
+            double shortest, longest;
+            const double *vertex = qm_lattice_vertex(lattice, i, j);
+            measure_edges(lattice, i, j, &shortest, &longest);
+            bool has_wall = qm_ref_surface_project_toward(&r->surface, vertex, toward, reach, &projection);
+            bool is_near = projection.distance <= reach;
+            if (!has_wall && r->surface.is_cloud) {
+                /* A thin wall has few points, which must agree with the patch; without any it says nothing. */
+                has_wall = qm_ref_surface_project_toward(&r->surface, vertex, toward,
+                                                         CLOUD_REACH * r->surface.diagonal, &projection);
+                is_near = projection.distance <= SILENT * longest;
+                if (!has_wall && is_near) continue;
+            }
+            count++;
+            along += has_wall && is_near;
+        }
+    }
+    return (double)along >= MIN_ALONG * (double)count;
+}
+
+/**
+ * Projects the inner vertices of a Coons patch onto the walls that it faces. True if none moves far: the patch is then
+ * as good as the wall, and tells it from others that look the same way.
+ */
+static bool project_inside(const qm_ref_surface *surface, const qm_lattice *lattice, double *scratch)
+{
+    memcpy(scratch, lattice->vertices, qm_lattice_vertex_count(lattice) * POINT_SIZE);
+    bool is_exact = true;
+    for (uint32_t j = 1; j < lattice->rows; j++) {
+        for (uint32_t i = 1; i < lattice->columns; i++) {
+            /* The normals are those of the Coons patch, so the positions go elsewhere until all are known. */
+            size_t k = 3 * qm_lattice_index(lattice, i, j);
+            double shortest, longest;
+            qm_ref_surface_point projection;
+            measure_edges(lattice, i, j, &shortest, &longest);
+            if (qm_lattice_project(surface, lattice, i, j, lattice->vertices + k, &projection))
+                memcpy(scratch + k, projection.position, POINT_SIZE);
+            is_exact &= projection.distance <= EXACT * longest;
+        }
+    }
+    memcpy(lattice->vertices, scratch, qm_lattice_vertex_count(lattice) * POINT_SIZE);
+    return is_exact;
+}
+
+qm_status qm_lattices_choose(qm_context *ctx, qm_reconstruction *r)
+{
+    for (size_t p = 0; p < r->layout.patch_count && r->has_sides; p++) {
+        qm_lattice *lattice = &r->lattices[p];
+        if (!lattice->is_stale || lattice->spans_hole) continue;
+        qm_lattice walled = *lattice;
+        if (!qm_lattice_allocate(ctx, &walled)) return no_memory(ctx);
+        size_t count = qm_lattice_vertex_count(lattice);
+        double *scratch = qm_context_alloc(ctx, count, POINT_SIZE);
+        if (!scratch) {
+            qm_lattice_free(ctx, &walled);
+            return no_memory(ctx);
+        }
+        memcpy(walled.vertices, lattice->vertices, count * POINT_SIZE);
+        fill_inside(&walled);
+        lattice->faces_walls = is_along_walls(r, &walled);
+        if (lattice->faces_walls) {
+            walled.faces_walls = true;
+            bool is_exact = project_inside(&r->surface, &walled, scratch);
+            if (is_exact ||
+                CHOOSE_RATIO * count_off_wall(&r->surface, &walled) < count_off_wall(&r->surface, lattice))
+                memcpy(lattice->vertices, walled.vertices, count * POINT_SIZE);
+        }
+        qm_context_free(ctx, scratch, count, POINT_SIZE);
+        qm_lattice_free(ctx, &walled);
     }
     return QM_OK;
 }
@@ -110,6 +272,8 @@ qm_status qm_lattices_double(qm_context *ctx, qm_reconstruction *r)
         qm_lattice fine = {.columns = columns,
                            .rows = rows,
                            .is_stale = true,
+                           .faces_walls = lattice->faces_walls,
+                           .spans_hole = lattice->spans_hole,
                            .component = lattice->component,
                            .points = lattice->points};
         if (!qm_lattice_allocate(ctx, &fine)) return no_memory(ctx);
@@ -134,18 +298,6 @@ qm_status qm_lattices_double(qm_context *ctx, qm_reconstruction *r)
         set_border(r, p);
     }
     return QM_OK;
-}
-
-/** The unit normal of a lattice at a vertex from its two to four neighbours; 0 where they lie on a line. */
-static qm_vec vertex_normal(const qm_lattice *lattice, uint32_t i, uint32_t j)
-{
-    uint32_t west = i > 0 ? i - 1 : i, east = i < lattice->columns ? i + 1 : i;
-    uint32_t south = j > 0 ? j - 1 : j, north = j < lattice->rows ? j + 1 : j;
-    qm_vec normal =
-        qm_vec_cross(qm_vec_sub(qm_lattice_at(lattice, east, j), qm_lattice_at(lattice, west, j)),
-                     qm_vec_sub(qm_lattice_at(lattice, i, north), qm_lattice_at(lattice, i, south)));
-    double length = qm_vec_norm(normal);
-    return length > 0.0 ? qm_vec_scale(1.0 / length, normal) : (qm_vec){0, 0, 0};
 }
 
 /** A vertex with its normal. */
@@ -185,7 +337,7 @@ static void fair_round(qm_lattice *lattice, qm_vec *normal, double flat)
 {
     for (uint32_t j = 0; j <= lattice->rows; j++)
         for (uint32_t i = 0; i <= lattice->columns; i++)
-            normal[qm_lattice_index(lattice, i, j)] = vertex_normal(lattice, i, j);
+            normal[qm_lattice_index(lattice, i, j)] = qm_lattice_normal(lattice, i, j);
     for (uint32_t j = 1; j < lattice->rows; j++) {
         for (uint32_t i = 1; i < lattice->columns; i++) {
             fair_point here = point_of(lattice, normal, i, j);
@@ -211,7 +363,7 @@ qm_status qm_lattices_fair(qm_context *ctx, qm_reconstruction *r, int rounds)
     double flat = FLAT_TURN / r->surface.diagonal;
     for (size_t p = 0; p < r->layout.patch_count; p++) {
         qm_lattice *lattice = &r->lattices[p];
-        for (int round = 0; round < rounds && lattice->is_stale; round++) {
+        for (int round = 0; round < rounds && lattice->is_stale && !lattice->spans_hole; round++) {
             fair_round(lattice, normal, flat);
             /* Noise of a point set would roughen the lattice before the fit averages it. On a mesh, vertices
              * off the surface would be projected onto the wrong side of a narrow gap by the next stage. */
@@ -220,7 +372,7 @@ qm_status qm_lattices_fair(qm_context *ctx, qm_reconstruction *r, int rounds)
                 for (uint32_t i = 1; i < lattice->columns; i++) {
                     double *vertex = qm_lattice_vertex(lattice, i, j);
                     qm_ref_surface_point projection;
-                    qm_ref_surface_project(&r->surface, vertex, &projection);
+                    qm_lattice_project(&r->surface, lattice, i, j, vertex, &projection);
                     memcpy(vertex, projection.position, POINT_SIZE);
                 }
             }

@@ -207,7 +207,7 @@ static bool find_move(const qm_reconstruction *r, const vertex_bins *bins, const
     qm_ref_surface_point projection;
     double at[3];
     qm_vec_store(at, to);
-    qm_ref_surface_project(&r->surface, at, &projection);
+    qm_lattice_project(&r->surface, lattice, i, j, at, &projection);
     *move = qm_vec_sub(qm_vec_load(projection.position), qm_vec_load(qm_lattice_vertex(lattice, i, j)));
     if (!samples->is_projected) return true;
     qm_vec here = qm_lattice_at(lattice, i, j);
@@ -250,11 +250,24 @@ static void blend_holes(const qm_lattice *lattice, qm_vec *move)
                                                         qm_vec_add(move[k - width], move[k + width])));
 }
 
+/** Makes a lattice the Coons patch of its curves, all of whose inner vertices are in a hole. */
+static void span_hole(const qm_lattice *lattice)
+{
+    const qm_vertex_block all = {{0, 0}, {lattice->columns, lattice->rows}};
+    for (uint32_t j = 1; j < lattice->rows; j++) {
+        for (uint32_t i = 1; i < lattice->columns; i++) {
+            qm_vec_store(qm_lattice_vertex(lattice, i, j), qm_lattice_coons(lattice, &all, i, j));
+            lattice->in_hole[qm_lattice_index(lattice, i, j)] = true;
+        }
+    }
+}
+
 static qm_status fit_lattice(qm_context *ctx, qm_reconstruction *r, const vertex_bins *bins,
                              const qm_samples *samples, size_t p)
 {
     qm_lattice *lattice = &r->lattices[p];
     size_t count = qm_lattice_vertex_count(lattice);
+    if (lattice->spans_hole) return span_hole(lattice), QM_OK;
     qm_vec *move = qm_context_alloc(ctx, count, sizeof *move);
     if (!move) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a patch");
     if (set_moves(r, bins, samples, p, move)) blend_holes(lattice, move);
@@ -269,7 +282,7 @@ static qm_status fit_lattice(qm_context *ctx, qm_reconstruction *r, const vertex
             qm_vec_store(vertex, qm_vec_add(qm_vec_load(vertex), move[k]));
             if (!lattice->in_hole[k]) continue;
             qm_ref_surface_point projection;
-            qm_ref_surface_project(&r->surface, vertex, &projection);
+            qm_lattice_project(&r->surface, lattice, i, j, vertex, &projection);
             if (!r->surface.is_cloud || projection.distance <= projection.spacing)
                 memcpy(vertex, projection.position, POINT_SIZE);
         }

@@ -25,12 +25,14 @@ enum { POINT_SIZE = 3 * sizeof(double), BLOCK_SIDE = LONGEST_RUN + 2 * WIDEST + 
  * Moves a vertex to the projection of a position onto the surface; to the position itself where a point set
  * has no points nearby.
  */
-static void move_onto_surface(const qm_ref_surface *surface, qm_vec position, double vertex[3])
+static void move_onto_surface(const qm_ref_surface *surface, const qm_lattice *lattice, uint32_t i,
+                              uint32_t j, qm_vec position)
 {
+    double *vertex = qm_lattice_vertex(lattice, i, j);
     double p[3];
     qm_ref_surface_point projection;
     qm_vec_store(p, position);
-    qm_ref_surface_project(surface, p, &projection);
+    qm_lattice_project(surface, lattice, i, j, p, &projection);
     bool is_near = !surface->is_cloud || projection.distance <= projection.spacing;
     memcpy(vertex, is_near ? projection.position : p, POINT_SIZE);
 }
@@ -57,7 +59,7 @@ static bool try_position(vertex_trial *t, qm_vec position)
     double *vertex = qm_lattice_vertex(t->lattice, t->i, t->j), before[3];
     memcpy(before, vertex, POINT_SIZE);
     if (t->is_projected)
-        move_onto_surface(t->surface, position, vertex);
+        move_onto_surface(t->surface, t->lattice, t->i, t->j, position);
     else
         qm_vec_store(vertex, position);
     double worst = worst_sine(t->lattice, t->i, t->j);
@@ -219,7 +221,7 @@ static bool rebuild_block(const qm_ref_surface *surface, const qm_lattice *latti
         for (uint32_t i = b->low[0] + 1; i < b->high[0]; i++) {
             qm_vec position = qm_lattice_coons(lattice, b, i, j);
             if (is_projected)
-                move_onto_surface(surface, position, qm_lattice_vertex(lattice, i, j));
+                move_onto_surface(surface, lattice, i, j, position);
             else
                 qm_vec_store(qm_lattice_vertex(lattice, i, j), position);
         }

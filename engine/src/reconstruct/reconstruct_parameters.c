@@ -20,12 +20,13 @@
 
 #include "core/heap.h"
 
-#define NODE_SPACING 0.8  /* of nodes on curves, in spacings of the samples */
-#define MAX_NODES 2000    /* of a curve */
-#define STRETCH_ROUNDS 10 /* of dividing the weights by the stretch */
-#define SWEEPS 24         /* of relaxation in a round, forward and backward */
-#define RELAXATION 1.7    /* the factor of successive over-relaxation */
-#define MIN_SIDE_SINE 0.1 /* of the angle between curve and sample, to separate the sides of the curve */
+#define NODE_SPACING 0.8   /* of nodes on curves, in spacings of the samples */
+#define MAX_NODES 2000     /* of a curve */
+#define STRETCH_ROUNDS 10  /* of dividing the weights by the stretch */
+#define SWEEPS 24          /* of relaxation in a round, forward and backward */
+#define RELAXATION 1.7     /* the factor of successive over-relaxation */
+#define CLEARLY_NEARER 0.8 /* times the distance of the other side */
+#define MIN_SIDE_SINE 0.1  /* of the angle between curve and sample, to separate the sides of the curve */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
 
@@ -204,6 +205,39 @@ static qm_vec vector_area(const qm_reconstruction *r, const qm_layout_patch *pat
     return area;
 }
 
+/** The distance of a vertex from the wall that looks along a direction, at most the reach. */
+static double wall_distance(const qm_reconstruction *r, const double vertex[3], qm_vec toward, double reach)
+{
+    double direction[3];
+    qm_ref_surface_point projection;
+    qm_vec_store(direction, toward);
+    if (!qm_ref_surface_project_toward(&r->surface, vertex, direction, reach, &projection)) return reach;
+    return fmin(projection.distance, reach);
+}
+
+/**
+ * 1 if the Coons patches of a component are much nearer to the walls that look along their normals, -1 if to those
+ * that look against them, else 0. Walls are told apart by this however near they are to each other.
+ */
+static int side_by_walls(const qm_reconstruction *r, uint32_t component)
+{
+    double along = 0.0, against = 0.0, reach = qm_reconstruction_cover_distance(r);
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        const qm_lattice *lattice = &r->lattices[p];
+        if (lattice->component != component) continue;
+        for (uint32_t j = 1; j < lattice->rows; j += 2) {
+            for (uint32_t i = 1; i < lattice->columns; i += 2) {
+                qm_vec normal = qm_lattice_normal(lattice, i, j);
+                const double *vertex = qm_lattice_vertex(lattice, i, j);
+                if (qm_vec_norm2(normal) == 0.0) continue;
+                along += wall_distance(r, vertex, normal, reach);
+                against += wall_distance(r, vertex, qm_vec_scale(-1.0, normal), reach);
+            }
+        }
+    }
+    return along < CLEARLY_NEARER * against ? 1 : against < CLEARLY_NEARER * along ? -1 : 0;
+}
+
 /** Flips each component of patches that is clockwise about the surface's normals. */
 static qm_status orient_by_normals(qm_context *ctx, qm_reconstruction *r, const graph_nodes *nodes,
                                    const qm_knn_graph *graph)
@@ -219,7 +253,10 @@ static qm_status orient_by_normals(qm_context *ctx, qm_reconstruction *r, const 
     uint32_t components = 0;
     for (size_t p = 0; p < r->layout.patch_count; p++)
         if (r->lattices[p].component >= components) components = r->lattices[p].component + 1;
-    for (uint32_t component = 0; component < components; component++) {
+    qm_status status = r->has_sides ? qm_lattices_create(ctx, r) : QM_OK;
+    for (uint32_t component = 0; component < components && status == QM_OK; component++) {
+        int side = r->has_sides ? side_by_walls(r, component) : 0;
+        if (side > 0) continue;
         /* The sum is positive if the patches are anticlockwise about the normals along their curves. */
         double sum = 0.0;
         for (size_t p = 0; p < r->layout.patch_count; p++) {
@@ -230,12 +267,12 @@ static qm_status orient_by_normals(qm_context *ctx, qm_reconstruction *r, const 
                 normal = qm_vec_add(normal, curve_normal[patch->side[k]]);
             sum += qm_vec_dot(vector_area(r, patch), normal);
         }
-        if (sum >= 0.0) continue;
+        if (side == 0 && sum >= 0.0) continue;
         for (size_t p = 0; p < r->layout.patch_count; p++)
             if (r->lattices[p].component == component) flip_patch(&r->layout.patches[p]);
     }
     qm_context_free(ctx, curve_normal, curves, sizeof *curve_normal);
-    return QM_OK;
+    return status;
 }
 
 /*
@@ -459,7 +496,10 @@ static void divide_weights(parameterization *a)
 static qm_status parameterize(parameterization *a, qm_samples *samples)
 {
     qm_status status = QM_OK;
-    if (!qm_samples_orient_graph(samples, &a->graph)) status = qm_knn_graph_orient(a->ctx, &a->graph);
+    if (a->r->has_sides)
+        qm_samples_orient_graph(samples, &a->graph);
+    else
+        status = qm_knn_graph_orient(a->ctx, &a->graph);
     if (status != QM_OK) return status;
     status = orient_by_normals(a->ctx, a->r, a->nodes, &a->graph);
     if (status != QM_OK) return status;

@@ -18,7 +18,9 @@
 #define JUMP 2.5             /* a longer segment, in mean segments of its polyline, is a jump */
 #define MAX_PATH 20.0        /* lengths of a jump: a longer path is not taken */
 #define SMOOTH_ROUNDS 6      /* of a path over samples */
-#define MAX_REROUTES 4       /* of a curve */
+#define CREASE_REACH                                                                                         \
+    0.0625             /* of a curve's length: how far it may have been drawn off a sharp edge of points */
+#define MAX_REROUTES 4 /* of a curve */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
 
@@ -28,14 +30,17 @@ static qm_status no_memory(qm_context *ctx)
 }
 
 /**
- * Projects a point of a curve onto the surface, unless the surface is so far away that it may have a hole
+ * Projects a point of a curve of some length onto the surface, unless the surface is so far away that it may have a hole
  * there.
  */
-static void project_point(const qm_reconstruction *r, double p[3])
+static void project_point(const qm_reconstruction *r, double length, double p[3])
 {
     if (!r->options.pull_curves) return;
     qm_ref_surface_point projection;
-    qm_ref_surface_project(&r->surface, p, &projection);
+    if (r->has_sides)
+        qm_ref_surface_project_curve(&r->surface, p, CREASE_REACH * length, &projection);
+    else
+        qm_ref_surface_project(&r->surface, p, &projection);
     if (projection.distance <= qm_reconstruction_cover_distance(r))
         memcpy(p, projection.position, POINT_SIZE);
 }
@@ -126,7 +131,7 @@ static qm_status resample(qm_context *ctx, const qm_reconstruction *r, const dou
         double length = arc[count - 1] * ((double)i / (double)last);
         qm_vec_store(out->points + 3 * i, i == last ? qm_vec_load(points + 3 * (count - 1))
                                                     : point_along(points, arc, count, length, &at));
-        project_point(r, out->points + 3 * i);
+        project_point(r, arc[count - 1], out->points + 3 * i);
     }
     set_arc(out->points, out->point_count, out->arc);
     qm_context_free(ctx, arc, count, sizeof *arc);
@@ -174,7 +179,7 @@ static qm_status set_vertices(qm_context *ctx, const qm_reconstruction *r, qm_po
         double length = polyline->arc[last] * ((double)i / edges);
         qm_vec_store(vertices + 3 * (size_t)i,
                      point_along(polyline->points, polyline->arc, polyline->point_count, length, &at));
-        project_point(r, vertices + 3 * (size_t)i);
+        project_point(r, polyline->arc[last], vertices + 3 * (size_t)i);
     }
     memcpy(vertices, polyline->points, POINT_SIZE);
     memcpy(vertices + 3 * (size_t)edges, polyline->points + 3 * last, POINT_SIZE);

@@ -8,7 +8,8 @@
 
 #include "bvh/bvh_tree.h"
 
-#define MIN_MAJORITY 0.8 /* fraction of the samples whose normals must agree for normals to be used */
+#define MIN_LINK_COSINE -0.5 /* of the angle between the normals of two samples with a link */
+#define MIN_MAJORITY 0.8     /* fraction of the samples whose normals must agree for normals to be used */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
 
@@ -195,7 +196,18 @@ static int majority_side(const side_votes *votes)
     return (double)votes->against > MIN_MAJORITY * all ? -1 : 0;
 }
 
-/** True if the normals of nearly all neighbouring samples agree. */
+/**
+ * True for two samples with opposed normals on two walls: each lies behind the other, or each in front of it. Of two
+ * samples of one wall, one of which has the wrong sign, one lies behind and one in front, if the wall is curved, or
+ * neither if it is flat.
+ */
+static bool are_on_two_walls(const qm_samples *samples, size_t i, size_t j)
+{
+    qm_vec way = qm_vec_sub(qm_vec_load(samples->positions + 3 * j), qm_vec_load(samples->positions + 3 * i));
+    return qm_vec_dot(way, own_normal(samples, i)) * qm_vec_dot(way, own_normal(samples, j)) < 0.0;
+}
+
+/** True if nearly all neighbouring samples have consistent normals. */
 static bool are_consistent(const qm_samples *samples, const qm_knn_graph *graph)
 {
     side_votes votes = {0};
@@ -203,16 +215,45 @@ static bool are_consistent(const qm_samples *samples, const qm_knn_graph *graph)
         for (int k = 0; k < QM_KNN_MAX_LINKS && graph->link[i][k] != QM_NO_INDEX; k++) {
             if (graph->link[i][k] >= samples->count) continue;
             double dot = qm_vec_dot(own_normal(samples, i), own_normal(samples, graph->link[i][k]));
-            votes.along += dot > 0.0;
-            votes.against += dot < 0.0;
+            bool agrees = dot > 0.0 || (dot < 0.0 && are_on_two_walls(samples, i, graph->link[i][k]));
+            votes.along += agrees;
+            votes.against += dot < 0.0 && !agrees;
         }
     }
     return majority_side(&votes) > 0;
 }
 
-bool qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph)
+qm_status qm_samples_find_sides(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples)
 {
-    if (!samples->normals || !are_consistent(samples, graph)) return false;
+    qm_knn_graph graph;
+    r->has_sides = false;
+    if (!samples->normals) return QM_OK;
+    qm_status status = qm_knn_graph_build(ctx, samples->positions, samples->count, NULL, &graph);
+    if (status != QM_OK) return status;
+    r->has_sides = are_consistent(samples, &graph);
+    qm_knn_graph_reset(ctx, &graph);
+    return QM_OK;
+}
+
+/** Keeps the links of a sample but those to samples of another wall. */
+static void cut_links(const qm_samples *samples, qm_knn_graph *graph, size_t i)
+{
+    int kept = 0;
+    for (int k = 0; k < QM_KNN_MAX_LINKS && graph->link[i][k] != QM_NO_INDEX; k++) {
+        uint32_t to = graph->link[i][k];
+        if (to < samples->count &&
+            qm_vec_dot(own_normal(samples, i), own_normal(samples, to)) < MIN_LINK_COSINE)
+            continue;
+        graph->link[i][kept++] = to;
+    }
+    for (; kept < QM_KNN_MAX_LINKS; kept++)
+        graph->link[i][kept] = QM_NO_INDEX;
+}
+
+void qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph)
+{
+    for (size_t i = 0; i < samples->count; i++)
+        cut_links(samples, graph, i);
     for (size_t i = 0; i < graph->count; i++) {
         qm_vec side = {0, 0, 0};
         if (i < samples->count) side = own_normal(samples, i);
@@ -221,7 +262,6 @@ bool qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph)
                 side = qm_vec_add(side, own_normal(samples, graph->link[i][k]));
         if (qm_vec_dot(graph->normal[i], side) < 0.0) graph->normal[i] = qm_vec_scale(-1.0, graph->normal[i]);
     }
-    return true;
 }
 
 /**

@@ -701,7 +701,7 @@ static qm_status make_layout(curve_drawer *d, qm_layout *out, qm_layout_issues *
                 if (status != QM_OK) return status;
             }
     }
-    qm_status status = qm_layout_find_crossings(d->arena->ctx, out, issues);
+    qm_status status = qm_layout_find_crossings(d->arena->ctx, out, d->surface, issues);
     if (status != QM_OK) return status;
     mark_faults(&maker, issues, fault);
     for (size_t i = 0; i < d->classes->point_count; i++)

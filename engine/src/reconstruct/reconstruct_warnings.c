@@ -1,0 +1,141 @@
+/**
+ * reconstruct_warnings.c: whether a layout lies where its surface does, and what the mesh does not show by itself.
+ */
+#include "reconstruct_internal.h"
+
+#define MAX_OUTSIDE 1.0    /* diagonals by which a point of a curve may lie outside the box of the surface */
+#define MAX_SIZE 3.0       /* times the surface: a larger layout is in another unit */
+#define MIN_SIZE 0.1       /* times the surface: a smaller layout beside it is in another unit */
+#define MIN_UNCOVERED 0.01 /* of the samples: fewer uncovered ones are outliers */
+
+/** The box of all points of the curves. */
+static qm_box layout_box(const qm_layout *layout)
+{
+    qm_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (size_t c = 0; c < layout->curve_count; c++)
+        for (size_t i = 0; i < 3 * layout->curves[c].point_count; i++) {
+            box.min[i % 3] = fmin(box.min[i % 3], layout->curves[c].points[i]);
+            box.max[i % 3] = fmax(box.max[i % 3], layout->curves[c].points[i]);
+        }
+    return box;
+}
+
+/** The distance of a point from a box. */
+static double box_distance(const qm_box *box, const double p[3])
+{
+    double away[3];
+    for (int k = 0; k < 3; k++)
+        away[k] = fmax(0.0, fmax(box->min[k] - p[k], p[k] - box->max[k]));
+    return hypot(hypot(away[0], away[1]), away[2]);
+}
+
+/** True if most points of the curves are farther from the surface than a distance. */
+static bool is_far(const qm_ref_surface *surface, const qm_layout *layout, double distance)
+{
+    size_t far = 0, count = 0;
+    for (size_t c = 0; c < layout->curve_count; c++) {
+        for (size_t i = 0; i < layout->curves[c].point_count; i++, count++) {
+            qm_ref_surface_point projection;
+            qm_ref_surface_project(surface, layout->curves[c].points + 3 * i, &projection);
+            far += projection.distance > distance;
+        }
+    }
+    return 2 * far > count;
+}
+
+qm_status qm_reconstruction_check_place(qm_context *ctx, const qm_ref_surface *surface,
+                                        const qm_layout *layout, double cover_distance)
+{
+    qm_box box = qm_mesh_bounding_box(&surface->bvh->mesh), drawn = layout_box(layout);
+    double size = qm_mesh_box_diagonal(&drawn) / surface->diagonal;
+    if (!isfinite(size)) return QM_OK; /* qm_layout_validate names the point */
+    size_t outside = 0, count = 0;
+    const double *farthest = NULL;
+    uint32_t curve = 0;
+    double most = 0.0;
+    for (size_t c = 0; c < layout->curve_count; c++) {
+        for (size_t i = 0; i < layout->curves[c].point_count; i++, count++) {
+            const double *p = layout->curves[c].points + 3 * i;
+            double away = box_distance(&box, p) / surface->diagonal;
+            outside += away > MAX_OUTSIDE;
+            if (away <= most) continue;
+            most = away;
+            farthest = p;
+            curve = layout->curves[c].id;
+        }
+    }
+    if (size > MAX_SIZE && 2 * outside > count)
+        return qm_context_fail(ctx, QM_E_LAYOUT,
+                               "the layout is %.3g times as large as the surface: is it in another unit?",
+                               size);
+    if (most > MAX_OUTSIDE)
+        return qm_context_fail(
+            ctx, QM_E_LAYOUT,
+            "curve %u has a point at %g %g %g, %.3g diagonals of the surface outside its box", curve,
+            farthest[0], farthest[1], farthest[2], most);
+    if (size < MIN_SIZE && is_far(surface, layout, cover_distance))
+        return qm_context_fail(
+            ctx, QM_E_LAYOUT,
+            "the layout is %.3g times as large as the surface, and not on it: is it in another unit?", size);
+    return QM_OK;
+}
+
+/** The number of patches that a curve is a side of, and whether two of them run along it the same way. */
+static int count_owners(const qm_reconstruction *r, size_t curve, bool *is_same_way)
+{
+    int owners = 0;
+    bool against = false;
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        for (int k = 0; k < 4; k++) {
+            if (r->layout.patches[p].side[k] != curve) continue;
+            *is_same_way |= owners > 0 && against == r->layout.patches[p].against[k];
+            against = r->layout.patches[p].against[k];
+            owners++;
+        }
+    return owners;
+}
+
+/** Six times the volume that the lattices enclose. */
+static double enclosed_volume(const qm_reconstruction *r)
+{
+    double sum = 0.0;
+    qm_vec origin = qm_lattice_at(&r->lattices[0], 0, 0);
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        const qm_lattice *lattice = &r->lattices[p];
+        for (uint32_t j = 0; j < lattice->rows; j++)
+            for (uint32_t i = 0; i < lattice->columns; i++) {
+                qm_vec a = qm_vec_sub(qm_lattice_at(lattice, i, j), origin);
+                qm_vec b = qm_vec_sub(qm_lattice_at(lattice, i + 1, j), origin);
+                qm_vec c = qm_vec_sub(qm_lattice_at(lattice, i + 1, j + 1), origin);
+                qm_vec d = qm_vec_sub(qm_lattice_at(lattice, i, j + 1), origin);
+                sum += qm_vec_dot(a, qm_vec_add(qm_vec_cross(b, c), qm_vec_cross(c, d)));
+            }
+    }
+    return sum;
+}
+
+size_t qm_reconstruction_find_warnings(const qm_reconstruction *r, qm_reconstruction_warning *out,
+                                       size_t capacity)
+{
+    QM_ASSERT(r && (out || capacity == 0));
+    size_t count = 0;
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        if (!r->lattices[p].spans_hole) continue;
+        if (count < capacity)
+            out[count] = (qm_reconstruction_warning){.kind = QM_RECONSTRUCTION_SPANS_HOLE, .patch = p};
+        count++;
+    }
+    double uncovered = (double)r->uncovered_count / (double)r->point_count;
+    if (uncovered > MIN_UNCOVERED && count++ < capacity)
+        out[count - 1] = (qm_reconstruction_warning){.kind = QM_RECONSTRUCTION_UNCOVERED, .share = uncovered};
+    bool is_one_sided = false, is_closed = true;
+    for (size_t c = 0; c < r->layout.curve_count; c++) {
+        int owners = count_owners(r, c, &is_one_sided);
+        is_closed &= owners == 0 || owners == 2;
+    }
+    if (is_one_sided && count++ < capacity)
+        out[count - 1] = (qm_reconstruction_warning){.kind = QM_RECONSTRUCTION_ONE_SIDED};
+    if (is_closed && !is_one_sided && enclosed_volume(r) < 0.0 && count++ < capacity)
+        out[count - 1] = (qm_reconstruction_warning){.kind = QM_RECONSTRUCTION_INSIDE_OUT};
+    return count;
+}
