@@ -158,8 +158,12 @@ test("bands of signed distances: the daemon's shares of both directions, their c
   await page.locator(".legend", { hasText: "sides proven" }).waitFor();
   await page.locator(".range").getByRole("button", { name: "Bands" }).click();
   await page.locator("input[name=limit-in]").fill("-0.1");
+  // The answer to the first limit comes while the second one is typed, and does not write over it.
+  const redrawn = page.waitForResponse((reply) => reply.url().includes("/v1/jobs"));
   await page.locator("input[name=limit-in]").press("Tab");
   await page.locator("input[name=limit-out]").fill("0.2");
+  await redrawn;
+  await page.locator("#signed tr", { hasText: "Share from -0.1 to" }).waitFor();
   await page.locator("input[name=limit-out]").press("Tab");
   const bands = [[null, -0.1], [-0.1, 0.2], [0.2, null]];
   const names = ["Share below -0.1", "Share from -0.1 to 0.2", "Share above 0.2"];

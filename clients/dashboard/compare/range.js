@@ -33,6 +33,11 @@ function pairOf(text) {
 /** @param {string} name @param {string} label */
 const field = (name, label) => h("input", { name, inputMode: "decimal", "aria-label": label, autocomplete: "off" });
 
+/** What someone is typing is not written over. @param {HTMLInputElement} input @param {number} value */
+function write(input, value) {
+  if (input !== document.activeElement) input.value = String(value);
+}
+
 /** @param {{ onChange: () => void, firstLimit: () => number | null }} options firstLimit: for bands that were never set */
 export function makeRange({ onChange, firstLimit }) {
   const low = field("low", "First value of the colours");
@@ -84,13 +89,13 @@ export function makeRange({ onChange, firstLimit }) {
   /** @param {Scale} scale @param {Deviation} deviation */
   function draw(scale, deviation) {
     offer(deviation);
-    low.value = String(Number(scale.low.toPrecision(4)));
-    high.value = String(Number(scale.high.toPrecision(4)));
+    write(low, Number(scale.low.toPrecision(4)));
+    write(high, Number(scale.high.toPrecision(4)));
     bands.setAttribute("aria-pressed", String(wanted.limits !== null));
     limits.hidden = wanted.limits === null;
-    inside.hidden = !scale.isSigned;
+    inside.hidden = !deviation.result.signed; // colours come later than the sides
     for (const input of [low, high]) input.disabled = wanted.limits !== null;
-    if (wanted.limits) [inside.value, outside.value] = wanted.limits.map(String);
+    if (wanted.limits) [inside, outside].forEach((input, place) => write(input, /** @type {[number, number]} */ (wanted.limits)[place]));
   }
   return { element, draw };
 }
