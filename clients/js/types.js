@@ -170,7 +170,9 @@
 /** @typedef {{ layout: string, source?: string, cover_share?: number, pull_curves?: boolean }} ReconstructionRequest */
 /** @typedef {{ id: string, source: string, layout: string, patch_count: number, cover_share: number,
  *   pull_curves: boolean, coverage: { samples: number, uncovered_samples: number }, created: string, mesh: string,
- *   quads: number, step_count: number, revision: number }} ReconstructionBrief */
+ *   quads: number, step_count: number, revision: number, warnings?: ReconstructionWarning[] }} ReconstructionBrief */
+/** @typedef {{ kind: "spans_hole" | "uncovered" | "one_sided" | "inside_out", patch?: number, share?: number,
+ *   detail: string }} ReconstructionWarning */
 /** @typedef {ReconstructionBrief & { steps: StepRecord[] }} Reconstruction */
 /** @typedef {{ quads: number, patches: { patch: number, first_face: number, columns: number, rows: number,
  *   samples: number }[] }} ReconstructionPatches */
