@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "core/face_ring.h"
+#include "core/union_find.h"
 
 #define CANCEL_STRIDE 65536
 
@@ -73,28 +74,6 @@ static bool work_alloc(qm_context *ctx, facts_work *work, size_t vertex_count)
     return true;
 }
 
-static uint32_t find_root(uint32_t *parent, uint32_t i)
-{
-    while (parent[i] != i) {
-        parent[i] = parent[parent[i]];
-        i = parent[i];
-    }
-    return i;
-}
-
-/** Joins two components; true when they were separate. */
-static bool join(uint32_t *parent, uint32_t i, uint32_t j)
-{
-    i = find_root(parent, i);
-    j = find_root(parent, j);
-    if (i == j) return false;
-    if (i < j)
-        parent[j] = i;
-    else
-        parent[i] = j;
-    return true;
-}
-
 /** First pass over the faces: facts of single faces, components, and the number of lines at each vertex. */
 static qm_status scan_faces(qm_context *ctx, const qm_mesh *mesh, facts_work *work, qm_mesh_facts *facts)
 {
@@ -108,7 +87,7 @@ static qm_status scan_faces(qm_context *ctx, const qm_mesh *mesh, facts_work *wo
         /* The vertices of a face are used, and are one component. */
         for (int i = 0; i < qm_face_corners(face); ++i) {
             if (work->component[face[i]] == QM_NO_INDEX) work->component[face[i]] = face[i];
-            join(work->component, face[0], face[i]);
+            qm_union_find_join(work->component, face[0], face[i]);
         }
 
         uint32_t ring[4];
@@ -187,7 +166,7 @@ static void classify_node(facts_work *work, uint32_t v, uint32_t node, link_fact
     if (!is_open) return;
     begin_loop(work, v, facts);
     begin_loop(work, node, facts);
-    facts->boundary_loops -= join(work->loop, v, node);
+    facts->boundary_loops -= qm_union_find_join(work->loop, v, node);
 }
 
 static qm_status scan_vertices(qm_context *ctx, facts_work *work, qm_mesh_facts *facts)
@@ -205,7 +184,7 @@ static qm_status scan_vertices(qm_context *ctx, facts_work *work, qm_mesh_facts 
         for (const link_line *line = first; line < end; ++line) {
             touch_node(work, v, line->before, 0, &link);
             touch_node(work, v, line->after, 1, &link);
-            link.groups -= join(work->group, line->before, line->after);
+            link.groups -= qm_union_find_join(work->group, line->before, line->after);
         }
         QM_ASSERT(link.groups <= link.nodes);
         for (const link_line *line = first; line < end; ++line) {
@@ -349,7 +328,7 @@ static size_t count_surfaces(const qm_mesh *mesh, facts_work *work)
                 work->component[ring[i]] = ring[i];
                 ++count;
             }
-            count -= join(work->component, ring[0], ring[i]);
+            count -= qm_union_find_join(work->component, ring[0], ring[i]);
         }
     }
     return count;

@@ -5,6 +5,8 @@
 
 #include <string.h>
 
+#include "core/union_find.h"
+
 #define SHORTEST 3.0    /* of connected creases, in sides of a quad */
 #define FINE_RADIUS 0.7 /* of the faces whose normals tell of a crease, in sides of a quad */
 #define FINE_ROUNDS 3   /* a crease that goes opens the sides of the next one */
@@ -92,13 +94,6 @@ static qm_status drop_fine(qm_context *ctx, qm_trimesh *m, double angle, double 
     return has_memory ? QM_OK : QM_E_NO_MEMORY;
 }
 
-static uint32_t find_root(uint32_t *parent, uint32_t v)
-{
-    while (parent[v] != v)
-        v = parent[v] = parent[parent[v]];
-    return v;
-}
-
 /** Unmarks creases of connected ones whose lengths sum up to less than shortest. */
 static qm_status drop_short(qm_context *ctx, qm_trimesh *m, double shortest)
 {
@@ -109,18 +104,16 @@ static qm_status drop_short(qm_context *ctx, qm_trimesh *m, double shortest)
     if (has_memory) {
         for (uint32_t v = 0; v < count; v++)
             parent[v] = v, length[v] = 0.0;
-        for (uint32_t h = 0; h < 3 * m->face_count; h++) {
-            if (!m->is_feature[h]) continue;
-            uint32_t a = find_root(parent, m->from[h]), b = find_root(parent, qm_trimesh_to(m, h));
-            if (a != b) parent[a > b ? a : b] = a > b ? b : a;
-        }
+        for (uint32_t h = 0; h < 3 * m->face_count; h++)
+            if (m->is_feature[h]) qm_union_find_join(parent, m->from[h], qm_trimesh_to(m, h));
         for (uint32_t h = 0; h < 3 * m->face_count; h++)
             if (m->is_feature[h] && m->twin[h] != QM_NO_INDEX && m->twin[h] > h)
-                length[find_root(parent, m->from[h])] += qm_vec_norm(qm_trimesh_edge(m, h));
+                length[qm_union_find_root(parent, m->from[h])] += qm_vec_norm(qm_trimesh_edge(m, h));
             else if (m->twin[h] == QM_NO_INDEX)
-                length[find_root(parent, m->from[h])] = INFINITY;
+                length[qm_union_find_root(parent, m->from[h])] = INFINITY;
         for (uint32_t h = 0; h < 3 * m->face_count; h++)
-            if (m->is_feature[h] && length[find_root(parent, m->from[h])] < shortest) mark(m, h, false);
+            if (m->is_feature[h] && length[qm_union_find_root(parent, m->from[h])] < shortest)
+                mark(m, h, false);
     }
     qm_context_free(ctx, parent, count, sizeof *parent);
     qm_context_free(ctx, length, count, sizeof *length);

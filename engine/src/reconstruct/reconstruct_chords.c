@@ -5,13 +5,7 @@
  */
 #include "reconstruct_internal.h"
 
-/** The representative of the class of i, with path halving. */
-static uint32_t find_root(uint32_t *parent, uint32_t i)
-{
-    while (parent[i] != i)
-        i = parent[i] = parent[parent[i]];
-    return i;
-}
+#include "core/union_find.h"
 
 qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r)
 {
@@ -31,7 +25,7 @@ qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r)
             for (int k = 0; k < 4; k++)
                 is_used[side[k]] = true;
             for (int k = 0; k < 2; k++)
-                parent[find_root(parent, side[k + 2])] = find_root(parent, side[k]);
+                qm_union_find_join(parent, side[k], side[k + 2]);
         }
         /* Number the chords by their first curves, so that the order of the layout breaks ties between chords. */
         for (size_t i = 0; i < r->layout.curve_count; i++)
@@ -39,7 +33,7 @@ qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r)
         for (size_t i = 0; i < r->layout.curve_count; i++) {
             r->polylines[i].chord = QM_NO_INDEX;
             if (!is_used[i]) continue;
-            uint32_t *chord = &number[find_root(parent, (uint32_t)i)];
+            uint32_t *chord = &number[qm_union_find_root(parent, (uint32_t)i)];
             if (*chord == QM_NO_INDEX) {
                 *chord = (uint32_t)r->chord_count;
                 r->chords[r->chord_count++] = (qm_chord){.edges = 1, .lattice_edges = QM_RECONSTRUCTION_BASE};

@@ -3,6 +3,7 @@
  */
 #include <string.h>
 
+#include "core/union_find.h"
 #include "core/vec.h"
 #include "tmesh/tmesh.h"
 
@@ -30,20 +31,6 @@ typedef struct classes_maker {
     /* for paths */
     uint32_t *adjacent_first, *adjacent, *reached_by, *queue;
 } classes_maker;
-
-static uint32_t find_root(uint32_t *parent, uint32_t i)
-{
-    while (parent[i] != i)
-        i = parent[i] = parent[parent[i]];
-    return i;
-}
-
-static void join(uint32_t *parent, uint32_t a, uint32_t b)
-{
-    a = find_root(parent, a);
-    b = find_root(parent, b);
-    if (a != b) parent[a > b ? a : b] = a < b ? a : b;
-}
 
 /* ---- points and segments ---- */
 
@@ -131,7 +118,7 @@ static void link_points(classes_maker *maker, uint32_t a, uint32_t b, uint32_t a
                         uint32_t slot_end)
 {
     maker->links[maker->link_count++] = (point_link){{a, b}, slot_first, slot_end, arc};
-    join(maker->out->point_class, a, b);
+    qm_union_find_join(maker->out->point_class, a, b);
 }
 
 static bool link_all(classes_maker *maker)
@@ -145,7 +132,7 @@ static bool link_all(classes_maker *maker)
         if (maker->length[a] > 0) continue;
         const qm_tmesh_arc *arc = &tmesh->arcs[a];
         link_points(maker, arc->from, arc->to, a, 0, 0);
-        if (arc->is_feature) join(maker->label, arc->from, arc->to);
+        if (arc->is_feature) qm_union_find_join(maker->label, arc->from, arc->to);
     }
     for (size_t p = 0; p < tmesh->patch_count; p++)
         for (int axis = 0; axis < 2; axis++) {
@@ -159,14 +146,14 @@ static bool link_all(classes_maker *maker)
                     link_points(maker, qm_tmesh_side_point(out, p, one, i),
                                 qm_tmesh_side_point(out, p, other, height - i), QM_NO_INDEX, first[axis],
                                 first[axis + 1]);
-                join(out->segment_class, qm_tmesh_side_segment(out, p, one, i) >> 1,
-                     qm_tmesh_side_segment(out, p, other, height - 1 - i) >> 1);
+                qm_union_find_join(out->segment_class, qm_tmesh_side_segment(out, p, one, i) >> 1,
+                                   qm_tmesh_side_segment(out, p, other, height - 1 - i) >> 1);
             }
         }
     for (size_t i = 0; i < out->point_count; i++)
-        out->point_class[i] = find_root(out->point_class, (uint32_t)i);
+        out->point_class[i] = qm_union_find_root(out->point_class, (uint32_t)i);
     for (size_t i = 0; i < out->segment_count; i++)
-        out->segment_class[i] = find_root(out->segment_class, (uint32_t)i);
+        out->segment_class[i] = qm_union_find_root(out->segment_class, (uint32_t)i);
     return true;
 }
 
@@ -314,7 +301,7 @@ static bool find_meetings(classes_maker *maker)
         if (met == QM_NO_INDEX && maker->on_feature[i]) {
             if (feature[root] == QM_NO_INDEX)
                 feature[root] = i;
-            else if (find_root(maker->label, feature[root]) != find_root(maker->label, i))
+            else if (qm_union_find_root(maker->label, feature[root]) != qm_union_find_root(maker->label, i))
                 met = feature[root];
         }
         if (met == QM_NO_INDEX) continue;

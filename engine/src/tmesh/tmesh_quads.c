@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "core/face_ring.h"
+#include "core/union_find.h"
 #include "core/vec.h"
 #include "tmesh/tmesh.h"
 
@@ -139,20 +140,6 @@ static bool divide_faces(quads_maker *maker)
 
 /* ---- manifold: one vertex for each fan ---- */
 
-static uint32_t find_root(uint32_t *parent, uint32_t i)
-{
-    while (parent[i] != i)
-        i = parent[i] = parent[parent[i]];
-    return i;
-}
-
-static void join(uint32_t *parent, uint32_t a, uint32_t b)
-{
-    a = find_root(parent, a);
-    b = find_root(parent, b);
-    if (a != b) parent[a > b ? a : b] = a < b ? a : b;
-}
-
 /** Numbers the vertices anew: corners are one vertex when edges of two faces lead from one to the other. */
 static bool separate_fans(quads_maker *maker)
 {
@@ -170,12 +157,12 @@ static bool separate_fans(quads_maker *maker)
         uint32_t one = maker->pairs[i].side, other = maker->pairs[i + 1].side;
         uint32_t one_end = (one & ~3u) | ((one + 1) & 3), other_end = (other & ~3u) | ((other + 1) & 3);
         bool same_way = maker->faces[one] == maker->faces[other];
-        join(parent, one, same_way ? other : other_end);
-        join(parent, one_end, same_way ? other_end : other);
+        qm_union_find_join(parent, one, same_way ? other : other_end);
+        qm_union_find_join(parent, one_end, same_way ? other_end : other);
     }
     size_t count = 0;
     for (size_t c = 0; c < corners; c++) {
-        uint32_t root = find_root(parent, (uint32_t)c);
+        uint32_t root = qm_union_find_root(parent, (uint32_t)c);
         if (root == c) {
             memcpy(positions + 3 * count, maker->positions + 3 * (size_t)maker->faces[c],
                    3 * sizeof *positions);
