@@ -37,15 +37,15 @@ static void print_facts(const layout_options *options, const qm_quad_layout_fact
     if (options->as_json) {
         qm_text_add_string(&text, "{");
         qm_json_add_count(&text, "quads", facts->quads);
-        qm_json_add_count(&text, "special_vertices", facts->special);
+        qm_json_add_count(&text, "required_nodes", facts->required);
         qm_json_add_count(&text, "regions", facts->regions);
         qm_json_add_count(&text, "patches", facts->patches);
         qm_json_add_comma(&text);
         qm_json_add_layout_issues(&text, issues);
         qm_text_add_string(&text, "}");
     } else {
-        qm_text_printf(&text, "%s: %zu patches of %zu quads, %zu special vertices", options->output,
-                       facts->patches, facts->quads, facts->special);
+        qm_text_printf(&text, "%s: %zu patches of %zu quads, %zu required nodes", options->output,
+                       facts->patches, facts->quads, facts->required);
         for (size_t i = 0; i < issues->count; i++) {
             const qm_layout_issue *issue = &issues->items[i];
             qm_text_printf(&text, "\ncurves %u and %u cross at %.9g %.9g %.9g", issue->curve[0],
@@ -106,14 +106,12 @@ static int run(int argc, char **argv)
          .type = CLI_NUMBER,
          .target = &o.make.crease_angle,
          .help = "edges whose quads differ by more are creases, and become curves; 0 (default): none"},
-        {.name = "json",
-         .type = CLI_FLAG,
-         .target = &o.as_json,
-         .help = "counts and issues as JSON, or the problem document"}};
+        CLI_OPTION_JSON(&o.as_json)};
     int status;
     if (!cli_read_options(&cmd_layout, options, sizeof options / sizeof *options, argc, argv, &o.quads,
                           &status))
         return status;
+    if (!cli_check_one_document(&o.output, 1, o.as_json)) return EXIT_USAGE;
     if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
     qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;

@@ -2,6 +2,7 @@
  * cmd_remesh.c: a quad mesh of a surface, without a layout.
  */
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/clock.h"
@@ -9,29 +10,40 @@
 #include "options.h"
 #include "qm/quads.h"
 
-#define DEGREE 0.017453292519943295
-
 typedef struct remesh_options {
     const char *surface, *output;
     qm_quads_options how;
-    double crease_degrees;
     bool as_json;
 } remesh_options;
 
 static void print_result(const remesh_options *o, const qm_mesh *quads, const qm_mesh_facts *facts,
                          const qm_quads_record *record, double elapsed_ms)
 {
-    /* Standard output holds either the mesh or what is said of it. */
-    FILE *out = strcmp(o->output, "-") == 0 ? stderr : stdout;
     qm_quality quality;
     qm_quality_measure(quads, &quality);
-    const char *format = o->as_json
-                             ? "{\"quads\":%zu,\"irregular_vertices\":%zu,\"components\":%zu,\"folded\":%zu,"
-                               "\"least_scaled_jacobian\":%.6g,\"edge\":%.9g,\"elapsed_ms\":%.3f}\n"
-                             : "%zu quads, %zu irregular vertices, %zu components, %zu folded, least scaled "
-                               "Jacobian %.3g, edges of about %.4g, in %.1f ms\n";
-    fprintf(out, format, quads->face_count, facts->irregular_vertices, facts->components, quality.folded,
-            quality.least_jacobian, record->size, elapsed_ms);
+    if (o->as_json) {
+        qm_text text = {0};
+        qm_text_add_string(&text, "{");
+        qm_json_add_count(&text, "quads", quads->face_count);
+        qm_json_add_count(&text, "irregular_vertices", facts->irregular_vertices);
+        qm_json_add_count(&text, "components", facts->components);
+        qm_json_add_count(&text, "folded", quality.folded);
+        qm_json_add_number(&text, "least_scaled_jacobian", quality.least_jacobian);
+        qm_json_add_number(&text, "edge", record->size);
+        qm_json_add_number(&text, "elapsed_ms", elapsed_ms);
+        qm_text_add_string(&text, "}");
+        char *line = qm_text_take(&text);
+        puts(line ? line : "{}");
+        free(line);
+        return;
+    }
+    /* Standard output holds either the mesh or what is said of it. */
+    fprintf(
+        strcmp(o->output, "-") == 0 ? stderr : stdout,
+        "%zu quads, %zu irregular vertices, %zu components, %zu folded, least scaled Jacobian %.3g, edges of "
+        "about %.4g, in %.1f ms\n",
+        quads->face_count, facts->irregular_vertices, facts->components, quality.folded,
+        quality.least_jacobian, record->size, elapsed_ms);
 }
 
 static int remesh(qm_context *ctx, const remesh_options *o, const qm_loaded_mesh *surface)
@@ -54,7 +66,7 @@ static int remesh(qm_context *ctx, const remesh_options *o, const qm_loaded_mesh
 
 static int run(int argc, char **argv)
 {
-    remesh_options o = {.how = qm_quads_options_default(), .crease_degrees = 40.0};
+    remesh_options o = {.how = qm_quads_options_default()};
     o.how.thread_count = 0; /* one for each processor */
     const cli_option options[] = {
         {.name = "output",
@@ -71,11 +83,11 @@ static int run(int argc, char **argv)
          .max = 1e7,
          .target = &o.how.quads,
          .help = "about so many quads (default 5000)"},
-        {.name = "creases",
+        {.name = "crease-angle",
          .value = "DEG",
          .type = CLI_NUMBER,
-         .target = &o.crease_degrees,
-         .help = "edges whose faces meet at a sharper angle stay edges (default 40; 180: none)"},
+         .target = &o.how.crease_angle,
+         .help = "edges whose faces differ by more are creases, and stay edges (default 40); 0: none"},
         CLI_OPTION_THREADS(&o.how.thread_count),
         CLI_OPTION_JSON(&o.as_json)};
     int status;
@@ -85,7 +97,6 @@ static int run(int argc, char **argv)
     if (!cli_check_one_document(&o.output, 1, o.as_json)) return EXIT_USAGE;
     if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
     o.how.thread_count = cli_count_threads(o.how.thread_count);
-    o.how.crease_angle = o.crease_degrees * DEGREE;
     qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     const qm_preparation preparation = {.parts = QM_BVH_TARGET, .thread_count = o.how.thread_count};

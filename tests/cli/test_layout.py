@@ -34,7 +34,7 @@ def test_quads_become_a_layout_that_reconstruct_takes(quadmesh, tmp_path):
     run = quadmesh("layout", quads, "-o", out, "--json")
     assert run.returncode == 0, run.stderr
     counts = json.loads(run.stdout)
-    assert counts == {"quads": 216, "special_vertices": 8, "regions": counts["regions"], "patches": 6, "issues": []}
+    assert counts == {"quads": 216, "required_nodes": 8, "regions": counts["regions"], "patches": 6, "issues": []}
     layout = json.loads(out.read_text())
     assert len(layout["nodes"]) == 8 and len(layout["curves"]) == 12 and len(layout["patches"]) == 6
     run = quadmesh("reconstruct", quads, out, "-o", mesh, "--quads", "600")
@@ -48,7 +48,8 @@ def test_a_surface_and_a_number_of_patches_can_be_given(quadmesh, tmp_path):
     assert run.returncode == 0, run.stderr
     layout = json.loads(run.stdout)
     assert 12 <= len(layout["patches"]) <= 24
-    assert "patches of 216 quads, 8 special vertices" in run.stderr
+    assert "patches of 216 quads, 8 required nodes" in run.stderr
+    assert quadmesh("layout", quads, "-o", "-", "--json").returncode == 2  # one document
     for curve in layout["curves"]:
         for point in curve["points"]:
             assert 0.95 < sum(x * x for x in point) ** 0.5 < 1.0001

@@ -38,3 +38,6 @@ def test_faults_are_told(quadmesh, tmp_path):
     torus = write_torus(tmp_path / "torus.obj", 4, 4, 0.3)
     run = quadmesh("remesh", torus, "-o", tmp_path / "no" / "out.obj")
     assert run.returncode == 2 and "cannot be written" in run.stderr
+    for angle in (181, 400):
+        run = quadmesh("remesh", torus, "-o", "out.obj", "--crease-angle", angle)
+        assert run.returncode == 2 and "0 to 180 degrees" in run.stderr

@@ -23,8 +23,8 @@
 
 #include "qm/deviation.h"
 
-/** The options of both deviations; progress is of the symmetric Hausdorff distance. Thus also which percentiles, limits, bands, regions and worst places. Bins must be 0. Its solid is
- * B's. */
+/** The options of both deviations, which also say of what percentiles, limits, bands, regions and worst places there are. Bins must
+ * be 0; the solid is B's; progress is of the symmetric Hausdorff distance. */
 typedef qm_deviation_options qm_comparison_options;
 
 typedef struct qm_f_score {

@@ -26,9 +26,9 @@ qm_quad_layout_options qm_quad_layout_options_default(void);
 
 /** Counts of the quads and of what was made of them. */
 typedef struct qm_quad_layout_facts {
-    size_t quads;   /* after a division, when some faces were triangles */
-    size_t special; /* irregular vertices, and those that features make nodes */
-    size_t regions; /* between the cuts */
+    size_t quads;    /* after a division, when some faces were triangles */
+    size_t required; /* vertices that nodes have to be at: irregular ones, and corners of features */
+    size_t regions;  /* between the cuts */
     size_t patches;
 } qm_quad_layout_facts;
 

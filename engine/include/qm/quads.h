@@ -12,7 +12,7 @@
 typedef struct qm_quads_options {
     size_t quads; /* wanted number of quads, at least 1; what comes out differs by some percent */
     double
-        crease_angle; /* radians between normals of faces: edges with more are followed; 0: only boundaries are */
+        crease_angle; /* degrees, from 0 to 180: an edge whose faces differ by more is a crease, and followed; 0: none are */
     int thread_count;
 } qm_quads_options;
 
@@ -42,8 +42,8 @@ typedef struct qm_quads_record {
  * manifold. It is the same for any number of threads.
  *
  * Ownership: borrows the tree; *out is the caller's, for qm_mesh_reset. After an error it is empty.
- * Returns:   QM_OK; QM_E_ARGUMENT (no target, no faces, quads 0); QM_E_EMPTY (no area); QM_E_SCALE (a diagonal beyond 1e75 or below 1e-75);
- *            QM_E_NO_MEMORY; QM_E_CANCELED.
+ * Returns:   QM_OK; QM_E_ARGUMENT (no target, no faces, an option); QM_E_EMPTY (no area); QM_E_SCALE (a diagonal beyond
+ *            1e75 or below 1e-75); QM_E_NO_MEMORY; QM_E_CANCELED.
  * Source:    W. Jakob, M. Tarini, D. Panozzo, O. Sorkine-Hornung, Instant field-aligned meshes, 2015 (the fields);
  *            J. Huang, Y. Zhou, M. Niessner, J. R. Shewchuk, L. J. Guibas, QuadriFlow: a scalable and robust method for
  *            quadrangulation, 2018 (integers on edges by flow).

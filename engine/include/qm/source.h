@@ -46,8 +46,8 @@ void qm_ref_surface_project(const qm_ref_surface *source, const double p[3], qm_
 
 /**
  * As qm_ref_surface_project, onto the wall that looks one way: of a mesh the faces whose normals are within a right
- * angle of a direction, of a point set with normals the points whose normals are within 78 degrees of it, if there are several walls. So a
- * point between two walls, or off a thin one, comes to the wall that it belongs to.
+ * angle of a direction, of a point set with normals the points whose normals are within 78 degrees of it, if there are
+ * several walls. So a point between two walls, or off a thin one, comes to the wall that it belongs to.
  *
  * direction  of any length above 0
  * reach      above 0, in the unit of the surface

@@ -141,6 +141,8 @@ static inline double qm_vec_radius(const qm_vec *point, int count, qm_vec center
     return sqrt(radius2);
 }
 
+#define QM_DEGREE 0.017453292519943295 /* in radians */
+
 static inline double qm_clamp(double x, double low, double high)
 {
     return x < low ? low : x > high ? high : x;

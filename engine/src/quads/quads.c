@@ -14,7 +14,7 @@
 
 qm_quads_options qm_quads_options_default(void)
 {
-    return (qm_quads_options){.quads = 5000, .crease_angle = 0.69813170079773183, .thread_count = 1};
+    return (qm_quads_options){.quads = 5000, .crease_angle = 40.0, .thread_count = 1};
 }
 
 /** Triangles of the surface, component by component. */
@@ -276,6 +276,8 @@ qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_optio
     *out = (qm_mesh){0};
     const qm_mesh *surface = qm_bvh_mesh(bvh);
     if (options->quads == 0) return qm_context_fail(ctx, QM_E_ARGUMENT, "the number of quads is 0");
+    if (!(options->crease_angle >= 0.0 && options->crease_angle <= 180.0))
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the crease angle is not from 0 to 180 degrees");
     if (surface->face_count == 0)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "a point set has no faces to be remeshed");
     const qm_box box = qm_mesh_bounding_box(surface);

@@ -20,7 +20,7 @@ static void mark(qm_trimesh *m, uint32_t h, uint8_t value)
 
 static void mark_creases(qm_trimesh *m, double angle)
 {
-    double cosine = cos(angle);
+    double cosine = cos(angle * QM_DEGREE);
     for (uint32_t h = 0; h < 3 * m->face_count; h++) {
         uint32_t t = m->twin[h];
         if (t == QM_NO_INDEX || t < h) continue;
@@ -72,6 +72,7 @@ static qm_status drop_fine(qm_context *ctx, qm_trimesh *m, double angle, double 
              *queue = qm_context_alloc(ctx, faces, sizeof *queue);
     uint8_t *is_kept = qm_context_alloc(ctx, halves, 1);
     bool has_memory = seen && queue && is_kept;
+    double cosine = cos(angle * QM_DEGREE);
     if (has_memory) {
         uint32_t mark_value = 0;
         memset(seen, 0, faces * sizeof *seen);
@@ -83,7 +84,7 @@ static qm_status drop_fine(qm_context *ctx, qm_trimesh *m, double angle, double 
             crease_side a = gather_side(m, h / 3, t / 3, middle, radius, seen, ++mark_value, queue);
             crease_side b = gather_side(m, t / 3, h / 3, middle, radius, seen, ++mark_value, queue);
             double scale = qm_vec_norm(a.normal) * qm_vec_norm(b.normal);
-            bool is_sharp = !a.meets && qm_vec_dot(a.normal, b.normal) < cos(angle) * scale;
+            bool is_sharp = !a.meets && qm_vec_dot(a.normal, b.normal) < cosine * scale;
             is_kept[h] = is_kept[t] = is_sharp;
         }
         memcpy(m->is_feature, is_kept, halves);

@@ -4,7 +4,7 @@
 
 #define ROUNDS 32           /* drawings */
 #define PATIENCE 6          /* drawings that are no better than the best */
-#define MOST_PATCHES 5      /* for each special vertex, where fewer do */
+#define MOST_PATCHES 5      /* for each required vertex, where fewer do */
 #define FOLDS_A_CROSSING 64 /* crossings count more than folds: a reconstruction refuses them */
 
 qm_quad_layout_options qm_quad_layout_options_default(void)
@@ -56,7 +56,7 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_layou
                                           work->length, &classes, surface, &layout, &open, &faults);
         size_t count = status == QM_OK ? faults.folds + FOLDS_A_CROSSING * faults.crossings : SIZE_MAX;
         /* More patches are worth less crossings, but not less folds when they are many. */
-        bool is_good = crossings == 0 && classes.face_count > MOST_PATCHES * work->quads.special_count;
+        bool is_good = crossings == 0 && classes.face_count > MOST_PATCHES * work->quads.required_count;
         bool is_better = count < least && !(is_good && faults.crossings == 0), changed = false;
         idle = is_better ? 0 : idle + 1;
         if (is_better) {
@@ -109,7 +109,7 @@ qm_status qm_quad_layout_make(qm_context *ctx, const qm_mesh *quads, const qm_re
     layout_work work = {.ctx = ctx, .lasting = qm_arena_make(ctx), .scratch = qm_arena_make(ctx)};
     status = make(&work, quads, surface, options, out, issues);
     if (status == QM_OK && facts)
-        *facts = (qm_quad_layout_facts){work.quads.mesh.face_count, work.quads.special_count,
+        *facts = (qm_quad_layout_facts){work.quads.mesh.face_count, work.quads.required_count,
                                         work.tmesh.patch_count, out->patch_count};
     qm_patch_set_reset(ctx, &work.set);
     qm_arena_reset(&work.lasting);

@@ -77,7 +77,7 @@ static void number_nodes(tmesh_maker *maker, uint32_t *cut_degree)
         }
     size_t count = 0;
     for (size_t v = 0; v < quads->mesh.vertex_count; v++) {
-        bool is_node = cut_degree[v] > 2 || (cut_degree[v] > 0 && quads->is_special[v]);
+        bool is_node = cut_degree[v] > 2 || (cut_degree[v] > 0 && quads->is_required[v]);
         maker->node_of[v] = is_node ? (uint32_t)count : QM_NO_INDEX;
         if (is_node) maker->out->node_vertex[count++] = (uint32_t)v;
     }

@@ -35,9 +35,9 @@ typedef struct qm_tmesh_quads {
     size_t edge_count;
     uint32_t *side_edge; /* 4 a face: the edge of each side */
     uint8_t *creases;    /* as for qm_patch_set_trace */
-    bool *is_special;    /* by vertex: a layout must have a node there, and no other special vertex in it */
+    bool *is_required;   /* by vertex: a layout must have a node there, and no other required vertex in it */
     bool *is_on_feature; /* by vertex */
-    size_t special_count;
+    size_t required_count;
 } qm_tmesh_quads;
 
 /**
@@ -131,7 +131,7 @@ typedef struct qm_tmesh_classes {
 } qm_tmesh_classes;
 
 /**
- * Finds the classes of lengths, and whether they are a layout: no two special vertices in a class, nor two points of
+ * Finds the classes of lengths, and whether they are a layout: no two required vertices in a class, nor two points of
  * features but along the feature; every class of points and of segments contractible, so that the layout has the shape
  * of the surface (R. L. Moore, Concerning upper semi-continuous collections of continua, 1925); and four different
  * classes at the corners of every face. Finds at most fault_limit faults.
@@ -196,7 +196,7 @@ typedef struct qm_tmesh_faults {
 
 /**
  * Draws the layout of lengths on a surface: each face is a lattice of steps x steps cells, which starts where the quads
- * are, and relaxes on the surface; special vertices stay, and points of features slide along them.
+ * are, and relaxes on the surface; required vertices stay, and points of features slide along them.
  *
  * out, issues  empty; curves that cross are issues
  *

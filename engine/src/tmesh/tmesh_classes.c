@@ -287,16 +287,16 @@ static bool find_meetings(classes_maker *maker)
 {
     qm_tmesh_classes *out = maker->out;
     const qm_tmesh *tmesh = maker->tmesh;
-    uint32_t *special = qm_arena_alloc(maker->arena, out->point_count, sizeof *special);
+    uint32_t *required = qm_arena_alloc(maker->arena, out->point_count, sizeof *required);
     uint32_t *feature = qm_arena_alloc(maker->arena, out->point_count, sizeof *feature);
-    if (!special || !feature) return false;
-    memset(special, 0xff, out->point_count * sizeof *special);
+    if (!required || !feature) return false;
+    memset(required, 0xff, out->point_count * sizeof *required);
     memset(feature, 0xff, out->point_count * sizeof *feature);
     for (uint32_t i = 0; i < out->point_count && !is_full(maker); i++) {
         uint32_t root = out->point_class[i], met = QM_NO_INDEX;
-        if (i < tmesh->node_count && maker->quads->is_special[tmesh->node_vertex[i]]) {
-            met = special[root];
-            if (met == QM_NO_INDEX) special[root] = i;
+        if (i < tmesh->node_count && maker->quads->is_required[tmesh->node_vertex[i]]) {
+            met = required[root];
+            if (met == QM_NO_INDEX) required[root] = i;
         }
         if (met == QM_NO_INDEX && maker->on_feature[i]) {
             if (feature[root] == QM_NO_INDEX)

@@ -14,7 +14,7 @@
 #include "tmesh/tmesh.h"
 
 #define STEPS 4
-/* Rounds of sweeps, until no cell is folded. A special vertex is pulled to its place by PULL of the way, and by SLACKEN times
+/* Rounds of sweeps, until no cell is folded. A required vertex is pulled to its place by PULL of the way, and by SLACKEN times
  * less after each round in which it is a corner of a folded face. */
 #define ROUNDS 12
 #define SWEEPS 6
@@ -27,11 +27,11 @@ typedef struct lattice_point {
     double normal[3];
     uint32_t count; /* of neighbours in sum */
     bool is_fixed, is_pinned, is_loose;
-    qm_vec pin;  /* of a special vertex */
+    qm_vec pin;  /* of a required vertex */
     double pull; /* towards it */
 } lattice_point;
 
-/** A feature between two special vertices, or a closed one from any node. */
+/** A feature between two required vertices, or a closed one from any node. */
 typedef struct feature_chain {
     uint32_t first, count;         /* of the polyline's vertices */
     uint32_t first_station, steps; /* of the layout: it has steps + 1 stations */
@@ -120,7 +120,7 @@ static qm_vec arc_position(const curve_drawer *d, uint32_t arc, double edges)
 
 static bool is_chain_end(const curve_drawer *d, uint32_t node)
 {
-    return d->quads->is_special[d->tmesh->node_vertex[node]];
+    return d->quads->is_required[d->tmesh->node_vertex[node]];
 }
 
 /** What has been used of the arrays of chains. */
@@ -263,7 +263,7 @@ static void fix(lattice_point *to, qm_vec at)
     to->is_fixed = true;
 }
 
-/** Places the classes of points: special vertices at themselves, features at their stations, others in the middle of what has
+/** Places the classes of points: required vertices at themselves, features at their stations, others in the middle of what has
  * come together. */
 static void place_classes(curve_drawer *d)
 {
@@ -283,7 +283,7 @@ static void place_classes(curve_drawer *d)
         }
     }
     for (uint32_t n = 0; n < tmesh->node_count; n++)
-        if (d->quads->is_special[tmesh->node_vertex[n]]) {
+        if (d->quads->is_required[tmesh->node_vertex[n]]) {
             lattice_point *to = &d->points[class_of(d, n)];
             fix(to, vertex_at(d, tmesh->node_vertex[n]));
             to->is_fixed = d->quads->is_on_feature[tmesh->node_vertex[n]];
@@ -521,7 +521,7 @@ static void find_signs(curve_drawer *d)
     }
 }
 
-/** Counts the folded cells; lets the points of their faces move, and pulls the special vertices of these less. */
+/** Counts the folded cells; lets the points of their faces move, and pulls the required vertices of these less. */
 static size_t count_folds(curve_drawer *d)
 {
     size_t folds = 0;

@@ -451,7 +451,7 @@ static lengths_finder finder_make(qm_context *ctx, const qm_tmesh_quads *quads, 
         .length = length,
         .lasting = qm_arena_make(ctx),
         .scratch = qm_arena_make(ctx),
-        .scale = sqrt((double)quads->mesh.face_count / (3.0 * (double)quads->special_count + 1)),
+        .scale = sqrt((double)quads->mesh.face_count / (3.0 * (double)quads->required_count + 1)),
         .random = 1};
 }
 

@@ -1,6 +1,6 @@
 /**
  * tmesh_quads.c: makes a mesh ready: divides it into quads, separates what is not manifold, finds features and
- * special vertices.
+ * required vertices.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -15,7 +15,6 @@
  * than SHARP_TURN degrees. */
 #define SHORTEST_SPUR 0.1
 #define SHARP_TURN 50
-#define DEGREE 0.017453292519943295
 
 /** A side of a face with its vertices in order, for sorting. */
 typedef struct sided_pair {
@@ -183,9 +182,9 @@ static bool find_edges(quads_maker *maker, qm_tmesh_quads *out)
     out->side_edge = qm_arena_alloc(maker->arena, 4 * maker->face_count, sizeof *out->side_edge);
     out->edges = qm_arena_alloc(maker->arena, 4 * maker->face_count, sizeof *out->edges);
     out->creases = qm_arena_zeroed(maker->arena, maker->face_count, sizeof *out->creases);
-    out->is_special = qm_arena_zeroed(maker->arena, maker->vertex_count, sizeof *out->is_special);
+    out->is_required = qm_arena_zeroed(maker->arena, maker->vertex_count, sizeof *out->is_required);
     out->is_on_feature = qm_arena_zeroed(maker->arena, maker->vertex_count, sizeof *out->is_on_feature);
-    if (!sort_pairs(maker) || !out->side_edge || !out->edges || !out->creases || !out->is_special ||
+    if (!sort_pairs(maker) || !out->side_edge || !out->edges || !out->creases || !out->is_required ||
         !out->is_on_feature)
         return false;
     for (size_t i = 0, end; i < maker->pair_count; i = end) {
@@ -238,7 +237,7 @@ static void mark_sharp(qm_tmesh_quads *quads, double crease_angle)
         if (edge->face[1] == QM_NO_INDEX) continue;
         qm_vec a = face_normal(&quads->mesh, edge->face[0]), b = face_normal(&quads->mesh, edge->face[1]);
         if (same_way(&quads->mesh, edge)) b = qm_vec_scale(-1, b);
-        edge->is_feature = angle_between(a, b) > crease_angle * DEGREE;
+        edge->is_feature = angle_between(a, b) > crease_angle * QM_DEGREE;
     }
 }
 
@@ -345,10 +344,10 @@ static bool turns_sharply(const qm_tmesh_quads *quads, uint32_t v, const uint32_
     for (int i = 0; i < 2; i++)
         way[i] = qm_vec_sub(
             qm_vec_load(quads->mesh.positions + 3 * (size_t)other_end(&quads->edges[pair[i]], v)), at);
-    return angle_between(way[0], qm_vec_scale(-1, way[1])) > SHARP_TURN * DEGREE;
+    return angle_between(way[0], qm_vec_scale(-1, way[1])) > SHARP_TURN * QM_DEGREE;
 }
 
-static bool is_special(const qm_tmesh_quads *quads, const feature_stars *stars, uint32_t v, uint32_t valence)
+static bool is_required(const qm_tmesh_quads *quads, const feature_stars *stars, uint32_t v, uint32_t valence)
 {
     uint32_t size = star_size(stars, v);
     if (size == 0) return valence != 4;
@@ -378,8 +377,8 @@ static bool find_features(qm_arena *arena, double crease_angle, qm_tmesh_quads *
     }
     for (uint32_t v = 0; v < out->mesh.vertex_count; v++) {
         out->is_on_feature[v] = star_size(&stars, v) > 0;
-        out->is_special[v] = is_special(out, &stars, v, valence[v]);
-        out->special_count += out->is_special[v];
+        out->is_required[v] = is_required(out, &stars, v, valence[v]);
+        out->required_count += out->is_required[v];
     }
     return true;
 }
