@@ -11,6 +11,7 @@
 #include <string.h>
 #include <strings.h>
 
+#include "base/id.h"
 #include "base/json.h"
 #include "base/library.h"
 
@@ -300,6 +301,61 @@ static void report_document(const cli_session *session, const char *path, const 
 
 /* ---- what a session offers ---- */
 
+/** A smaller file takes hardly longer to send than to ask for. */
+#define HASHED_FROM (256u << 10)
+
+#define MEMBER_SIZE 64
+
+static double number_of(const qm_json *json, const char *mesh, const char *member)
+{
+    char path[MEMBER_SIZE];
+    snprintf(path, sizeof path, "%s%s", mesh, member);
+    return qm_json_get_number(json, path);
+}
+
+static const char *string_of(const qm_json *json, const char *mesh, const char *member)
+{
+    char path[MEMBER_SIZE];
+    snprintf(path, sizeof path, "%s%s", mesh, member);
+    const char *value = qm_json_get_string(json, path);
+    return value ? value : "";
+}
+
+/** Reads id and diagonal of a mesh; its path is "" for the whole document. */
+static void read_mesh(const qm_json *json, const char *mesh, char id[QM_ID_SIZE], double *diagonal)
+{
+    snprintf(id, QM_ID_SIZE, "%s", string_of(json, mesh, "id"));
+    if (diagonal) *diagonal = number_of(json, mesh, "bounding_box.diagonal");
+}
+
+/**
+ * Finds the mesh that an upload of these bytes would give, without sending them; none that was deformed or expires.
+ * Returns 200 when there is one, 404 else, or 0 after a report.
+ */
+static long find_uploaded(cli_session *session, const char *name, const uint8_t *bytes, size_t size,
+                          const qm_notes *notes, char id[QM_ID_SIZE], double *diagonal)
+{
+    char target[1024], hash[QM_HASH_SIZE], mesh[MEMBER_SIZE / 2];
+    uint8_t digest[QM_DIGEST_SIZE];
+    qm_id_hash_bytes(bytes, size, digest);
+    qm_id_hash_print(digest, hash);
+    snprintf(target, sizeof target, "/v1/meshes?content_hash=%s&name=%.900s", hash, name);
+    long status = transfer(session, target, NULL, 0, "Accept: application/json", NULL);
+    if (status == 0) return 0;
+    bool is_found = false;
+    qm_json *page = status == 200 ? qm_json_parse(session->body.data) : NULL;
+    for (size_t i = 0; !is_found; i++) {
+        snprintf(mesh, sizeof mesh, "meshes.%zu.", i);
+        if (!string_of(page, mesh, "id")[0]) break;
+        is_found = number_of(page, mesh, "revision") == 0.0 && !string_of(page, mesh, "expires_at")[0] &&
+                   strcmp(string_of(page, mesh, "unit"), notes->unit) == 0 &&
+                   number_of(page, mesh, "uncertainty") == notes->uncertainty;
+        if (is_found) read_mesh(page, mesh, id, diagonal);
+    }
+    qm_json_free(page);
+    return is_found ? 200 : 404;
+}
+
 bool cli_session_upload(cli_session *session, const char *path, const qm_notes *notes, char id[QM_ID_SIZE],
                         double *diagonal)
 {
@@ -312,27 +368,31 @@ bool cli_session_upload(cli_session *session, const char *path, const qm_notes *
     }
     char target[1024];
     char *name = session->curl->easy_escape(session->handle, cli_base_name(path), 0);
-    size_t used = (size_t)snprintf(target, sizeof target, "/v1/meshes?name=%.900s", name ? name : "");
-    char number[QM_NUMBER_SIZE];
-    if (notes->unit[0])
-        used += (size_t)snprintf(target + used, sizeof target - used, "&unit=%s", notes->unit);
-    if (notes->uncertainty > 0.0)
-        snprintf(target + used, sizeof target - used, "&uncertainty=%s",
-                 qm_text_number(notes->uncertainty, number));
-    session->curl->free(name);
-    long status = transfer(session, target, bytes, size, "Accept: application/json",
-                           "Content-Type: application/octet-stream");
-    free(bytes);
-    bool is_stored = status == 200 || status == 201;
-    if (is_stored) {
-        qm_json *mesh = qm_json_parse(session->body.data);
-        const char *value = qm_json_get_string(mesh, "id");
-        snprintf(id, QM_ID_SIZE, "%s", value ? value : "");
-        if (diagonal) *diagonal = qm_json_get_number(mesh, "bounding_box.diagonal");
-        qm_json_free(mesh);
-    } else if (status != 0) {
-        report_document(session, path, session->body.data, status);
+    long status = 404;
+    if (size >= HASHED_FROM)
+        status = find_uploaded(session, name ? name : "", bytes, size, notes, id, diagonal);
+    bool is_stored = status == 200;
+    if (status == 404) {
+        size_t used = (size_t)snprintf(target, sizeof target, "/v1/meshes?name=%.900s", name ? name : "");
+        char number[QM_NUMBER_SIZE];
+        if (notes->unit[0])
+            used += (size_t)snprintf(target + used, sizeof target - used, "&unit=%s", notes->unit);
+        if (notes->uncertainty > 0.0)
+            snprintf(target + used, sizeof target - used, "&uncertainty=%s",
+                     qm_text_number(notes->uncertainty, number));
+        status = transfer(session, target, bytes, size, "Accept: application/json",
+                          "Content-Type: application/octet-stream");
+        is_stored = status == 200 || status == 201;
+        if (is_stored) {
+            qm_json *mesh = qm_json_parse(session->body.data);
+            read_mesh(mesh, "", id, diagonal);
+            qm_json_free(mesh);
+        } else if (status != 0) {
+            report_document(session, path, session->body.data, status);
+        }
     }
+    session->curl->free(name);
+    free(bytes);
     return is_stored;
 }
 
