@@ -186,3 +186,37 @@ test("a dragged region refits, folds are found as they come, and can be undone",
   assert.equal((await daemon.client().meshes.get(ids.ball)).revision, 0);
   await finish(page);
 });
+
+test("a mesh that was moved in Compare is moved in Collide, in links and in the list of jobs too, until it is put back", async () => {
+  const shift = [1, 0, 0, 0, 1, 0, 0, 0, 1, -2.25, 0.3, 0.3];
+  const page = await browser.open(`${daemon.url}/#compare?a=${ids.far}&b=${ids.one}&pose=${shift}`);
+  await waitForView(page);
+  await page.locator("#tabs").getByRole("link", { name: "Collide" }).click();
+  await page.getByText("A is moved, as Compare aligned it.").waitFor();
+  await waitForView(page);
+  const box = await page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage().models.get("a").box);
+  assert(near(box.min, [0.75, 0.3, 0.3]), "A is drawn where it was moved to");
+  await page.getByRole("button", { name: "Find collisions" }).click();
+  const transform = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, -2.25, 0.3, 0.3, 1];
+  const job = await daemon.client().jobs.create({ type: "collision", a: { mesh: ids.far, transform }, b: ids.one }, { wait: 30 });
+  assert(job.result.count > 0);
+  await page.locator("#collisions", { hasText: `${job.result.count} pairs of faces meet` }).waitFor();
+  await page.locator("#penetration").getByText("Greatest depth").waitFor();
+  const link = page.url();
+  assert.match(link, /pose=1,0,0,0,1,0,0,0,1,-2.25,0.3,0.3/);
+  await finish(page);
+
+  const other = await browser.open(link);
+  await other.locator("#collisions", { hasText: `${job.result.count} pairs of faces meet` }).waitFor();
+  await other.getByRole("button", { name: "Back to where it lies" }).click();
+  await other.getByText("A is moved, as Compare aligned it.").waitFor({ state: "hidden" });
+  await other.getByRole("button", { name: "Find collisions" }).click();
+  await other.locator("#collisions", { hasText: "The two do not meet" }).waitFor();
+  assert(!other.url().includes("pose="));
+  await finish(other);
+
+  const jobs = await browser.open(`${daemon.url}/#jobs`);
+  await jobs.locator("tbody tr", { hasText: "Collisions" }).filter({ hasText: "far, moved" }).first().getByRole("link").first().click();
+  await jobs.locator("#collisions", { hasText: `${job.result.count} pairs of faces meet` }).waitFor();
+  await finish(jobs);
+});

@@ -6,7 +6,7 @@ import { run } from "../core/messages.js";
 import { Search } from "../core/search.js";
 import { currentStage, lookAt } from "../view/view.js";
 
-/** @import { DistanceResult, QuadReading } from "../../js/types.js" */
+/** @import { DistanceResult, MeshName, QuadReading } from "../../js/types.js" */
 
 const DIGITS = 7;
 
@@ -26,7 +26,7 @@ export class Clearance {
 
   /**
    * The verdict first, which is certain before the distance is.
-   * @param {string} a
+   * @param {MeshName} a
    * @param {string} b
    * @param {number | null} limit
    * @param {boolean} isFlight are the nearest points to be looked at?

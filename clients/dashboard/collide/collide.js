@@ -4,7 +4,8 @@
 import { choiceKey, meshChoice } from "../core/choice.js";
 import { NUMBER, h, numberOf, select } from "../core/dom.js";
 import { run } from "../core/messages.js";
-import { parameter, setParameters } from "../core/route.js";
+import { keepPose, moved, poseOfA } from "../core/pose.js";
+import { parameter, setParameters, setPoseParameter } from "../core/route.js";
 import { meshOf, on, state } from "../core/state.js";
 import { forgetEye, hasEye, keepLook, placeEye } from "../view/link.js";
 import { drawTools } from "../view/tools.js";
@@ -38,7 +39,9 @@ class Collide {
     this.find = h("button", { type: "submit", className: "primary" }, "Find collisions");
     this.limitField = h("label", {}, "Clearance wanted, in the meshes' unit", this.limit);
     this.solidField = h("label", { className: "check whole" }, this.solid, "As solids: is one inside of the other, and how deep?");
-    this.form = h("form", { className: "form", "aria-label": "Collision" }, this.sides, h("label", {}, "A quad is", this.quads), this.limitField, this.solidField,
+    this.pose = h("div", { className: "row whole", id: "moved" }, h("span", { className: "muted" }, "A is moved, as Compare aligned it."),
+      h("button", { type: "button", onclick: () => this.putBack() }, "Back to where it lies"));
+    this.form = h("form", { className: "form", "aria-label": "Collision" }, this.sides, this.pose, h("label", {}, "A quad is", this.quads), this.limitField, this.solidField,
       h("div", { className: "row whole" }, this.find));
     const ways = { quads: () => /** @type {any} */ (settings.quads) };
     this.contacts = new Contacts(ways);
@@ -55,6 +58,7 @@ class Collide {
       this.forgetAll();
       run(() => this.search());
     });
+    setPoseParameter();
     setLook({ heat: false, structure: false });
     this.stopLook = keepLook();
     this.isRestoring = parameter("found") !== null;
@@ -76,10 +80,19 @@ class Collide {
     this.drawView();
   }
 
+  /** A lies where its file has it again. */
+  putBack() {
+    keepPose(null);
+    setPoseParameter();
+    this.forgetAll();
+    this.draw();
+  }
+
   /** Faces that meet first, which is soon known; then the solids, and the clearance. */
   async search() {
-    const { a, b } = state;
-    if (a === null) return;
+    const { b } = state;
+    if (state.a === null) return;
+    const a = moved();
     const mine = ++this.asked;
     this.solids.forget();
     this.clearance.forget();
@@ -119,9 +132,9 @@ class Collide {
     for (const role of /** @type {const} */ (["a", "b"])) {
       const mesh = meshOf(state[role]);
       const isTwice = role === "b" && state.b === state.a;
-      if (mesh && !isTwice) wishes.push({ mesh, role, isBilinear: settings.quads === "bilinear", isGhost: role === "b" });
+      if (mesh && !isTwice) wishes.push({ mesh, role, isBilinear: settings.quads === "bilinear", isGhost: role === "b", transform: role === "a" ? poseOfA() : null });
     }
-    const key = wishes.map(({ mesh, isBilinear }) => `${mesh.id} ${mesh.revision} ${isBilinear}`).join();
+    const key = wishes.map(({ mesh, isBilinear, transform }) => `${mesh.id} ${mesh.revision} ${isBilinear} ${transform}`).join();
     if (key === this.view) return;
     this.view = key;
     drawTools(wishes.map(({ mesh }) => mesh));
@@ -140,9 +153,14 @@ class Collide {
     if (choiceKey() !== this.drawn) this.sides.replaceChildren(meshChoice("a"), meshChoice("b", { none: "A itself" }));
     this.drawn = choiceKey();
     const pair = `${state.a} ${state.b}`;
-    if (this.pair !== "" && pair !== this.pair) this.forgetAll();
+    if (this.pair !== "" && pair !== this.pair) {
+      keepPose(null);
+      setPoseParameter();
+      this.forgetAll();
+    }
     this.pair = pair;
     this.find.disabled = state.a === null;
+    this.pose.hidden = poseOfA() === null;
     this.limitField.hidden = this.solidField.hidden = this.isSelf;
     this.drawView();
   }

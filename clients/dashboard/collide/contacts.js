@@ -8,7 +8,7 @@ import { parameter, setParameters } from "../core/route.js";
 import { Search } from "../core/search.js";
 import { currentStage, lookAt } from "../view/view.js";
 
-/** @import { CollisionPair, CollisionResult, Point, QuadReading } from "../../js/types.js" */
+/** @import { CollisionPair, CollisionResult, MeshName, Point, QuadReading } from "../../js/types.js" */
 
 /** Pairs that can be stepped to. */
 const MOST_LISTED = 10000;
@@ -31,7 +31,7 @@ export class Contacts {
   }
 
   /**
-   * @param {string} a
+   * @param {MeshName} a
    * @param {string | null} b null: A itself
    * @param {boolean} isFlight are the contacts to be looked at?
    * @returns {Promise<CollisionResult | null>} null when something else was asked for meanwhile

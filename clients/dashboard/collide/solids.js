@@ -9,7 +9,7 @@ import { makeTable, writeRows } from "../core/table.js";
 import { makePlaces } from "../view/places.js";
 import { currentStage } from "../view/view.js";
 
-/** @import { CollisionResult, Depth, QuadReading } from "../../js/types.js" */
+/** @import { CollisionResult, Depth, MeshName, QuadReading } from "../../js/types.js" */
 
 const DIGITS = 4;
 
@@ -24,7 +24,7 @@ export class Solids {
       h("h2", { id: "solids-title" }, "As solids"), this.searching.element, this.relation, this.found);
   }
 
-  /** @param {string} a @param {string} b */
+  /** @param {MeshName} a @param {string} b */
   async search(a, b) {
     this.forget();
     this.element.hidden = false;

@@ -11,7 +11,7 @@ import { changed, meshOf, nameOf, state } from "../core/state.js";
 import { toggle } from "../view/tools.js";
 import { currentStage } from "../view/view.js";
 import { multiply } from "../view/transform.js";
-import { moved, pose } from "./pose.js";
+import { moved, poseOfA } from "../core/pose.js";
 
 /** @import { AlignmentRequest, AlignmentResult, Job, QuadReading, Transform } from "../../js/types.js" */
 /** @import { Role } from "../view/stage.js" */
@@ -82,7 +82,7 @@ export class AlignSection {
   async align(landmarks) {
     const { b } = state;
     if (state.a === null || b === null) return;
-    const before = pose.transform;
+    const before = poseOfA();
     const { id, result: answer } = await this.search.run({ type: "alignment", a: moved(), b, quads: this.quads(), ...this.question(landmarks) });
     const result = /** @type {AlignmentResult} */ (answer);
     this.endPick();
@@ -95,7 +95,7 @@ export class AlignSection {
   /** The figures of a link, whose pose A has already, and what was asked for. */
   async restore() {
     const id = parameter("alignment");
-    if (!id || this.result || !pose.transform) return;
+    if (!id || this.result || !poseOfA()) return;
     const job = await client.jobs.get(id);
     if (this.result || job.type !== "alignment" || !job.result) return;
     this.result = /** @type {AlignmentResult} */ (job.result);
@@ -142,10 +142,10 @@ export class AlignSection {
   draw() {
     const isReady = state.a !== null && state.b !== null;
     this.button.disabled = this.picker.disabled = !isReady || this.search.isRunning;
-    this.back.hidden = this.keep.hidden = pose.transform === null;
+    this.back.hidden = this.keep.hidden = poseOfA() === null;
     this.trim.disabled = this.fit.value === "min_max"; // all points count there
     this.drawVerdict();
-    if (!this.result) this.found.replaceChildren(h("p", { className: "muted" }, pose.transform ? "A is moved." : "Moves A onto B, and tells how far apart they are then."));
+    if (!this.result) this.found.replaceChildren(h("p", { className: "muted" }, poseOfA() ? "A is moved." : "Moves A onto B, and tells how far apart they are then."));
     else this.found.replaceChildren(figures(rowsOf(this.result), "figures single"), isAmbiguous(this.result) ? h("p", { className: "muted small" }, "Another motion fits about as well: A may be symmetric.") : "");
   }
 
@@ -164,7 +164,7 @@ export class AlignSection {
   }
 
   async keepCopy() {
-    const { transform } = pose;
+    const transform = poseOfA();
     if (!transform || state.a === null) return;
     const copy = await client.meshes.copy(state.a, transform, { name: `${nameOf(state.a)}, aligned` });
     await refreshMeshes();

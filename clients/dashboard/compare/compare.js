@@ -2,7 +2,8 @@
 
 import { h } from "../core/dom.js";
 import { run } from "../core/messages.js";
-import { parameter, setParameters } from "../core/route.js";
+import { isMoved, keepPose, poseOfA } from "../core/pose.js";
+import { parameter, setParameters, setPoseParameter } from "../core/route.js";
 import { changed, meshOf, on, state } from "../core/state.js";
 import { forgetEye, hasEye, keepLook, placeEye } from "../view/link.js";
 import { drawTools, toggle } from "../view/tools.js";
@@ -14,7 +15,6 @@ import { ComparisonSection } from "./comparison.js";
 import { DeviationMap } from "./map.js";
 import { Measurement } from "./measurement.js";
 import { makeOutcome } from "./outcome.js";
-import { isMoved, pose, readPose, setPose } from "./pose.js";
 import { readWanted } from "./range.js";
 import { Section } from "./section.js";
 import { aFirst } from "./witness.js";
@@ -36,7 +36,7 @@ class Compare {
   constructor(panel) {
     readSettings();
     readWanted();
-    readPose();
+    setPoseParameter();
     const hidden = (parameter("hide") ?? "").split("");
     this.shown = { a: !hidden.includes("a"), b: !hidden.includes("b") };
     /** Was the view led to the farthest points yet? */
@@ -149,7 +149,7 @@ class Compare {
     const isBilinear = settings.quads === "bilinear";
     for (const role of /** @type {const} */ (["a", "b"])) {
       const mesh = meshOf(state[role]);
-      if (mesh) wishes.push({ mesh, role, isBilinear, isHidden: !shown[role], isGhost: role === "b" && shown.a, transform: role === "a" ? pose.transform : null });
+      if (mesh) wishes.push({ mesh, role, isBilinear, isHidden: !shown[role], isGhost: role === "b" && shown.a, transform: role === "a" ? poseOfA() : null });
     }
     setParameters({ hide: ["a", "b"].filter((role) => !shown[/** @type {Role} */ (role)]).join("") });
     const key = wishes.map((wish) => `${wish.role} ${wish.mesh.id} ${wish.mesh.revision} ${isBilinear} ${wish.isHidden} ${wish.isGhost} ${wish.transform}`).join();
@@ -202,7 +202,8 @@ class Compare {
   move(transform) {
     this.forget();
     this.measurement.clear();
-    setPose(transform);
+    keepPose(transform);
+    setPoseParameter();
     forgetEye();
     setParameters({ ...NOTHING_MEASURED, job: null });
     this.drawView();
@@ -221,7 +222,8 @@ class Compare {
       if (this.pair !== "") {
         forgetEye();
         setParameters({ a: state.a, b: state.b, ...NOTHING_MEASURED });
-        setPose(null);
+        keepPose(null);
+        setPoseParameter();
       }
       this.pair = pair;
       this.forget();
@@ -241,7 +243,8 @@ class Compare {
       [state.a, state.b] = [a.mesh ?? a, b];
       this.onChoice();
       if (isMoved(a)) return;
-      setPose(a.transform ?? null);
+      keepPose(a.transform ?? null);
+      setPoseParameter();
       this.onReading();
     });
   }

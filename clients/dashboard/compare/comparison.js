@@ -11,7 +11,7 @@ import { makeTable, writeRows } from "../core/table.js";
 import { makePlaces } from "../view/places.js";
 import { currentStage, lookAt } from "../view/view.js";
 import { bandRows, bandsOf } from "./bands.js";
-import { moved } from "./pose.js";
+import { moved } from "../core/pose.js";
 import { wanted } from "./range.js";
 import { aFirst } from "./witness.js";
 

@@ -4,7 +4,7 @@ import { choiceKey, meshChoice } from "../core/choice.js";
 import { NUMBER, h, numberOf, select } from "../core/dom.js";
 import { parameter, setParameters } from "../core/route.js";
 import { state } from "../core/state.js";
-import { moved } from "./pose.js";
+import { moved } from "../core/pose.js";
 
 /** @import { HausdorffRequest } from "../../js/types.js" */
 /** @typedef {{ direction: string, quads: string, gap: string, limit: string }} Settings */

@@ -9,7 +9,7 @@ import { currentStage } from "../view/view.js";
 import { bandsOf } from "./bands.js";
 import { FIRST_ACCURACY, drawDeviation, drawHistogram, makeHistogram, measureDeviation } from "./deviation.js";
 import { Heat } from "./heat.js";
-import { moved } from "./pose.js";
+import { moved } from "../core/pose.js";
 import { makeRange, wanted } from "./range.js";
 import { Regions } from "./regions.js";
 import { SignChoice } from "./sign.js";

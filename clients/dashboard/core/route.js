@@ -1,5 +1,6 @@
 // The page and its choices in the address: #compare?a=m_1&b=m_2. A link brings somebody else to the same view.
 
+import { poseOfA, readPose, textOfPose } from "./pose.js";
 import { changed, state } from "./state.js";
 
 /** @type {URLSearchParams} of the address when the page was entered */
@@ -16,6 +17,7 @@ export function readAddress(pages, hash) {
   parameters = new URLSearchParams(query);
   state.a = parameters.get("a") ?? state.a;
   state.b = parameters.get("b") ?? state.b;
+  if (parameters.has("a") || parameters.has("pose")) readPose(parameters.get("pose")); // else A is as it was left
   state.shown = parameters.get("mesh") ?? state.shown;
   changed("page", "choice");
 }
@@ -33,6 +35,12 @@ export function setParameters(choices) {
     else parameters.set(name, String(value));
   }
   history.replaceState(null, "", address());
+}
+
+/** Says in the address how A is moved. */
+export function setPoseParameter() {
+  const transform = poseOfA();
+  setParameters({ pose: transform && textOfPose(transform) });
 }
 
 /** The address of what is on the page now. */

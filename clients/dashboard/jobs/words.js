@@ -1,6 +1,6 @@
 // Jobs in words: what was asked, of what, and the answer.
 
-import { textOfPose } from "../compare/pose.js";
+import { textOfPose } from "../core/pose.js";
 import { count, length } from "../core/format.js";
 import { nameOf } from "../core/state.js";
 import { multiply } from "../view/transform.js";
@@ -12,8 +12,8 @@ export const KINDS = /** @type {Record<string, string>} */ ({
   self_collision: "Self-collisions", distance: "Least distance", alignment: "Alignment", reconstruction_step: "Remeshing",
   matrix: "All pairs" });
 
-/** What is shown by Compare. */
-const COMPARES = ["hausdorff", "deviation", "comparison", "heatmap", "alignment"];
+/** Kinds whose view shows A where it was moved to. */
+const MOVES = ["hausdorff", "deviation", "comparison", "heatmap", "alignment", "collision", "distance", "self_collision"];
 
 /** A mesh as a request names it. @param {import("../../js/types.js").MeshName} mesh */
 const wordOf = (mesh) => (typeof mesh === "string" ? nameOf(mesh) : `${nameOf(mesh.mesh)}, moved`);
@@ -67,19 +67,20 @@ export function answerOf(job) {
 const lookOf = ({ sign, limit, bands }) => `${{ outside: "&signed=1", normal: "&signed=normal" }[/** @type {string} */ (sign)] ?? ""}${limit === null || limit === undefined ? "" : `&limit=${limit}`}`
   + (bands?.length === 3 && bands[1][0] !== null ? `&limits=${bands[1]}` : "");
 
-/** Where the page shows the result; null where it does not, as of meshes that were moved for a job, but for A of a comparison. @param {Job} job */
+/** Where the page shows the result; null where it does not, as of B when it was moved for a job. @param {Job} job */
 export function viewOf({ id, type, request, result }) {
-  const { b, mesh, quads, reconstruction } = request;
-  const isMoved = typeof request.a === "object";
-  if ([b, mesh].some((name) => typeof name === "object") || (isMoved && !COMPARES.includes(type))) return null;
+  const { b, quads, reconstruction } = request;
+  const first = request.a ?? request.mesh;
+  const isMoved = typeof first === "object";
+  if (typeof b === "object" || (isMoved && !MOVES.includes(type))) return null;
   if (type === "alignment") return result ? alignmentView(id, request, /** @type {AlignmentResult} */ (result)) : null;
-  const a = isMoved ? `${request.a.mesh}&pose=${textOfPose(request.a.transform)}` : request.a;
+  const a = isMoved ? `${first.mesh}&pose=${textOfPose(first.transform)}` : first;
   const limit = request.limit ?? null;
   const address = /** @type {Record<string, string>} */ ({
     hausdorff: `#compare?a=${a}&b=${b}&job=${id}`, deviation: `#compare?a=${a}&b=${b}&quads=${quads}&heat=1${lookOf(request)}`,
     comparison: `#compare?a=${a}&b=${b}&quads=${quads}&comparison=${id}${lookOf(request)}`, heatmap: `#compare?a=${a}&b=${b}&quads=${quads}&heat=1`,
     collision: `#collide?a=${a}&b=${b}&quads=${quads}&found=1`, distance: `#collide?a=${a}&b=${b}&quads=${quads}&found=1${limit === null ? "" : `&limit=${limit}`}`,
-    self_collision: `#collide?a=${mesh}&b=${mesh}&quads=${quads}&found=1`, reconstruction_step: `#remesh?reconstruction=${reconstruction}` });
+    self_collision: `#collide?a=${a}&b=${isMoved ? first.mesh : first}&quads=${quads}&found=1`, reconstruction_step: `#remesh?reconstruction=${reconstruction}` });
   return address[type] ?? null;
 }
 
