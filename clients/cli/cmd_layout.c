@@ -1,6 +1,7 @@
 /**
- * cmd_layout.c: a layout of few patches from a mesh of quads.
+ * cmd_layout.c: a layout of few patches from a mesh of quads, or from a surface by quads of its own.
  */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -10,9 +11,11 @@
 #include "qm/quad_layout.h"
 
 typedef struct layout_options {
-    const char *quads, *surface, *output;
+    const char *path, *surface, *output; /* path: of the quads, or with is_auto of the surface */
     qm_quad_layout_options make;
-    bool as_json;
+    qm_quads_options quads;
+    double crease_angle; /* QM_NONE: not given */
+    bool is_auto, as_json;
 } layout_options;
 
 /** The layout as JSON, of the members that reconstruct reads. */
@@ -57,17 +60,21 @@ static void print_facts(const layout_options *options, const qm_quad_layout_fact
     free(line);
 }
 
-static int make(qm_context *ctx, const layout_options *options, const qm_mesh *quads, const qm_bvh *surface)
+/** bvh is of the surface, and quads is not used with is_auto. */
+static int make(qm_context *ctx, const layout_options *options, const qm_mesh *quads, const qm_bvh *bvh)
 {
     qm_ref_surface source;
     qm_layout layout;
     qm_layout_issues issues;
     qm_quad_layout_facts facts;
-    qm_status status = qm_ref_surface_init(ctx, surface, &source);
+    qm_status status = qm_ref_surface_init(ctx, bvh, &source);
     if (status == QM_OK)
-        status = qm_quad_layout_make(ctx, quads, &source, &options->make, &layout, &issues, &facts);
+        status = options->is_auto
+                     ? qm_quad_layout_make_of_surface(ctx, &source, &options->quads, &options->make, &layout,
+                                                      &issues, &facts)
+                     : qm_quad_layout_make(ctx, quads, &source, &options->make, &layout, &issues, &facts);
     if (status != QM_OK) {
-        cli_report_status(options->quads, status, ctx, options->as_json);
+        cli_report_status(options->path, status, ctx, options->as_json);
         return EXIT_BAD_INPUT;
     }
     bool is_written = write_layout(options, &layout);
@@ -77,9 +84,23 @@ static int make(qm_context *ctx, const layout_options *options, const qm_mesh *q
     return is_written ? EXIT_OK : EXIT_BAD_INPUT;
 }
 
+/** What was not given, of the quads or of the surface. */
+static void set_defaults(layout_options *o)
+{
+    const qm_quads_options usual = qm_quads_options_default();
+    bool has_angle = !isnan(o->crease_angle);
+    if (o->quads.quads == 0) o->quads.quads = usual.quads;
+    o->quads.crease_angle = has_angle ? o->crease_angle : usual.crease_angle;
+    o->quads.thread_count = cli_count_threads(o->quads.thread_count);
+    if (has_angle) o->make.crease_angle = o->crease_angle;
+}
+
 static int run(int argc, char **argv)
 {
-    layout_options o = {.make = qm_quad_layout_options_default()};
+    layout_options o = {
+        .make = qm_quad_layout_options_default(), .quads = qm_quads_options_default(), .crease_angle = NAN};
+    o.quads.quads = 0;        /* not given */
+    o.quads.thread_count = 0; /* one for each processor */
     const cli_option options[] = {
         {.name = "output",
          .letter = 'o',
@@ -94,6 +115,18 @@ static int run(int argc, char **argv)
          .type = CLI_TEXT,
          .target = &o.surface,
          .help = "the mesh or point set that the curves lie on; the quads themselves if not given"},
+        {.name = "auto",
+         .type = CLI_FLAG,
+         .target = &o.is_auto,
+         .help = "the file is any surface of triangles and quads: make quads of it first"},
+        {.name = "quads",
+         .value = "N",
+         .type = CLI_SIZE,
+         .min = 1,
+         .max = 1e7,
+         .target = &o.quads.quads,
+         .help = "with --auto: about so many quads (default 5000); fewer give fewer patches, more keep thin "
+                 "parts"},
         {.name = "patches",
          .value = "N",
          .type = CLI_SIZE,
@@ -104,22 +137,32 @@ static int run(int argc, char **argv)
         {.name = "crease-angle",
          .value = "DEG",
          .type = CLI_NUMBER,
-         .target = &o.make.crease_angle,
-         .help = "edges whose quads differ by more are creases, and become curves; 0 (default): none"},
+         .target = &o.crease_angle,
+         .help =
+             "edges whose faces differ by more are creases, and become curves; 0: none (default; with --auto "
+             "40)"},
+        CLI_OPTION_THREADS(&o.quads.thread_count),
         CLI_OPTION_JSON(&o.as_json)};
     int status;
-    if (!cli_read_options(&cmd_layout, options, sizeof options / sizeof *options, argc, argv, &o.quads,
+    if (!cli_read_options(&cmd_layout, options, sizeof options / sizeof *options, argc, argv, &o.path,
                           &status))
         return status;
     if (!cli_check_one_document(&o.output, 1, o.as_json)) return EXIT_USAGE;
+    if (o.is_auto ? o.surface != NULL : o.quads.quads > 0) {
+        fputs(o.is_auto ? "quadmesh: with --auto the first file is the surface: leave out --surface\n"
+                        : "quadmesh: --quads goes with --auto\n",
+              stderr);
+        return EXIT_USAGE;
+    }
     if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
     qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     const qm_preparation as_target = {.parts = QM_BVH_TARGET, .thread_count = 1},
                          as_quads = {
                              .has_no_tree = o.surface != NULL, .parts = QM_BVH_TARGET, .thread_count = 1};
+    set_defaults(&o);
     qm_loaded_mesh quads, surface = {0};
-    if (!cli_load_mesh(&ctx, o.quads, o.as_json, &as_quads, &quads)) return EXIT_BAD_INPUT;
+    if (!cli_load_mesh(&ctx, o.path, o.as_json, &as_quads, &quads)) return EXIT_BAD_INPUT;
     bool is_loaded = !o.surface || cli_load_mesh(&ctx, o.surface, o.as_json, &as_target, &surface);
     status = is_loaded ? make(&ctx, &o, &quads.mesh, o.surface ? surface.bvh : quads.bvh) : EXIT_BAD_INPUT;
     if (is_loaded) qm_loaded_mesh_reset(&ctx, &surface);
@@ -127,13 +170,14 @@ static int run(int argc, char **argv)
     return status;
 }
 
-const cli_command cmd_layout = {.name = "layout",
-                                .arguments = "QUADS -o OUT [options]",
-                                .summary = "a layout of few patches from a mesh of quads",
-                                .takes = "a mesh of quads and -o OUT",
-                                .path_count = 1,
-                                .description = "Makes a layout for reconstruct: patches of four sides, with "
-                                               "nodes at the irregular vertices of the quads\n"
-                                               "and curves along their boundaries and creases.\n\n",
-                                .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
-                                .run = run};
+const cli_command cmd_layout = {
+    .name = "layout",
+    .arguments = "QUADS -o OUT [options], or SURFACE --auto -o OUT [options]",
+    .summary = "a layout of few patches from a mesh of quads, or from any surface",
+    .takes = "a mesh and -o OUT",
+    .path_count = 1,
+    .description = "Makes a layout for reconstruct: patches of four sides, with "
+                   "nodes at the irregular vertices of the quads\n"
+                   "and curves along their boundaries and creases. With --auto the quads are made first.\n\n",
+    .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
+    .run = run};

@@ -2,7 +2,7 @@
 
 import { readPages } from "./pages.js";
 
-/** @import { EditedLayout, Layout, LayoutBrief, LayoutRequest, Point, QuadLayoutRequest, Stroke } from "./types.js" */
+/** @import { AutoLayoutRequest, EditedLayout, Layout, LayoutBrief, LayoutRequest, Point, QuadLayoutRequest, Stroke } from "./types.js" */
 /** @import { Transport } from "./transport.js" */
 /** @typedef {{ signal?: AbortSignal }} Options */
 
@@ -27,7 +27,7 @@ export class Layouts {
 
   /**
    * Empty, given whole, or of the quads of a mesh.
-   * @param {LayoutRequest | QuadLayoutRequest} request
+   * @param {LayoutRequest | QuadLayoutRequest | AutoLayoutRequest} request
    * @param {Options} [options]
    * @returns {Promise<Layout>}
    */

@@ -231,11 +231,17 @@ static bool set_patches(layout_session *s, bool has_patches, qm_problem *problem
     return status == QM_OK || session_fail(s, status, problem);
 }
 
+/** Makes the layout of quads that are made of the surface. False with a problem. */
+static bool make_of_surface(layout_session *s, const qm_json_quad_layout *wanted, qm_problem *problem)
+{
+    qm_status status = qm_quad_layout_make_of_surface(&s->ctx, &s->source, &wanted->make_quads,
+                                                      &wanted->options, &s->layout, &s->issues, NULL);
+    return outcome(s, status, problem);
+}
+
 /** Makes the layout of the quads of a mesh, on the surface of another. False with a problem. */
 static bool make_of_quads(layout_session *s, const qm_json_quad_layout *wanted, qm_problem *problem)
 {
-    memcpy(s->row.mesh, wanted->mesh, sizeof s->row.mesh);
-    if (!session_take_mesh(s, problem)) return false;
     qm_mesh_ref *quads = qm_meshes_acquire(s->app->meshes, wanted->quads, problem);
     if (!quads) return false;
     qm_status status = qm_quad_layout_make(&s->ctx, &qm_mesh_ref_get(quads)->mesh, &s->source,
@@ -250,7 +256,12 @@ static bool read_new(layout_session *s, const char *body, size_t size, qm_proble
     qm_json_quad_layout wanted;
     bool has_patches;
     if (!qm_json_read_quad_layout(body, size, &wanted, problem)) return false;
-    if (wanted.quads[0]) return make_of_quads(s, &wanted, problem);
+    if (wanted.source != QM_LAYOUT_GIVEN) {
+        memcpy(s->row.mesh, wanted.mesh, sizeof s->row.mesh);
+        return session_take_mesh(s, problem) &&
+               (wanted.source == QM_LAYOUT_QUADS ? make_of_quads(s, &wanted, problem)
+                                                 : make_of_surface(s, &wanted, problem));
+    }
     return qm_json_read_layout(&s->ctx, body, size, s->row.mesh, &s->layout, &has_patches, problem) &&
            session_take_mesh(s, problem) && set_patches(s, has_patches, problem);
 }

@@ -132,30 +132,54 @@ bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char me
     return is_valid;
 }
 
-static bool read_quad_layout(const cJSON *object, qm_json_quad_layout *out, qm_problem *problem)
+/** Members of a layout that is made; names are those that are allowed. */
+static bool read_made_layout(const cJSON *object, const char *const *names, double *crease_angle,
+                             qm_json_quad_layout *out, qm_problem *problem)
 {
-    static const char *const names[] = {"mesh", "quads", "patches", "crease_angle", NULL};
     const cJSON *patches = cJSON_GetObjectItemCaseSensitive(object, "patches"),
                 *angle = cJSON_GetObjectItemCaseSensitive(object, "crease_angle");
     if (!qm_json_check_members(object, names, problem) ||
-        !qm_json_read_id(object, "mesh", out->mesh, problem) ||
-        !qm_json_read_id(object, "quads", out->quads, problem))
+        !qm_json_read_id(object, "mesh", out->mesh, problem))
         return false;
     if (patches && !qm_json_read_count(patches, 1, 1e9, &out->options.patches))
         return qm_json_reject(problem, "must be an integer of 1 or more", "/patches", 0, 0);
-    if (angle && !(qm_json_read_number(angle, &out->options.crease_angle) && out->options.crease_angle >= 0 &&
-                   out->options.crease_angle <= 180))
+    if (angle && !(qm_json_read_number(angle, crease_angle) && *crease_angle >= 0 && *crease_angle <= 180))
         return qm_json_reject(problem, "must be a number from 0 to 180", "/crease_angle", 0, 0);
+    return true;
+}
+
+static bool read_quad_layout(const cJSON *object, qm_json_quad_layout *out, qm_problem *problem)
+{
+    static const char *const names[] = {"mesh", "quads", "patches", "crease_angle", NULL};
+    out->source = QM_LAYOUT_QUADS;
+    return read_made_layout(object, names, &out->options.crease_angle, out, problem) &&
+           qm_json_read_id(object, "quads", out->quads, problem);
+}
+
+static bool read_auto_layout(const cJSON *object, qm_json_quad_layout *out, qm_problem *problem)
+{
+    static const char *const names[] = {"mesh", "auto", "quad_count", "patches", "crease_angle", NULL};
+    const cJSON *count = cJSON_GetObjectItemCaseSensitive(object, "quad_count");
+    out->source = QM_LAYOUT_SURFACE;
+    if (!read_made_layout(object, names, &out->make_quads.crease_angle, out, problem)) return false;
+    if (!cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(object, "auto")))
+        return qm_json_reject(problem, "must be true", "/auto", 0, 0);
+    if (count && !qm_json_read_count(count, 1, 1e7, &out->make_quads.quads))
+        return qm_json_reject(problem, "must be an integer from 1 to 10000000", "/quad_count", 0, 0);
     return true;
 }
 
 bool qm_json_read_quad_layout(const char *text, size_t size, qm_json_quad_layout *out, qm_problem *problem)
 {
-    *out = (qm_json_quad_layout){.options = qm_quad_layout_options_default()};
+    *out = (qm_json_quad_layout){.options = qm_quad_layout_options_default(),
+                                 .make_quads = qm_quads_options_default()};
     cJSON *object = qm_json_parse_object(text, size, "a layout", problem);
     if (!object) return false;
-    bool is_valid =
-        !cJSON_GetObjectItemCaseSensitive(object, "quads") || read_quad_layout(object, out, problem);
+    bool is_valid = true;
+    if (cJSON_GetObjectItemCaseSensitive(object, "auto"))
+        is_valid = read_auto_layout(object, out, problem);
+    else if (cJSON_GetObjectItemCaseSensitive(object, "quads"))
+        is_valid = read_quad_layout(object, out, problem);
     cJSON_Delete(object);
     return is_valid;
 }

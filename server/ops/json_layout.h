@@ -23,15 +23,25 @@
 bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char mesh[QM_ID_SIZE],
                          qm_layout *out, bool *has_patches, qm_problem *problem);
 
-/** The request of POST /v1/layouts for a layout of the quads of a mesh. */
+/** What the request of POST /v1/layouts makes the layout of. */
+typedef enum qm_layout_source {
+    QM_LAYOUT_GIVEN,   /* nodes, curves and patches, see qm_json_read_layout */
+    QM_LAYOUT_QUADS,   /* the quads of a mesh */
+    QM_LAYOUT_SURFACE, /* quads that are made of the surface first */
+} qm_layout_source;
+
+/** The request of POST /v1/layouts for a layout that is made. */
 typedef struct qm_json_quad_layout {
+    qm_layout_source source;
     char mesh[QM_ID_SIZE];
-    char quads[QM_ID_SIZE]; /* "": the request is of another kind */
+    char quads[QM_ID_SIZE];      /* of QM_LAYOUT_QUADS */
+    qm_quads_options make_quads; /* of QM_LAYOUT_SURFACE */
     qm_quad_layout_options options;
 } qm_json_quad_layout;
 
 /**
- * Reads {mesh, quads, patches, crease_angle}. A request without quads is of another kind, and has no problem here.
+ * Reads {mesh, quads, patches, crease_angle} or {mesh, auto, quad_count, patches, crease_angle}. A request with neither
+ * quads nor auto gives a layout, and has no problem here.
  *
  * False with a problem (400).
  */

@@ -300,3 +300,34 @@ def test_triangles_and_unknown_meshes_give_no_layout(client, saddle):
     assert "are triangles" in reply.json()["detail"]
     reply = client.post("/v1/layouts", json={"mesh": saddle, "quads": "m_unknown"})
     assert reply.status_code in (400, 404)
+
+
+def test_a_layout_is_made_of_a_surface_alone(client):
+    box = client.upload(shapes.triangles(shapes.cube()), name="a surface alone")["id"]
+    reply = client.post("/v1/layouts", json={"mesh": box, "auto": True, "quad_count": 600})
+    assert reply.status_code == 201, reply.text
+    made = reply.json()
+    assert made["complete"] and made["mesh"] == box and len(made["patches"]) == 6 and len(made["curves"]) == 12
+    assert client.get(f"/v1/layouts/{made['id']}").json() == made
+    without = client.post("/v1/layouts", json={"mesh": box, "auto": True, "quad_count": 600, "crease_angle": 0}).json()
+    assert len(without["patches"]) >= 6
+    more = client.post("/v1/layouts", json={"mesh": box, "auto": True, "quad_count": 600, "patches": 40}).json()
+    assert 20 <= len(more["patches"]) <= 40
+    assert client.post("/v1/reconstructions", json={"layout": made["id"]}).status_code == 201
+
+
+@pytest.mark.parametrize("change, pointer", [({"auto": False}, "/auto"), ({"auto": "yes"}, "/auto"), ({"quad_count": 0}, "/quad_count"),
+                                             ({"quad_count": 1e8}, "/quad_count"), ({"quad_count": "many"}, "/quad_count"),
+                                             ({"patches": 0.5}, "/patches"), ({"crease_angle": -1}, "/crease_angle"),
+                                             ({"quads": "m_any"}, "/quads"), ({"curves": []}, "/curves")])
+def test_bad_requests_for_automatic_layouts_name_the_place(client, saddle, change, pointer):
+    reply = client.post("/v1/layouts", json={"mesh": saddle, "auto": True, **change})
+    check_problem(reply, 400, "invalid_field")
+    assert pointer in reply.text
+
+
+def test_a_point_set_gives_no_automatic_layout(client):
+    points = client.upload(b"0 0 0\n1 0 0\n0 1 0\n0 0 1\n", name="points.xyz")["id"]
+    reply = client.post("/v1/layouts", json={"mesh": points, "auto": True})
+    check_problem(reply, 422, "invalid_layout")
+    assert "point set" in reply.json()["detail"]

@@ -40,6 +40,29 @@ async function open(layout, id = mesh.id) {
   return page;
 }
 
+test("a layout of the whole surface is made by a button, and grown into quads", async () => {
+  const { mesh: own } = await daemon.client().meshes.create(off(roundedBox(12)), { name: "whole box.off" });
+  const page = await open(undefined, own.id);
+  await page.locator("input[name=quad_count]").fill("600");
+  await page.getByRole("button", { name: "Make a layout" }).click();
+  await says(page, "every cell is closed");
+  const id = new URLSearchParams(new URL(page.url()).hash.split("?")[1]).get("layout");
+  const layout = await daemon.client().layouts.get(id);
+  assert(layout.complete && layout.patches.length >= 6);
+  await says(page, `${layout.patches.length} patches`);
+  while (await shadedShare(page) === 0) await new Promise((done) => { setTimeout(done, 50); });
+  await page.getByRole("link", { name: "Remesh this layout" }).click();
+  await page.getByRole("button", { name: "Start from the layout" }).click();
+  await page.locator("#remesh", { hasText: "One quad a patch" }).waitFor();
+  await finish(page);
+
+  const { mesh: cloud } = await daemon.client().meshes.create("0 0 0\n1 0 0\n0 1 0\n0 0 1\n", { name: "cloud.xyz" });
+  const other = await browser.open(`${daemon.url}/#sketch?a=${cloud.id}`);
+  await waitForPen(other);
+  assert(await other.getByRole("button", { name: "Make a layout" }).isDisabled());
+  await finish(other);
+});
+
 test("a curve is drawn by keyboard alone", async () => {
   const { mesh: own } = await daemon.client().meshes.create(off(roundedBox(12)), { name: "another box.off" });
   const page = await open(undefined, own.id);
@@ -115,7 +138,7 @@ test("a whole layout is drawn, undone and done again, and grown into a thousand 
   assert(100 * checked >= 0.995 * lower && 100 * checked <= 1.005 * upper, `${lower} ${upper} ${checked}`); // three digits
 
   // The layout is edited; only the two patches beside the curve are computed again.
-  const layout = (await daemon.client().layouts.list().next()).value;
+  const layout = (await daemon.client().layouts.list({ mesh: mesh.id }).next()).value;
   const bent = curves[0].points.map(([x, y, z], k) => (k > 1 && k < 7 ? [x, y + 0.04, z + 0.04] : [x, y, z]));
   await daemon.client().layouts.redraw(layout.id, (await daemon.client().layouts.get(layout.id)).curves[0].id, bent);
   await page.getByRole("button", { name: "Take over edits" }).click();

@@ -66,3 +66,17 @@ def test_what_is_no_mesh_of_quads_is_refused(quadmesh, tmp_path):
     assert run.returncode == 2 and "has no quads" in run.stderr
     run = quadmesh("layout", ball(tmp_path / "ball.obj"))
     assert run.returncode == 2
+
+
+def test_a_surface_alone_gives_a_layout(quadmesh, tmp_path):
+    ball(tmp_path / "ball.obj", 12)
+    run = quadmesh("layout", "ball.obj", "--auto", "--quads", "400", "-o", "layout.json", "--json")
+    assert run.returncode == 0, run.stderr
+    counts = json.loads(run.stdout)
+    assert counts["issues"] == [] and counts["patches"] == len(json.loads((tmp_path / "layout.json").read_text())["patches"])
+    assert 300 <= counts["quads"] <= 500
+    run = quadmesh("reconstruct", "ball.obj", "layout.json", "-o", "out.obj", "--quads", "600")
+    assert run.returncode == 0, run.stderr
+    for wrong in (["--auto", "--surface", "ball.obj"], ["--quads", "400"]):
+        run = quadmesh("layout", "ball.obj", "-o", "layout.json", *wrong)
+        assert run.returncode == 2 and "--auto" in run.stderr

@@ -369,6 +369,40 @@ static void creases_become_curves(void **state)
     qm_ground_free(&g);
 }
 
+/** A box turned in space, whose creases are found on the surface; and creases that are named need no angle. */
+static void a_surface_alone_has_its_creases_as_curves(void **state)
+{
+    (void)state;
+    voxels set = {0};
+    fill(&set, 0, 0, 0, 6, 4, 2, true);
+    qm_ground g;
+    qm_ground_make(&g, boundary_of(&set, 6));
+    const qm_quad_layout_options options = {.effort = 100};
+    const qm_quads_options quads = {.quads = 300, .crease_angle = 40, .thread_count = 1};
+    qm_layout layout;
+    qm_layout_issues issues;
+    qm_quad_layout_facts facts;
+    assert_int_equal(
+        qm_quad_layout_make_of_surface(&g.ctx, &g.source, &quads, &options, &layout, &issues, &facts), QM_OK);
+    assert_int_equal(layout.patch_count, 6);
+    assert_int_equal(layout.curve_count, 12);
+    assert_int_equal(issues.count, 0);
+    QM_CHECK(facts.quads > 200 && facts.quads < 400, "%zu quads", facts.quads);
+    qm_layout_reset(&g.ctx, &layout);
+    qm_layout_issues_reset(&g.ctx, &issues);
+
+    uint8_t *creases = calloc(g.mesh.face_count, 1);
+    assert_non_null(creases);
+    qm_quad_layout_options named = {.effort = 100, .crease_angle = 40, .creases = creases};
+    assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &named, &layout, &issues, &facts),
+                     QM_OK);
+    assert_int_equal(facts.required, 8); /* the corners alone: no crease was named, whatever the angle */
+    qm_layout_reset(&g.ctx, &layout);
+    qm_layout_issues_reset(&g.ctx, &issues);
+    free(creases);
+    qm_ground_free(&g);
+}
+
 static void a_layout_is_divided_as_wanted(void **state)
 {
     (void)state;
@@ -409,7 +443,8 @@ static void open_case(small_case *s, qm_mesh mesh)
     *s = (small_case){.ctx = qm_context_make(), .mesh = mesh};
     s->arena = qm_arena_make(&s->ctx);
     s->scratch = qm_arena_make(&s->ctx);
-    assert_int_equal(qm_tmesh_quads_make(&s->arena, &s->mesh, 0, &s->quads), QM_OK);
+    assert_int_equal(qm_tmesh_quads_make(&s->arena, &s->mesh, &(qm_quad_layout_options){0}, &s->quads),
+                     QM_OK);
     assert_int_equal(qm_patch_set_trace(&s->ctx, &s->quads.mesh, s->quads.creases, &s->set), QM_OK);
     assert_int_equal(qm_tmesh_make(&s->arena, &s->quads, &s->set, &s->tmesh), QM_OK);
 }
@@ -538,6 +573,7 @@ int main(void)
         cmocka_unit_test(shapes_of_any_genus_keep_their_counts),
         cmocka_unit_test(random_meshes_keep_their_counts),
         cmocka_unit_test(creases_become_curves),
+        cmocka_unit_test(a_surface_alone_has_its_creases_as_curves),
         cmocka_unit_test(a_layout_is_divided_as_wanted),
         cmocka_unit_test(lengths_are_the_best_of_all),
         cmocka_unit_test(bad_input_is_a_status),

@@ -51,6 +51,19 @@ export class Editor {
     this.onChange();
   }
 
+  /**
+   * Makes a layout of the whole surface, as a new one beside those that are there.
+   * @param {{ quad_count?: number, patches?: number }} wanted
+   */
+  async make(wanted) {
+    const { mesh } = this;
+    if (mesh === null) return;
+    const made = await client.layouts.create({ mesh, auto: true, ...wanted });
+    if (this.mesh !== mesh) return;
+    this.layouts.push(made);
+    this.take(made, made.issues.length === 0 ? "" : "Some curves cross: correct them, or make another layout.");
+  }
+
   /** @param {string} id */
   async choose(id) {
     this.take(id === "" ? null : await client.layouts.get(id));

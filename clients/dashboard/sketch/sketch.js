@@ -1,7 +1,7 @@
 // The page that sketches: curves are drawn over a surface, patches shade in as they close, what is missing is told.
 
 import { choiceKey, meshChoice } from "../core/choice.js";
-import { h, select } from "../core/dom.js";
+import { NUMBER, h, numberOf, select } from "../core/dom.js";
 import { count, time } from "../core/format.js";
 import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
@@ -53,6 +53,16 @@ export function showSketch(panel) {
   }, "The next stroke takes the chosen curve's place");
   const discard = button("Delete layout", async () => editor.discard());
   const remesh = h("a", { className: "button primary", href: "#remesh", hidden: true }, "Remesh this layout");
+  const field = (/** @type {string} */ name, /** @type {string} */ placeholder) =>
+    h("input", { name, placeholder, inputMode: "numeric", autocomplete: "off", pattern: NUMBER, title: "a number" });
+  const [quads, patches] = [field("quad_count", "5000"), field("patches", "as few as are found")];
+  const make = h("button", { type: "submit", className: "primary" }, "Make a layout");
+  const automatic = h("form", { className: "form", "aria-label": "Automatic layout" }, h("label", {}, "By about so many quads", quads),
+    h("label", {}, "Patches", patches), h("div", { className: "row whole" }, make));
+  automatic.addEventListener("submit", (event) => {
+    event.preventDefault();
+    run(makeLayout);
+  });
   panel.append(
     h("section", { className: "section", "aria-labelledby": "sketch-title" },
       h("header", {}, h("h2", { id: "sketch-title" }, "Sketch"), undo, redo), side,
@@ -60,6 +70,7 @@ export function showSketch(panel) {
         + " or two fingers, turn the view; the middle one moves it. Ends snap to nodes and curves within 12 pixels, with Alt to none."
         + " A click chooses a curve; the ends of a chosen one can be dragged."
         + " By keyboard, in the view: D shows a pen that the arrow keys move; D puts it down, and lifts it.")),
+    h("section", { className: "section", "aria-labelledby": "automatic-title" }, h("h2", { id: "automatic-title" }, "Automatic layout"), automatic),
     h("section", { className: "section", "aria-label": "Curves" },
       summary, words, h("div", { className: "row" }, h("label", { className: "inline" }, "Curve", curve)),
       h("div", { className: "row" }, split, merge, redraw, remove), h("div", { className: "row" }, remesh, discard)),
@@ -85,12 +96,34 @@ export function showSketch(panel) {
     summary.textContent = state.a === null ? "" : describe(layout);
     words.textContent = editor.words;
     drawCurves();
+    drawMake();
     missing.hidden = !layout || layout.issues.length === 0;
     issues.replaceChildren(...(layout?.issues ?? []).map((issue) => h("li", {}, h("button", {
       type: "button", className: "quiet", onclick: () => run(() => lookAt([issue.point], "the place", 0.9)),
     }, issue.detail))));
     if (layouts() !== drawnLayouts) drawChoices();
     drawView();
+  }
+
+  let isMaking = false;
+  async function makeLayout() {
+    const wanted = { quad_count: numberOf(quads.value) ?? undefined, patches: numberOf(patches.value) ?? undefined };
+    isMaking = true;
+    words.textContent = "A layout is being made of the whole surface.";
+    drawMake();
+    try {
+      await editor.make(wanted);
+    } finally {
+      isMaking = false;
+      words.textContent = editor.words;
+      drawMake();
+    }
+  }
+
+  function drawMake() {
+    const mesh = meshOf(state.a);
+    make.disabled = isMaking || !mesh || mesh.kind === "points";
+    make.title = mesh?.kind === "points" ? "Quads are made of surfaces with faces; this is a point set." : "";
   }
 
   function drawCurves() {

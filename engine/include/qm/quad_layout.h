@@ -13,15 +13,19 @@
 #define QM_QUAD_LAYOUT_H
 
 #include "qm/layout.h"
+#include "qm/quads.h"
 
 typedef struct qm_quad_layout_options {
     double
         crease_angle; /* degrees, from 0 to 180: an edge whose faces differ by more is a crease; 0: none are */
-    size_t patches;   /* the layout is divided until it has nearly so many; 0: as few as are found */
-    size_t effort;    /* trials to find fewer patches */
+    const uint8_t
+        *creases; /* NULL: by the angle; else, where all faces are quads, a byte for each: bit k for the side
+                               from its corner k to the next one */
+    size_t patches; /* the layout is divided until it has nearly so many; 0: as few as are found */
+    size_t effort;  /* trials to find fewer patches */
 } qm_quad_layout_options;
 
-/** 0, 0, 4000. */
+/** 0, NULL, 0, 4000. */
 qm_quad_layout_options qm_quad_layout_options_default(void);
 
 /** Counts of the quads and of what was made of them. */
@@ -48,5 +52,16 @@ typedef struct qm_quad_layout_facts {
 qm_status qm_quad_layout_make(qm_context *ctx, const qm_mesh *quads, const qm_ref_surface *surface,
                               const qm_quad_layout_options *options, qm_layout *out, qm_layout_issues *issues,
                               qm_quad_layout_facts *facts);
+
+/**
+ * Makes quads of a surface (quads.h), and a layout of them on it, whose curves follow the creases that the quads follow:
+ * the angle and the creases of the options are not used.
+ *
+ * Ownership and returns: as above; QM_E_ARGUMENT for a point set, and what qm_quads_make returns.
+ */
+qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *surface,
+                                         const qm_quads_options *quads, const qm_quad_layout_options *options,
+                                         qm_layout *out, qm_layout_issues *issues,
+                                         qm_quad_layout_facts *facts);
 
 #endif

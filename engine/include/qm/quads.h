@@ -51,4 +51,13 @@ typedef struct qm_quads_record {
 qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options, qm_mesh *out,
                         qm_quads_record *record);
 
+/**
+ * As qm_quads_make, and says which edges follow creases and boundaries of the surface.
+ *
+ * creases  receives a byte for each face: bit k for the side from its corner k to the next one. The caller's, for
+ *          qm_context_free(ctx, *creases, out->face_count, 1); NULL after an error
+ */
+qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options,
+                                     qm_mesh *out, uint8_t **creases, qm_quads_record *record);
+
 #endif

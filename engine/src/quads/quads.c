@@ -269,11 +269,26 @@ static qm_status make(qm_context *ctx, const qm_bvh *bvh, triangles *t, const qm
     return status == QM_OK ? qm_quads_polish(ctx, r, bvh, options->thread_count) : status;
 }
 
-qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options, qm_mesh *out,
-                        qm_quads_record *record)
+/** A byte for each face, of the four of its sides. */
+static qm_status pack_creases(qm_context *ctx, const qm_quads_result *r, uint8_t **creases)
+{
+    *creases = qm_context_alloc(ctx, r->mesh.face_count, 1);
+    if (!*creases)
+        return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the creases of %zu quads",
+                               r->mesh.face_count);
+    for (size_t f = 0; f < r->mesh.face_count; f++) {
+        const uint8_t *side = r->is_feature + 4 * f;
+        (*creases)[f] = (uint8_t)(side[0] | side[1] << 1 | side[2] << 2 | side[3] << 3);
+    }
+    return QM_OK;
+}
+
+qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options,
+                                     qm_mesh *out, uint8_t **creases, qm_quads_record *record)
 {
     QM_ASSERT(ctx && bvh && options && out);
     *out = (qm_mesh){0};
+    if (creases) *creases = NULL;
     const qm_mesh *surface = qm_bvh_mesh(bvh);
     if (options->quads == 0) return qm_context_fail(ctx, QM_E_ARGUMENT, "the number of quads is 0");
     if (!(options->crease_angle >= 0.0 && options->crease_angle <= 180.0))
@@ -295,6 +310,7 @@ qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_optio
     qm_status status = t.corner && t.component ? make(ctx, bvh, &t, options, &r, record) : QM_E_NO_MEMORY;
     qm_context_free(ctx, t.corner, count, sizeof *t.corner);
     qm_context_free(ctx, t.component, count, sizeof *t.component);
+    if (status == QM_OK && creases) status = pack_creases(ctx, &r, creases);
     qm_context_free(ctx, r.is_fixed, r.mesh.vertex_count, 1);
     qm_context_free(ctx, r.is_feature, r.mesh.face_count, 4);
     qm_mesh_reset(ctx, &r.features);
@@ -303,4 +319,10 @@ qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_optio
     else
         qm_mesh_reset(ctx, &r.mesh);
     return status;
+}
+
+qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options, qm_mesh *out,
+                        qm_quads_record *record)
+{
+    return qm_quads_make_with_creases(ctx, bvh, options, out, NULL, record);
 }

@@ -83,7 +83,7 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_layou
 static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surface *surface,
                       const qm_quad_layout_options *options, qm_layout *out, qm_layout_issues *issues)
 {
-    qm_status status = qm_tmesh_quads_make(&work->lasting, mesh, options->crease_angle, &work->quads);
+    qm_status status = qm_tmesh_quads_make(&work->lasting, mesh, options, &work->quads);
     if (status == QM_OK)
         status = qm_patch_set_trace(work->ctx, &work->quads.mesh, work->quads.creases, &work->set);
     if (status == QM_OK) status = qm_tmesh_make(&work->lasting, &work->quads, &work->set, &work->tmesh);
@@ -117,5 +117,25 @@ qm_status qm_quad_layout_make(qm_context *ctx, const qm_mesh *quads, const qm_re
     if (status == QM_OK) return QM_OK;
     qm_layout_reset(ctx, out);
     qm_layout_issues_reset(ctx, issues);
+    return status;
+}
+
+qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *surface,
+                                         const qm_quads_options *quads, const qm_quad_layout_options *options,
+                                         qm_layout *out, qm_layout_issues *issues,
+                                         qm_quad_layout_facts *facts)
+{
+    QM_ASSERT(ctx && surface && quads && options && out && issues);
+    *out = (qm_layout){0};
+    *issues = (qm_layout_issues){0};
+    qm_mesh mesh;
+    uint8_t *creases;
+    qm_status status = qm_quads_make_with_creases(ctx, surface->bvh, quads, &mesh, &creases, NULL);
+    if (status != QM_OK) return status;
+    qm_quad_layout_options own = *options;
+    own.creases = creases;
+    status = qm_quad_layout_make(ctx, &mesh, surface, &own, out, issues, facts);
+    qm_context_free(ctx, creases, mesh.face_count, 1);
+    qm_mesh_reset(ctx, &mesh);
     return status;
 }

@@ -17,8 +17,8 @@
 #define QM_TMESH_H
 
 #include "core/arena.h"
-#include "qm/layout.h"
 #include "qm/patch.h"
+#include "qm/quad_layout.h"
 
 /* ---- the mesh, made ready ---- */
 
@@ -43,14 +43,15 @@ typedef struct qm_tmesh_quads {
 /**
  * Makes a mesh ready. When a face is not a quad, all are divided into quads, at their centroids and the midpoints of
  * their edges. Edges of three faces or more become boundaries, and a vertex with several fans becomes one for each.
- * Special are irregular vertices, ends and meetings of creases, and points where a crease or boundary has not two
+ * Required are irregular vertices, ends and meetings of creases, and points where a crease or boundary has not two
  * quads on a side or turns sharply.
  *
- * crease_angle  in degrees: an edge whose faces differ by more is a crease; 0: none are
+ * options  how creases are known; when faces have other places than in mesh, creases are not used
  *
  * Returns: QM_OK; QM_E_EMPTY (no face has an area); QM_E_TOO_LARGE; QM_E_NO_MEMORY.
  */
-qm_status qm_tmesh_quads_make(qm_arena *arena, const qm_mesh *mesh, double crease_angle, qm_tmesh_quads *out);
+qm_status qm_tmesh_quads_make(qm_arena *arena, const qm_mesh *mesh, const qm_quad_layout_options *options,
+                              qm_tmesh_quads *out);
 
 /* ---- the T-mesh ---- */
 

@@ -360,13 +360,21 @@ static bool is_required(const qm_tmesh_quads *quads, const feature_stars *stars,
     return turns_sharply(quads, v, pair);
 }
 
-static bool find_features(qm_arena *arena, double crease_angle, qm_tmesh_quads *out)
+/** Marks the edges of given sides. */
+static void mark_given(qm_tmesh_quads *quads, const uint8_t *creases)
+{
+    for (size_t c = 0; c < 4 * quads->mesh.face_count; c++)
+        if (creases[c / 4] >> c % 4 & 1) quads->edges[quads->side_edge[c]].is_feature = true;
+}
+
+static bool find_features(qm_arena *arena, const qm_quad_layout_options *options, qm_tmesh_quads *out)
 {
     qm_box box = qm_mesh_bounding_box(&out->mesh);
-    if (crease_angle > 0) {
-        mark_sharp(out, crease_angle);
-        if (!prune_creases(arena, out, SHORTEST_SPUR * qm_mesh_box_diagonal(&box))) return false;
-    }
+    if (options->creases)
+        mark_given(out, options->creases);
+    else if (options->crease_angle > 0)
+        mark_sharp(out, options->crease_angle);
+    if (!prune_creases(arena, out, SHORTEST_SPUR * qm_mesh_box_diagonal(&box))) return false;
     feature_stars stars;
     uint32_t *valence = qm_arena_zeroed(arena, out->mesh.vertex_count, sizeof *valence);
     if (!find_stars(arena, out, &stars) || !valence) return false;
@@ -383,7 +391,8 @@ static bool find_features(qm_arena *arena, double crease_angle, qm_tmesh_quads *
     return true;
 }
 
-qm_status qm_tmesh_quads_make(qm_arena *arena, const qm_mesh *mesh, double crease_angle, qm_tmesh_quads *out)
+qm_status qm_tmesh_quads_make(qm_arena *arena, const qm_mesh *mesh, const qm_quad_layout_options *options,
+                              qm_tmesh_quads *out)
 {
     *out = (qm_tmesh_quads){0};
     if (mesh->face_count >= (size_t)1 << 27)
@@ -391,6 +400,9 @@ qm_status qm_tmesh_quads_make(qm_arena *arena, const qm_mesh *mesh, double creas
     quads_maker maker = {.arena = arena};
     bool has_triangles = false;
     bool has_memory = take_faces(&maker, mesh, &has_triangles);
+    qm_quad_layout_options wanted = *options;
+    if (has_triangles || maker.face_count < mesh->face_count)
+        wanted.creases = NULL; /* faces have other places */
     if (has_memory && maker.face_count == 0)
         return qm_context_fail(arena->ctx, QM_E_EMPTY, "no face of the quad mesh has an area");
     has_memory = has_memory && (!has_triangles || divide_faces(&maker)) && separate_fans(&maker);
@@ -399,7 +411,7 @@ qm_status qm_tmesh_quads_make(qm_arena *arena, const qm_mesh *mesh, double creas
                               .vertex_count = maker.vertex_count,
                               .faces = maker.faces,
                               .face_count = maker.face_count};
-        has_memory = find_edges(&maker, out) && find_features(arena, crease_angle, out);
+        has_memory = find_edges(&maker, out) && find_features(arena, &wanted, out);
     }
     if (has_memory) return QM_OK;
     return qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for the edges of %zu quads",
