@@ -325,7 +325,7 @@ void qm_json_add_step(qm_text *out, const qm_refine_record *record, double diago
 {
     const qm_reconstruction_record *step = &record->step;
     qm_json_add_count(out, "quads", step->quads);
-    qm_json_add_count(out, "chords_doubled", step->chords_doubled);
+    qm_json_add_count(out, "chords_doubled", step->chords_changed);
     qm_json_add_count(out, "patches_split", step->patches_split);
     qm_json_add_count(out, "moved_vertices", step->moved_vertices);
     qm_json_add_count(out, "holes_filled", step->holes_filled);

@@ -213,7 +213,7 @@ qm_status qm_refine(qm_context *ctx, qm_reconstruction *reconstruction, const qm
         record.step_ms = qm_clock_now_ms() - start;
         if (status == QM_E_CANCELED) return *stop = QM_REFINE_CANCELED, QM_OK;
         if (status != QM_OK) return status;
-        if (record.step.chords_doubled == 0) {
+        if (record.step.chords_changed == 0) {
             /* Of one quad a patch nothing was asked yet: a limit that allows no step is a mistake. */
             if (quads > qm_reconstruction_patch_count(reconstruction) || steps > 1)
                 return *stop = QM_REFINE_QUADS, QM_OK;

@@ -44,20 +44,20 @@ def test_a_mesh_becomes_quads(client, saddle):
     assert made["coverage"]["uncovered_samples"] == 0
     job = refine(client, made, until={"max_quads": 512})
     result = job["result"]
-    assert job["state"] == "succeeded" and result["stopped_by"] == "max_quads" and result["quads"] == 512
+    assert job["state"] == "succeeded" and result["stopped_by"] == "max_quads" and 0.95 * 512 <= result["quads"] <= 512
     bounds = [step["hausdorff"] for step in result["steps"]]
     assert all(b["lower"] <= b["upper"] for b in bounds)
     assert bounds[-1]["upper_relative"] < 2e-3
     assert all(later["upper"] < sooner["upper"] for sooner, later in zip(bounds, bounds[2:]))
 
     mesh = client.get("/v1/meshes/" + result["mesh"]).json()
-    assert mesh["faces"] == {"triangles": 0, "quads": 512, "polygons": 0}
+    assert mesh["faces"] == {"triangles": 0, "quads": result["quads"], "polygons": 0}
     assert mesh["irregular_vertices"] == 0 and mesh["manifold"] and mesh["components"] == 1
     distance = client.hausdorff(saddle, result["mesh"], tolerance=1e-4)["result"]
     assert distance["lower"] <= bounds[-1]["upper"] and bounds[-1]["lower"] <= distance["upper"]
 
     now = client.get("/v1/reconstructions/" + made["id"]).json()
-    assert now["mesh"] == result["mesh"] and now["quads"] == 512 and now["steps"] == result["steps"]
+    assert now["mesh"] == result["mesh"] and now["quads"] == result["quads"] and now["steps"] == result["steps"]
     patches = client.get(f"/v1/reconstructions/{made['id']}/patches").json()
     assert sum(p["columns"] * p["rows"] for p in patches["patches"]) == patches["quads"] == 512
     assert [p["first_face"] for p in patches["patches"]] == [0, 256]
@@ -342,12 +342,12 @@ def bend(client, layout_id):
 
 def test_an_edit_redoes_only_what_it_touches(client, saddle):
     made = start(client, saddle)
-    refine(client, made, until={"max_quads": 512}, measure=False)
+    quads = refine(client, made, until={"max_quads": 512}, measure=False)["result"]["quads"]
     bend(client, made["layout"])
     reply = client.put(f"/v1/reconstructions/{made['id']}/layout", json={"layout": made["layout"]})
     assert reply.status_code == 200, reply.text
     now = reply.json()
-    assert now["redone_patches"] == 1 and now["quads"] == 512 and now["step_count"] == len(now["steps"]) and now["revision"] == 2
+    assert now["redone_patches"] == 1 and now["quads"] == quads and now["step_count"] == len(now["steps"]) and now["revision"] == 2
     assert now["mesh"] != made["mesh"]
     again = client.put(f"/v1/reconstructions/{made['id']}/layout", json={"layout": made["layout"]}).json()
     assert again["redone_patches"] == 0
@@ -443,7 +443,8 @@ def test_normals_tell_the_side_unless_they_are_wrong(client):
     plain = client.upload("\n".join(rows).encode(), format="xyz")
     assert not plain["has_normals"]
     found["none"] = refine(client, start(client, plain["id"]), until={"max_quads": 200}, measure=False)["result"]["mesh"]
-    assert upward(client, found["up"]) == 192 and upward(client, found["down"]) == 0
+    quads = client.get("/v1/meshes/" + found["up"]).json()["faces"]["quads"]
+    assert 190 <= quads <= 200 and upward(client, found["up"]) == quads and upward(client, found["down"]) == 0
     assert places(client, found["wrong"]) == places(client, found["none"])
 
 
@@ -470,7 +471,7 @@ def test_point_sets_made_worse(client, spoil):
     made = start(client, client.upload("\n".join(rows).encode(), format="xyz")["id"])
     result = refine(client, made, until={"max_quads": 512})["result"]
     mesh = client.get("/v1/meshes/" + result["mesh"]).json()
-    assert mesh["faces"]["quads"] == 512
+    assert 0.95 * 512 <= mesh["faces"]["quads"] <= 512
     assert all(math.isfinite(x) and abs(x) < 1.2 for place in places(client, result["mesh"]) for x in place)
     if spoil == "hole":
         assert any(step["holes_filled"] > 0 for step in result["steps"])
@@ -500,7 +501,7 @@ def test_layouts_elsewhere_are_refused(client, saddle):
 
 def test_a_limit_that_allows_no_step_fails_and_no_goal_is_the_default(client, saddle):
     made = start(client, saddle)
-    job = refine(client, made, until={"max_quads": 3})
-    assert job["state"] == "failed" and "no step fits into the limit of 3 quads" in job["problem"]["detail"]
+    job = refine(client, made, until={"max_quads": 2})
+    assert job["state"] == "failed" and "no step fits into the limit of 2 quads" in job["problem"]["detail"]
     result = refine(client, made, measure=False)["result"]
-    assert result["stopped_by"] == "max_quads" and 2500 < result["quads"] <= 10000
+    assert result["stopped_by"] == "max_quads" and 9500 < result["quads"] <= 10000

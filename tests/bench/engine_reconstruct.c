@@ -86,7 +86,7 @@ static size_t take_steps(qm_context *ctx, qm_reconstruction *r, size_t max_quads
     qm_reconstruction_record record;
     do {
         if (qm_reconstruction_step(ctx, r, max_quads, &record) != QM_OK) bench_fail("step", ctx->message);
-    } while (record.chords_doubled > 0);
+    } while (record.chords_changed > 0);
     return record.quads;
 }
 

@@ -68,9 +68,9 @@ def read_png(data):
 def test_a_mesh_and_its_picture(quadmesh, surface, layout, tmp_path):
     done = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--quads", 300, "--picture", "out.png")
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1].startswith("out.obj: 256 quads in 1 patches; 100.00 % of the surface")
+    assert done.stdout.splitlines()[-1].startswith("out.obj: 299 quads in 1 patches; 100.00 % of the surface")
     rows = (tmp_path / "out.obj").read_text().splitlines()
-    assert sum(row.startswith("f ") for row in rows) == 256 and sum(row.startswith("v ") for row in rows) == 289
+    assert sum(row.startswith("f ") for row in rows) == 299 and sum(row.startswith("v ") for row in rows) == 336 # 13 by 23
     width, lines = read_png((tmp_path / "out.png").read_bytes())
     assert (width, len(lines)) == (1000, 800)
     assert set(lines[0]) == {255} and len(set(b"".join(lines))) > 20  # white on top, shades within

@@ -29,7 +29,7 @@ static size_t step_to(qm_ground *g, qm_reconstruction *r, size_t max_quads)
     qm_reconstruction_record record;
     do
         assert_int_equal(qm_reconstruction_step(&g->ctx, r, max_quads, &record), QM_OK);
-    while (record.chords_doubled > 0);
+    while (record.chords_changed > 0);
     assert_true(record.quads <= max_quads);
     return record.quads;
 }
@@ -105,7 +105,7 @@ static void meshes_are_semi_regular(void **state)
     qm_ground_free(&g);
 }
 
-/** Doubles until the mesh has the most quads; the distance falls at least so many times each fourfold. */
+/** Steps until the mesh has the most quads, which are nearly the limit; the distance falls at least so many times each fourfold. */
 static void check_order(qm_mesh surface, qm_layout layout, size_t first, size_t last, double least_fall)
 {
     qm_ground g;
@@ -114,7 +114,7 @@ static void check_order(qm_mesh surface, qm_layout layout, size_t first, size_t 
     double before = INFINITY;
     for (size_t limit = first; limit <= last; limit *= 4) {
         size_t quads = step_to(&g, r, limit);
-        assert_int_equal(quads, limit);
+        QM_CHECK(10 * quads >= 9 * limit, "%zu quads of %zu", quads, limit);
         qm_mesh mesh = mesh_of(&g, r);
         double now = distance(&mesh, &g.mesh);
         QM_CHECK(now * least_fall <= before, "%zu quads: %g after %g", quads, now, before);
@@ -136,6 +136,49 @@ static void distances_fall_by_the_square(void **state)
     /* The four corners of each of these patches lie on one line. */
     check_order(qm_shape_torus(256, 128, 1.0, 0.35),
                 qm_layout_of_grid(2, 2, true, true, 60, qm_torus_at, NULL), 256, 4096, 3.0);
+}
+
+/** A vault: z = user[0] x^2 + user[1] y^2 over the unit square. */
+static void vault_at(const void *user, double u, double v, double out[3])
+{
+    const double *bend = user;
+    out[0] = u;
+    out[1] = v;
+    out[2] = bend[0] * u * u + bend[1] * v * v;
+}
+
+/** Twice the mean square of the height of a vault over columns by rows of edges, but for a factor. */
+static double vault_error(const double bend[2], double columns, double rows)
+{
+    double error = bend[0] / (columns * columns) + bend[1] / (rows * rows);
+    return error * error;
+}
+
+/** One patch on a vault: its columns and rows are about as good as the best of all pairs of counts. */
+static void counts_are_where_the_surface_bends(void **state)
+{
+    (void)state;
+    const double bends[][2] = {{0.4, 0.1}, {0.05, 0.4}, {0.3, 0.3}, {0.5, 0.02}};
+    const size_t limits[] = {60, 150, 777};
+    for (size_t i = 0; i < sizeof bends / sizeof *bends; i++) {
+        for (size_t k = 0; k < sizeof limits / sizeof *limits; k++) {
+            qm_ground g;
+            qm_ground_make(&g, qm_shape_grid(64, 64, false, false, vault_at, bends[i]));
+            qm_layout layout = qm_layout_of_grid(1, 1, false, false, 32, vault_at, bends[i]);
+            qm_reconstruction *r = start(&g, &layout);
+            step_to(&g, r, limits[k]);
+            qm_reconstruction_patch patch = qm_reconstruction_get_patch(r, 0);
+            double least = INFINITY;
+            for (size_t columns = 1; columns <= limits[k]; columns++)
+                least = fmin(least, vault_error(bends[i], (double)columns, (double)(limits[k] / columns)));
+            double found = vault_error(bends[i], patch.columns, patch.rows);
+            QM_CHECK(found < 1.5 * least, "%u by %u of %zu for %g, %g: %g, the best is %g", patch.columns,
+                     patch.rows, limits[k], bends[i][0], bends[i][1], found, least);
+            qm_reconstruction_destroy(&g.ctx, r);
+            qm_layout_free(&layout);
+            qm_ground_free(&g);
+        }
+    }
 }
 
 static void noise_is_averaged_away(void **state)
@@ -269,7 +312,7 @@ static double survive(qm_mesh surface, const qm_layout *layout, const qm_mesh *t
     do {
         assert_int_equal(qm_reconstruction_step(&g.ctx, r, 1536, &record), QM_OK);
         *holes += record.holes_filled;
-    } while (record.chords_doubled > 0);
+    } while (record.chords_changed > 0);
     qm_mesh mesh = mesh_of(&g, r);
     double found = distance(&mesh, truth);
     qm_shape_free(&mesh);
@@ -580,6 +623,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(meshes_are_semi_regular),
         cmocka_unit_test(distances_fall_by_the_square),
+        cmocka_unit_test(counts_are_where_the_surface_bends),
         cmocka_unit_test(noise_is_averaged_away),
         cmocka_unit_test(threads_and_pauses_do_not_change_a_bit),
         cmocka_unit_test(a_canceled_step_leaves_the_last_whole_one),

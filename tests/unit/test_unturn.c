@@ -158,7 +158,7 @@ static void curves_over_few_points_do_not_turn_back(void **state)
     qm_reconstruction_record record;
     do
         assert_int_equal(qm_reconstruction_step(&g.ctx, r, 16384, &record), QM_OK);
-    while (record.chords_doubled > 0);
+    while (record.chords_changed > 0);
     for (size_t c = 0; c < layout.curve_count; c++) {
         assert_true(r->polylines[c].vertex_edges >= 32);
         QM_CHECK(count_back(&r->polylines[c]) == 0, "curve %zu: %zu of %u edges lead back", c,

@@ -40,7 +40,7 @@ static double rebuild(const qm_cells *cells, reading how, double density, int pi
     qm_reconstruction_record record;
     do
         assert_int_equal(qm_reconstruction_step(&g.ctx, r, quads, &record), QM_OK);
-    while (record.chords_doubled > 0);
+    while (record.chords_changed > 0);
     qm_mesh mesh;
     assert_int_equal(qm_reconstruction_mesh(&g.ctx, r, &mesh), QM_OK);
     qm_hausdorff_options measure = qm_hausdorff_options_default();
@@ -195,7 +195,7 @@ static size_t warnings_of(qm_mesh surface, const qm_layout *layout, qm_reconstru
     qm_reconstruction_record record;
     do
         assert_int_equal(qm_reconstruction_step(&g.ctx, r, 1000, &record), QM_OK);
-    while (record.chords_doubled > 0);
+    while (record.chords_changed > 0);
     size_t count = qm_reconstruction_find_warnings(r, out, 4);
     if (truth) {
         qm_mesh mesh;

@@ -1,6 +1,6 @@
 /**
  * reconstruct.h: makes a semi-regular quad mesh from a surface (mesh or point set) and a quad layout on it,
- * by doubling columns or rows of the patches step by step.
+ * by doubling columns or rows of the patches step by step, and by whole numbers of them in the last step.
  *
  * Each patch is a grid of quads. Opposite sides of a patch have equal numbers of edges, so that a doubling
  * continues through the neighbours: the curves that it meets form a chord, and a step doubles chords, those
@@ -58,7 +58,7 @@ void qm_reconstruction_destroy(qm_context *ctx, qm_reconstruction *reconstructio
 /** The results of a step. */
 typedef struct qm_reconstruction_record {
     size_t quads;          /* of the mesh after the step */
-    size_t chords_doubled; /* 0: the limit of quads allowed no doubling */
+    size_t chords_changed; /* 0: the limit of quads allowed no step */
     size_t patches_split;
     size_t moved_vertices; /* inner vertices of the split patches */
     size_t holes_filled;   /* moved vertices that no three points enclose: blended from their neighbours */
@@ -66,9 +66,9 @@ typedef struct qm_reconstruction_record {
 } qm_reconstruction_record;
 
 /**
- * Doubles the chords with the longest edges, longest first: all chords whose edges are longer than the
- * longest divided by the square root of 2, as long as the mesh stays within max_quads; then positions the
- * vertices of the split patches. So two steps double both directions.
+ * Doubles all chords whose edges are longer than the longest divided by the square root of 2, so that two steps double both
+ * directions; then positions the vertices of the split patches. If the mesh would have more than max_quads then, the
+ * chords get numbers of edges instead with which it has nearly as many, more where the surface bends more.
  *
  * Returns: QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. After an error the reconstruction is unchanged.
  */

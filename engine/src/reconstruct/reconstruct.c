@@ -22,6 +22,7 @@
 #define STEP_FAIR 4         /* rounds of fairing of lattices that were fitted before */
 #define MAX_STRAY 0.05      /* of the mean samples of a patch: fewer may have strayed into one over a hole */
 #define EDIT_ROUNDS 2       /* fits of the lattices that an edit has changed */
+#define FILL_ROUNDS 2       /* fits of lattices that got counts that are no multiples of the old ones */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
 
@@ -456,9 +457,10 @@ static qm_status take_step(qm_context *ctx, qm_reconstruction *r, size_t max_qua
 {
     for (size_t p = 0; p < r->layout.patch_count; p++)
         r->lattices[p].is_stale = false;
-    qm_status status = qm_chords_double(ctx, r, max_quads, out);
+    bool can_double = qm_chords_can_double(r, max_quads);
+    qm_status status = can_double ? qm_chords_double(ctx, r, out) : qm_chords_fill(ctx, r, max_quads, out);
     if (status == QM_OK) status = qm_polylines_set_vertices(ctx, r);
-    if (status == QM_OK) status = qm_lattices_double(ctx, r);
+    if (status == QM_OK) status = qm_lattices_resample(ctx, r);
     bool is_any_stale = false;
     for (size_t p = 0; p < r->layout.patch_count; p++)
         is_any_stale |= r->lattices[p].is_stale;
@@ -466,7 +468,9 @@ static qm_status take_step(qm_context *ctx, qm_reconstruction *r, size_t max_qua
     if (status != QM_OK || !is_any_stale) return status;
     qm_samples samples = {0};
     status = create_fine_samples(ctx, r, &samples);
-    if (status == QM_OK) status = refine_lattices(ctx, r, STEP_FAIR, &samples);
+    /* Between vertices at other places, a lattice has kinks that one round does not take out. */
+    for (int round = 0; round < (can_double ? 1 : FILL_ROUNDS) && status == QM_OK; round++)
+        status = refine_lattices(ctx, r, STEP_FAIR, &samples);
     qm_samples_reset(ctx, &samples);
     return status;
 }

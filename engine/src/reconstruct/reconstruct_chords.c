@@ -119,51 +119,44 @@ double qm_chords_longest_edge(const qm_reconstruction *r)
     return edge_length(&r->chords[longest]);
 }
 
-/**
- * Doubles the chords whose edges are longer than the longest over the square root of 2, the longest first. A
- * chord with which the mesh would have more than max_quads is skipped.
- */
-static void double_longest(qm_reconstruction *r, size_t max_quads, bool *is_done,
-                           qm_reconstruction_record *out)
+/** Chords are doubled whose edges are longer. */
+static double doubled_length(const qm_reconstruction *r)
 {
-    double min_length = qm_chords_longest_edge(r) * sqrt(0.5);
-    for (;;) {
-        qm_chord *longest = NULL;
-        for (size_t i = 0; i < r->chord_count; i++)
-            if (!is_done[i] && (!longest || edge_length(&r->chords[i]) > edge_length(longest)))
-                longest = &r->chords[i];
-        if (!longest || edge_length(longest) < min_length) return;
-        is_done[longest - r->chords] = true;
-        longest->edges *= 2;
-        if (qm_chords_count_quads(r) > max_quads) {
-            longest->edges /= 2;
-            continue;
-        }
-        out->chords_doubled++;
-        if (longest->lattice_edges < longest->edges) longest->lattice_edges = longest->edges;
-        QM_ASSERT(longest->lattice_edges % longest->edges == 0);
-    }
+    return qm_chords_longest_edge(r) * sqrt(0.5);
 }
 
-qm_status qm_chords_double(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
-                           qm_reconstruction_record *out)
+bool qm_chords_can_double(const qm_reconstruction *r, size_t max_quads)
 {
-    uint32_t *old_edges = qm_context_alloc(ctx, r->chord_count, sizeof *old_edges);
-    bool *is_done = qm_context_alloc(ctx, r->chord_count, sizeof *is_done);
-    bool has_memory = old_edges && is_done;
-    if (has_memory) {
-        for (size_t i = 0; i < r->chord_count; i++) {
-            old_edges[i] = r->chords[i].edges;
-            is_done[i] = false;
+    double min_length = doubled_length(r);
+    size_t quads = 0;
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        size_t count = 1;
+        for (int k = 0; k < 2; k++) {
+            const qm_chord *chord = qm_chord_of_patch(r, p, k);
+            count *= edge_length(chord) < min_length ? chord->edges : 2 * chord->edges;
         }
-        double_longest(r, max_quads, is_done, out);
-        for (size_t p = 0; p < r->layout.patch_count; p++) {
-            const qm_chord *across = qm_chord_of_patch(r, p, 0), *up = qm_chord_of_patch(r, p, 1);
-            out->patches_split +=
-                across->edges != old_edges[across - r->chords] || up->edges != old_edges[up - r->chords];
-        }
+        quads += count;
     }
-    qm_context_free(ctx, old_edges, r->chord_count, sizeof *old_edges);
-    qm_context_free(ctx, is_done, r->chord_count, sizeof *is_done);
-    return has_memory ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the layout's chords");
+    return quads <= max_quads;
+}
+
+qm_status qm_chords_double(qm_context *ctx, qm_reconstruction *r, qm_reconstruction_record *out)
+{
+    double min_length = doubled_length(r);
+    bool *is_doubled = qm_context_alloc(ctx, r->chord_count, sizeof *is_doubled);
+    if (!is_doubled) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the layout's chords");
+    for (size_t i = 0; i < r->chord_count; i++)
+        is_doubled[i] = edge_length(&r->chords[i]) >= min_length;
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        out->patches_split += is_doubled[qm_chord_of_patch(r, p, 0) - r->chords] ||
+                              is_doubled[qm_chord_of_patch(r, p, 1) - r->chords];
+    for (size_t i = 0; i < r->chord_count; i++) {
+        qm_chord *chord = &r->chords[i];
+        if (!is_doubled[i]) continue;
+        out->chords_changed++;
+        chord->edges *= 2;
+        chord->lattice_edges = chord->edges * ((chord->lattice_edges + chord->edges - 1) / chord->edges);
+    }
+    qm_context_free(ctx, is_doubled, r->chord_count, sizeof *is_doubled);
+    return QM_OK;
 }

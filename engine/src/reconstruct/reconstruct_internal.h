@@ -3,6 +3,7 @@
  *
  *   reconstruct.c             creation, steps, edits; the order of the stages
  *   reconstruct_chords.c      chords: which curves are doubled together, and which chord first
+ *   reconstruct_counts.c      counts of edges that fill the limit of quads
  *   reconstruct_polylines.c   curves as polylines on the surface, rerouted where they left it; their vertices
  *   reconstruct_samples.c     samples of the surface, and their parameters by projection onto the lattices
  *   reconstruct_parameters.c  the first parameters of samples, along the surface
@@ -12,8 +13,8 @@
  *   reconstruct_lattice_mesh.c        lattices to a mesh, and its boundary
  *   reconstruct_warnings.c    whether the layout fits the surface; what the result does not show by itself
  *
- * A layout patch has a lattice of vertices. A chord has two counts: `edges` is that of the mesh, a power of
- * two; `lattice_edges` is that of the lattices, a multiple of it and at least QM_RECONSTRUCTION_BASE. The
+ * A layout patch has a lattice of vertices. A chord has two counts: `edges` is that of the mesh;
+ * `lattice_edges` is that of the lattices, a multiple of it and at least QM_RECONSTRUCTION_BASE. The
  * mesh takes every (lattice_edges / edges)th vertex.
  */
 #ifndef QM_RECONSTRUCT_INTERNAL_H
@@ -132,10 +133,20 @@ qm_status qm_reconstruction_check_place(qm_context *ctx, const qm_ref_surface *s
 qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r);
 
 /**
- * Chooses and doubles the chords of one step; sets chords_doubled and patches_split. QM_OK or QM_E_NO_MEMORY.
+ * Doubles the chords whose edges are longer than the longest over the square root of 2; sets chords_changed and patches_split. QM_OK or QM_E_NO_MEMORY.
  */
-qm_status qm_chords_double(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
-                           qm_reconstruction_record *out);
+qm_status qm_chords_double(qm_context *ctx, qm_reconstruction *r, qm_reconstruction_record *out);
+
+/** Would the mesh stay within a limit if a step doubled all that it wants to? */
+bool qm_chords_can_double(const qm_reconstruction *r, size_t max_quads);
+
+/**
+ * Chooses counts of edges for all chords, which need not be powers of two, such that the mesh has as many quads as fit and
+ * they are where the surface bends; no change if that is not more quads than it has. Sets chords_changed and
+ * patches_split. QM_OK or QM_E_NO_MEMORY.
+ */
+qm_status qm_chords_fill(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
+                         qm_reconstruction_record *out);
 
 /** Sets the chords' lengths from the lattices. */
 void qm_chords_measure(qm_reconstruction *r);
@@ -184,9 +195,9 @@ qm_vec qm_lattice_coons(const qm_lattice *lattice, const qm_vertex_block *block,
 qm_status qm_lattices_create(qm_context *ctx, qm_reconstruction *r);
 
 /**
- * Doubles the lattices to their chords' counts; those that it splits become stale. QM_OK or QM_E_NO_MEMORY.
+ * Brings the lattices to their chords' counts; those that it changes become stale. QM_OK or QM_E_NO_MEMORY.
  */
-qm_status qm_lattices_double(qm_context *ctx, qm_reconstruction *r);
+qm_status qm_lattices_resample(qm_context *ctx, qm_reconstruction *r);
 
 /**
  * Finds which stale lattices face walls of the surface: those whose Coons patches lie along it. Replaces one by that

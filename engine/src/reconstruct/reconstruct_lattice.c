@@ -262,7 +262,7 @@ qm_status qm_lattices_choose(qm_context *ctx, qm_reconstruction *r)
     return QM_OK;
 }
 
-qm_status qm_lattices_double(qm_context *ctx, qm_reconstruction *r)
+qm_status qm_lattices_resample(qm_context *ctx, qm_reconstruction *r)
 {
     for (size_t p = 0; p < r->layout.patch_count; p++) {
         uint32_t columns = qm_chord_of_patch(r, p, 0)->lattice_edges,
@@ -278,14 +278,15 @@ qm_status qm_lattices_double(qm_context *ctx, qm_reconstruction *r)
                            .points = lattice->points};
         if (!qm_lattice_allocate(ctx, &fine)) return no_memory(ctx);
         /* Bilinear interpolation between the vertices of the old lattice. */
-        QM_ASSERT(fine.columns % lattice->columns == 0 && fine.rows % lattice->rows == 0);
-        uint32_t across = fine.columns / lattice->columns, down = fine.rows / lattice->rows;
-        for (uint32_t j = 0; j <= fine.rows; j++) {
-            uint32_t row = j / down, next_row = row < lattice->rows ? row + 1 : row;
-            double v = (double)(j % down) / down;
-            for (uint32_t i = 0; i <= fine.columns; i++) {
-                uint32_t column = i / across, next = column < lattice->columns ? column + 1 : column;
-                double u = (double)(i % across) / across;
+        for (uint32_t j = 0; j <= rows; j++) {
+            uint64_t place = (uint64_t)j * lattice->rows;
+            uint32_t row = (uint32_t)(place / rows), next_row = row < lattice->rows ? row + 1 : row;
+            double v = (double)(place % rows) / rows;
+            for (uint32_t i = 0; i <= columns; i++) {
+                place = (uint64_t)i * lattice->columns;
+                uint32_t column = (uint32_t)(place / columns),
+                         next = column < lattice->columns ? column + 1 : column;
+                double u = (double)(place % columns) / columns;
                 qm_vec low =
                     qm_vec_mix(qm_lattice_at(lattice, column, row), qm_lattice_at(lattice, next, row), u);
                 qm_vec high = qm_vec_mix(qm_lattice_at(lattice, column, next_row),
