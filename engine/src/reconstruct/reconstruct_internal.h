@@ -3,7 +3,7 @@
  *
  *   reconstruct.c             creation, steps, edits; the order of the stages
  *   reconstruct_chords.c      chords: which curves are doubled together, and which chord first
- *   reconstruct_counts.c      counts of edges that fill the limit of quads
+ *   reconstruct_chords_fill.c counts of edges that fill the limit of quads
  *   reconstruct_polylines.c   curves as polylines on the surface, rerouted where they left it; their vertices
  *   reconstruct_samples.c     samples of the surface, and their parameters by projection onto the lattices
  *   reconstruct_parameters.c  the first parameters of samples, along the surface

@@ -1,5 +1,5 @@
 /**
- * reconstruct_counts.c: whole numbers of edges for the chords, where doubling all of them would exceed the limit of quads.
+ * reconstruct_chords_fill.c: whole numbers of edges for the chords, where doubling all of them would exceed the limit of quads.
  *
  * The surface lies above an edge of length h by about k h^2 / 8, k being its curvature. So of a patch of area A, across
  * which one edge would be off by s and up which by t, the mean square of the distance is about that of
