@@ -1,11 +1,17 @@
 #include "qm/quad_layout.h"
 
+#include <math.h>
+
 #include "tmesh/tmesh.h"
 
 #define ROUNDS 32           /* drawings */
 #define PATIENCE 6          /* drawings that are no better than the best */
 #define MOST_PATCHES 5      /* for each required vertex, where fewer do */
 #define FOLDS_A_CROSSING 64 /* crossings count more than folds: a reconstruction refuses them */
+
+/* Of the quads that are wanted, those of each trial to make a layout of a surface without crossings: a few quads more or
+ * less move the irregular vertices. */
+static const double trial_shares[] = {1.0, 1.2, 0.8, 1.5, 0.6};
 
 qm_quad_layout_options qm_quad_layout_options_default(void)
 {
@@ -120,14 +126,11 @@ qm_status qm_quad_layout_make(qm_context *ctx, const qm_mesh *quads, const qm_re
     return status;
 }
 
-qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *surface,
-                                         const qm_quads_options *quads, const qm_quad_layout_options *options,
-                                         qm_layout *out, qm_layout_issues *issues,
-                                         qm_quad_layout_facts *facts)
+/** One trial: quads of the surface, and their layout. */
+static qm_status make_once(qm_context *ctx, const qm_ref_surface *surface, const qm_quads_options *quads,
+                           const qm_quad_layout_options *options, qm_layout *out, qm_layout_issues *issues,
+                           qm_quad_layout_facts *facts)
 {
-    QM_ASSERT(ctx && surface && quads && options && out && issues);
-    *out = (qm_layout){0};
-    *issues = (qm_layout_issues){0};
     qm_mesh mesh;
     uint8_t *creases;
     qm_status status = qm_quads_make_with_creases(ctx, surface->bvh, quads, &mesh, &creases, NULL);
@@ -137,5 +140,40 @@ qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *
     status = qm_quad_layout_make(ctx, &mesh, surface, &own, out, issues, facts);
     qm_context_free(ctx, creases, mesh.face_count, 1);
     qm_mesh_reset(ctx, &mesh);
+    return status;
+}
+
+qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *surface,
+                                         const qm_quads_options *quads, const qm_quad_layout_options *options,
+                                         qm_layout *out, qm_layout_issues *issues,
+                                         qm_quad_layout_facts *facts)
+{
+    QM_ASSERT(ctx && surface && quads && options && out && issues);
+    *out = (qm_layout){0};
+    *issues = (qm_layout_issues){0};
+    qm_status status = QM_OK;
+    for (size_t i = 0; i < sizeof trial_shares / sizeof *trial_shares && status == QM_OK; i++) {
+        qm_layout layout = {0};
+        qm_layout_issues open = {0};
+        qm_quad_layout_facts own_facts;
+        qm_quads_options own = *quads;
+        own.quads = (size_t)fmax(1.0, trial_shares[i] * (double)quads->quads);
+        status = make_once(ctx, surface, &own, options, &layout, &open, &own_facts);
+        if (status == QM_OK && (i == 0 || open.count < issues->count)) {
+            qm_layout spare = *out;
+            qm_layout_issues spare_issues = *issues;
+            *out = layout;
+            *issues = open;
+            layout = spare;
+            open = spare_issues;
+            if (facts) *facts = own_facts;
+        }
+        qm_layout_reset(ctx, &layout);
+        qm_layout_issues_reset(ctx, &open);
+        if (issues->count == 0) break;
+    }
+    if (status == QM_OK) return QM_OK;
+    qm_layout_reset(ctx, out);
+    qm_layout_issues_reset(ctx, issues);
     return status;
 }

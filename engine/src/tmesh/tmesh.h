@@ -182,7 +182,7 @@ qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, co
  * *changed is false, and the lengths are as before, when there is none.
  */
 qm_status qm_tmesh_spread_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
-                                  const qm_tmesh_classes *classes, const uint8_t *class_fault, bool *is_held,
+                                  const qm_tmesh_classes *classes, uint8_t *class_fault, bool *is_held,
                                   uint32_t *length, bool *changed);
 
 /* ---- curves ---- */

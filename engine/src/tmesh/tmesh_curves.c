@@ -20,6 +20,12 @@
 #define SWEEPS 6
 #define PULL 0.3
 #define SLACKEN 0.5
+/* Folds that sweeps do not take out: rounds over their points, each of which tries places in TRIAL_WAYS directions at
+ * TRIAL_SIZES distances, from the mean edge on by halves, until all sines round it are GOOD_SINE. */
+#define UNTANGLE_ROUNDS 30
+#define TRIAL_WAYS 8
+#define TRIAL_SIZES 4
+#define GOOD_SINE 0.1
 
 /** A vertex of the lattices. */
 typedef struct lattice_point {
@@ -27,8 +33,10 @@ typedef struct lattice_point {
     double normal[3];
     uint32_t count; /* of neighbours in sum */
     bool is_fixed, is_pinned, is_loose;
-    qm_vec pin;  /* of a required vertex */
-    double pull; /* towards it */
+    uint32_t chain; /* that a fixed point may slide on; QM_NO_INDEX */
+    double place;   /* on that chain */
+    qm_vec pin;     /* of a required vertex */
+    double pull;    /* towards it */
 } lattice_point;
 
 /** A feature between two required vertices, or a closed one from any node. */
@@ -261,6 +269,16 @@ static void fix(lattice_point *to, qm_vec at)
 {
     to->at = at;
     to->is_fixed = true;
+    to->chain = QM_NO_INDEX;
+}
+
+/** Fixes a point at a place of a chain; within the chain it may slide there. */
+static void fix_on_chain(const curve_drawer *d, lattice_point *to, uint32_t chain, double place)
+{
+    const feature_chain *at = &d->chains[chain];
+    fix(to, chain_position(d, chain, place));
+    if (place > 0 && place < d->chain_length[at->first + at->count - 1]) to->chain = chain;
+    to->place = place;
 }
 
 /** Places the classes of points: required vertices at themselves, features at their stations, others in the middle of what has
@@ -278,8 +296,8 @@ static void place_classes(curve_drawer *d)
                    arc_position(d, a, (double)i / steps * tmesh->arcs[a].length));
         for (uint32_t i = 0; i <= steps && in_chain->chain != QM_NO_INDEX; i++) {
             uint32_t station = d->chains[in_chain->chain].first_station + in_chain->step + i;
-            fix(&d->points[class_of(d, arc_point(d, a, in_chain->forward ? i : steps - i))],
-                chain_position(d, in_chain->chain, d->station[station]));
+            fix_on_chain(d, &d->points[class_of(d, arc_point(d, a, in_chain->forward ? i : steps - i))],
+                         in_chain->chain, d->station[station]);
         }
     }
     for (uint32_t n = 0; n < tmesh->node_count; n++)
@@ -316,9 +334,9 @@ static void place_segments(curve_drawer *d)
                     uint32_t station = d->chains[in_chain->chain].first_station + in_chain->step +
                                        (in_chain->forward ? i : steps - 1 - i);
                     double along = in_chain->forward ? share : 1 - share;
-                    fix(to, chain_position(d, in_chain->chain,
-                                           d->station[station] +
-                                               along * (d->station[station + 1] - d->station[station])));
+                    fix_on_chain(d, to, in_chain->chain,
+                                 d->station[station] +
+                                     along * (d->station[station + 1] - d->station[station]));
                 } else if (is_own && !to->is_fixed) {
                     to->at = arc_position(d, a, (i + share) / steps * d->tmesh->arcs[a].length);
                 }
@@ -492,13 +510,29 @@ static bool list_cells(curve_drawer *d)
     return true;
 }
 
-/** Twice the area of the triangle at a corner of a cell, about a normal. */
-static double corner_area(const curve_drawer *d, const lattice_cell *cell, uint32_t i, qm_vec normal)
+/**
+ * The surface's normal at a corner of a cell. On a crease it has those of both sides, so that a point there takes the
+ * cell's other points' normals.
+ */
+static qm_vec corner_normal(const curve_drawer *d, const lattice_cell *cell, uint32_t i)
+{
+    const lattice_point *point = &d->points[cell->corner[i]];
+    if (!point->is_fixed) return qm_vec_load(point->normal);
+    qm_vec sum = {0};
+    for (uint32_t k = 0; k < 4; k++)
+        if (!d->points[cell->corner[k]].is_fixed)
+            sum = qm_vec_add(sum, qm_vec_load(d->points[cell->corner[k]].normal));
+    double length = qm_vec_norm(sum);
+    return length > 0 ? qm_vec_scale(1 / length, sum) : qm_vec_load(point->normal);
+}
+
+/** Twice the area of the triangle at a corner of a cell, about the surface's normal. */
+static double corner_area(const curve_drawer *d, const lattice_cell *cell, uint32_t i)
 {
     qm_vec at = d->points[cell->corner[i]].at;
     return cell->sign * qm_vec_dot(qm_vec_cross(qm_vec_sub(d->points[cell->corner[(i + 1) & 3]].at, at),
                                                 qm_vec_sub(d->points[cell->corner[(i + 3) & 3]].at, at)),
-                                   normal);
+                                   corner_normal(d, cell, i));
 }
 
 /** The side on which most of each patch lies. */
@@ -513,7 +547,7 @@ static void find_signs(curve_drawer *d)
         for (size_t c = cell; c < end; c++) {
             d->cells[c].sign = 1;
             for (uint32_t i = 0; i < 4; i++)
-                sum += corner_area(d, &d->cells[c], i, qm_vec_load(d->points[d->cells[c].corner[i]].normal));
+                sum += corner_area(d, &d->cells[c], i);
         }
         for (size_t c = cell; c < end; c++)
             d->cells[c].sign = sum < 0 ? -1 : 1;
@@ -529,7 +563,7 @@ static size_t count_folds(curve_drawer *d)
         lattice_cell *cell = &d->cells[c];
         cell->is_folded = false;
         for (uint32_t i = 0; i < 4; i++)
-            cell->is_folded |= corner_area(d, cell, i, qm_vec_load(d->points[cell->corner[i]].normal)) <= 0;
+            cell->is_folded |= corner_area(d, cell, i) <= 0;
         if (!cell->is_folded) continue;
         folds++;
         for (uint32_t i = 0; i <= STEPS; i++)
@@ -568,6 +602,107 @@ static void place_on_surface(curve_drawer *d)
     }
 }
 
+/** The sine at a corner of a cell, seen along the surface's normal there; not above 0 where it is folded. */
+static double corner_sine(const curve_drawer *d, const lattice_cell *cell, uint32_t i)
+{
+    qm_vec at = d->points[cell->corner[i]].at;
+    double one = qm_vec_distance(at, d->points[cell->corner[(i + 1) & 3]].at),
+           other = qm_vec_distance(at, d->points[cell->corner[(i + 3) & 3]].at);
+    if (!(one * other > 0)) return -1;
+    return corner_area(d, cell, i) / (one * other);
+}
+
+/** What the cells round a point lack of GOOD_SINE at their corners, squared. */
+static double lack_at(const curve_drawer *d, uint32_t index)
+{
+    double lack = 0;
+    for (uint32_t i = d->first_at[index]; i < d->first_at[index + 1]; i++)
+        for (uint32_t k = 0; k < 4; k++) {
+            double missing = GOOD_SINE - corner_sine(d, &d->cells[d->at[i] / 4], k);
+            if (missing > 0) lack += missing * missing;
+        }
+    return lack;
+}
+
+/** The mean length of the edges at a point. */
+static double edge_at(const curve_drawer *d, uint32_t index)
+{
+    double sum = 0;
+    uint32_t count = 0;
+    for (uint32_t i = d->first_at[index]; i < d->first_at[index + 1]; i++)
+        for (uint32_t k = 1; k < 4; k += 2, count++)
+            sum += qm_vec_distance(d->points[index].at,
+                                   d->points[d->cells[d->at[i] / 4].corner[(d->at[i] + k) & 3]].at);
+    return count > 0 ? sum / count : 0;
+}
+
+static qm_vec perpendicular(qm_vec normal)
+{
+    qm_vec axis = fabs(normal.x) < 0.6 ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0},
+           across = qm_vec_cross(normal, axis);
+    double length = qm_vec_norm(across);
+    return length > 0 ? qm_vec_scale(1 / length, across) : axis;
+}
+
+/** Puts a fixed point elsewhere on its chain. False if that is beyond its ends. */
+static bool slide(const curve_drawer *d, lattice_point *point, double by)
+{
+    const feature_chain *chain = &d->chains[point->chain];
+    double place = point->place + by;
+    if (!(place > 0 && place < d->chain_length[chain->first + chain->count - 1])) return false;
+    point->place = place;
+    point->at = chain_position(d, point->chain, place);
+    return project(d, point);
+}
+
+/** Tries places round a point, farther and nearer ones, and takes those where the cells round it are better. */
+static bool untangle_point(curve_drawer *d, uint32_t index)
+{
+    lattice_point *point = &d->points[index];
+    double least = lack_at(d, index), reach = 0.5 * edge_at(d, index);
+    bool has_moved = false;
+    int ways = point->is_fixed ? 2 : TRIAL_WAYS;
+    for (int size = 0; size < TRIAL_SIZES && least > 0; size++, reach *= 0.5)
+        for (int way = 0; way < ways && least > 0; way++) {
+            lattice_point before = *point;
+            bool is_on = false;
+            if (point->is_fixed) {
+                is_on = slide(d, point, way == 0 ? reach : -reach);
+            } else {
+                qm_vec normal = qm_vec_load(point->normal), right = perpendicular(normal);
+                double angle = 360.0 * QM_DEGREE * way / TRIAL_WAYS;
+                qm_vec along =
+                    qm_vec_axpy(qm_vec_scale(cos(angle), right), sin(angle), qm_vec_cross(normal, right));
+                point->at = qm_vec_axpy(point->at, reach, along);
+                is_on = project(d, point);
+            }
+            double lack = is_on ? lack_at(d, index) : INFINITY;
+            if (lack < least) {
+                least = lack;
+                has_moved = true;
+            } else {
+                *point = before;
+            }
+        }
+    return has_moved;
+}
+
+/** Moves the points of folded cells, one by one, to where these are folded less. */
+static size_t untangle(curve_drawer *d, size_t folds)
+{
+    for (int round = 0; round < UNTANGLE_ROUNDS && folds > 0; round++) {
+        bool has_moved = false;
+        for (size_t c = 0; c < d->cell_count; c++)
+            for (uint32_t i = 0; i < 4 && d->cells[c].is_folded; i++)
+                if (!d->points[d->cells[c].corner[i]].is_fixed ||
+                    d->points[d->cells[c].corner[i]].chain != QM_NO_INDEX)
+                    has_moved |= untangle_point(d, d->cells[c].corner[i]);
+        folds = count_folds(d);
+        if (!has_moved) break;
+    }
+    return folds;
+}
+
 static qm_status relax(curve_drawer *d, size_t *folds)
 {
     qm_vec *best = qm_arena_alloc(d->arena, d->point_count, sizeof *best);
@@ -592,7 +727,8 @@ static qm_status relax(curve_drawer *d, size_t *folds)
     }
     for (size_t i = 0; i < d->point_count; i++)
         d->points[i].at = best[i];
-    *folds = least;
+    count_folds(d);
+    *folds = untangle(d, least);
     return QM_OK;
 }
 

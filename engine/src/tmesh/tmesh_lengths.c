@@ -38,6 +38,7 @@
 #define FEWEST_TRIALS 24
 #define SIDE_WORTH 0.3
 /* One of so many faulty classes is spread at a time. */
+#define MOST_RINGS 3 /* of classes round a fault, in which arcs are lengthened too */
 #define SPREAD_PART 6
 #define SPREAD_EFFORT 200
 /* Faults that are looked at together, and the part of them that is mended then: a walk often mends several. */
@@ -500,7 +501,33 @@ static bool lengthen_worst(lengths_finder *finder, const qm_tmesh_classes *class
     return done > 0;
 }
 
-static qm_status spread(lengths_finder *finder, const qm_tmesh_classes *classes, const uint8_t *class_fault,
+/** Marks the classes that arcs connect with marked ones. */
+static void widen_faults(const lengths_finder *finder, const qm_tmesh_classes *classes, uint8_t *class_fault)
+{
+    const uint8_t is_next = 255;
+    for (uint32_t a = 0; a < finder->tmesh->arc_count; a++) {
+        uint8_t *end[2] = {&class_fault[classes->point_class[finder->tmesh->arcs[a].from]],
+                           &class_fault[classes->point_class[finder->tmesh->arcs[a].to]]};
+        for (int i = 0; i < 2; i++)
+            if (!*end[i] && *end[1 - i] && *end[1 - i] != is_next) *end[i] = is_next;
+    }
+    for (size_t i = 0; i < classes->point_count; i++)
+        class_fault[i] = class_fault[i] > 0;
+}
+
+/** Lengthens arcs where the drawing has faults; where all of these have a length, round them. */
+static bool lengthen_some(lengths_finder *finder, const qm_tmesh_classes *classes, uint8_t *class_fault,
+                          uint32_t *longest)
+{
+    if (lengthen_worst(finder, classes, class_fault, 2, longest)) return true;
+    for (int ring = 0; ring <= MOST_RINGS; ring++) {
+        if (lengthen_worst(finder, classes, class_fault, 1, longest)) return true;
+        widen_faults(finder, classes, class_fault);
+    }
+    return false;
+}
+
+static qm_status spread(lengths_finder *finder, const qm_tmesh_classes *classes, uint8_t *class_fault,
                         bool *changed)
 {
     uint32_t *longest = qm_arena_alloc(&finder->lasting, classes->point_count, sizeof *longest);
@@ -508,8 +535,7 @@ static qm_status spread(lengths_finder *finder, const qm_tmesh_classes *classes,
     save(finder, finder->saved);
     double value = INFINITY;
     qm_status status = QM_OK;
-    if (lengthen_worst(finder, classes, class_fault, 2, longest) ||
-        lengthen_worst(finder, classes, class_fault, 1, longest))
+    if (lengthen_some(finder, classes, class_fault, longest))
         status = repair(finder, INFINITY, 64, changed, &value);
     if (status == QM_OK && *changed) return try_shorter(finder, limit_effort(finder, SPREAD_EFFORT), &value);
     restore(finder, finder->saved);
@@ -517,7 +543,7 @@ static qm_status spread(lengths_finder *finder, const qm_tmesh_classes *classes,
 }
 
 qm_status qm_tmesh_spread_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
-                                  const qm_tmesh_classes *classes, const uint8_t *class_fault, bool *is_held,
+                                  const qm_tmesh_classes *classes, uint8_t *class_fault, bool *is_held,
                                   uint32_t *length, bool *changed)
 {
     *changed = false;
