@@ -1,5 +1,5 @@
 /**
- * cmd_remesh.c: a quad mesh of a surface, without a layout.
+ * cmd_remesh.c: a quad mesh of a surface, and how far it is from it.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -7,67 +7,98 @@
 
 #include "base/clock.h"
 #include "base/host.h"
+#include "ops/remesh.h"
 #include "options.h"
-#include "qm/quads.h"
 
 typedef struct remesh_options {
     const char *surface, *output;
-    qm_quads_options how;
+    qm_remesh_options how;
+    double distance; /* a fraction of the diagonal */
     bool as_json;
 } remesh_options;
 
-static void print_result(const remesh_options *o, const qm_mesh *quads, const qm_mesh_facts *facts,
-                         const qm_quads_record *record, double elapsed_ms)
-{
+/** What is told of the result. */
+typedef struct remesh_facts {
+    qm_mesh_facts mesh;
     qm_quality quality;
-    qm_quality_measure(quads, &quality);
-    if (o->as_json) {
-        qm_text text = {0};
-        qm_text_add_string(&text, "{");
-        qm_json_add_count(&text, "quads", quads->face_count);
-        qm_json_add_count(&text, "irregular_vertices", facts->irregular_vertices);
-        qm_json_add_count(&text, "components", facts->components);
-        qm_json_add_count(&text, "folded", quality.folded);
-        qm_json_add_number(&text, "least_scaled_jacobian", quality.least_jacobian);
-        qm_json_add_number(&text, "edge", record->size);
-        qm_json_add_number(&text, "elapsed_ms", elapsed_ms);
-        qm_text_add_string(&text, "}");
-        char *line = qm_text_take(&text);
-        puts(line ? line : "{}");
-        free(line);
-        return;
-    }
-    /* Standard output holds either the mesh or what is said of it. */
-    fprintf(
-        strcmp(o->output, "-") == 0 ? stderr : stdout,
-        "%zu quads, %zu irregular vertices, %zu components, %zu folded, least scaled Jacobian %.3g, edges of "
-        "about %.4g, in %.1f ms\n",
-        quads->face_count, facts->irregular_vertices, facts->components, quality.folded,
-        quality.least_jacobian, record->size, elapsed_ms);
+    double diagonal, elapsed_ms;
+} remesh_facts;
+
+static void print_json(const qm_remesh_result *result, const remesh_facts *facts)
+{
+    qm_text text = {0};
+    qm_text_add_string(&text, "{");
+    qm_json_add_count(&text, "quads", result->mesh.face_count);
+    qm_json_add_count(&text, "irregular_vertices", facts->mesh.irregular_vertices);
+    qm_json_add_count(&text, "components", facts->mesh.components);
+    if (result->patches > 0) qm_json_add_count(&text, "patches", result->patches);
+    qm_json_add_count(&text, "folded", facts->quality.folded);
+    qm_json_add_number(&text, "least_scaled_jacobian", facts->quality.least_jacobian);
+    qm_json_add_interval(&text, "hausdorff", (qm_interval){result->lower, result->upper}, facts->diagonal);
+    qm_json_add_count(&text, "rounds", result->rounds);
+    qm_json_add_number(&text, "elapsed_ms", facts->elapsed_ms);
+    qm_text_add_string(&text, "}");
+    char *line = qm_text_take(&text);
+    puts(line ? line : "{}");
+    free(line);
 }
 
-static int remesh(qm_context *ctx, const remesh_options *o, const qm_loaded_mesh *surface)
+static void print_words(const remesh_options *o, const qm_remesh_result *result, const remesh_facts *facts)
 {
-    qm_mesh quads;
-    qm_mesh_facts facts;
-    qm_quads_record record;
+    char bound[CLI_BOUND_SIZE], patches[40] = "";
+    if (result->patches > 0) snprintf(patches, sizeof patches, " in %zu patches", result->patches);
+    /* Standard output holds either the mesh or what is said of it. */
+    fprintf(strcmp(o->output, "-") == 0 ? stderr : stdout,
+            "%zu quads%s, %zu irregular vertices, %zu components, %zu folded, least scaled Jacobian %.3g, "
+            "distance at most %s of the diagonal, in %.1f ms\n",
+            result->mesh.face_count, patches, facts->mesh.irregular_vertices, facts->mesh.components,
+            facts->quality.folded, facts->quality.least_jacobian,
+            cli_format_bound(result->upper / facts->diagonal, true, bound), facts->elapsed_ms);
+}
+
+static int remesh(qm_context *ctx, remesh_options *o, const qm_loaded_mesh *surface)
+{
+    qm_ref_surface source;
+    qm_remesh_result result = {0};
+    remesh_facts facts = {0};
     double start = qm_clock_now_ms();
-    qm_status status = qm_quads_make(ctx, surface->bvh, &o->how, &quads, &record);
-    double elapsed_ms = qm_clock_now_ms() - start;
-    if (status == QM_OK) status = qm_mesh_find_facts(ctx, &quads, &facts);
-    bool is_done = status == QM_OK && cli_write_mesh(ctx, o->output, &quads, o->as_json);
-    if (is_done)
-        print_result(o, &quads, &facts, &record, elapsed_ms);
-    else if (status != QM_OK)
+    qm_status status = qm_ref_surface_init(ctx, surface->bvh, &source);
+    if (status == QM_OK) {
+        o->how.distance = o->distance * source.diagonal;
+        status = qm_remesh(ctx, &source, &o->how, &result);
+    }
+    facts.elapsed_ms = qm_clock_now_ms() - start;
+    if (status == QM_OK) status = qm_mesh_find_facts(ctx, &result.mesh, &facts.mesh);
+    bool is_done = status == QM_OK && cli_write_mesh(ctx, o->output, &result.mesh, o->as_json);
+    if (is_done) {
+        facts.diagonal = source.diagonal;
+        qm_quality_measure(&result.mesh, &facts.quality);
+        if (o->as_json)
+            print_json(&result, &facts);
+        else
+            print_words(o, &result, &facts);
+    } else if (status != QM_OK) {
         cli_report_status(o->surface, status, ctx, o->as_json);
-    qm_mesh_reset(ctx, &quads);
-    return is_done ? EXIT_OK : EXIT_BAD_INPUT;
+    }
+    bool is_near = !(o->distance > 0.0) || result.upper <= o->how.distance;
+    qm_mesh_reset(ctx, &result.mesh);
+    return !is_done ? EXIT_BAD_INPUT : is_near ? EXIT_OK : EXIT_NOT_CONVERGED;
+}
+
+/** How many quads where none are given: some to start from, or as many as it takes, or as usual. */
+static void settle_quads(remesh_options *o)
+{
+    if (o->how.quads.quads > 0) return;
+    o->how.quads.quads = !(o->distance > 0.0)     ? qm_quads_options_default().quads
+                         : o->how.is_semi_regular ? QM_REMESH_MOST_QUADS
+                                                  : QM_REMESH_FIRST_QUADS;
 }
 
 static int run(int argc, char **argv)
 {
-    remesh_options o = {.how = qm_quads_options_default()};
-    o.how.thread_count = 0; /* one for each processor */
+    remesh_options o = {.how = {.quads = qm_quads_options_default()}};
+    o.how.quads.quads = 0;        /* not given */
+    o.how.quads.thread_count = 0; /* one for each processor */
     const cli_option options[] = {
         {.name = "output",
          .letter = 'o',
@@ -81,14 +112,25 @@ static int run(int argc, char **argv)
          .type = CLI_SIZE,
          .min = 1,
          .max = 1e7,
-         .target = &o.how.quads,
-         .help = "about so many quads (default 5000)"},
+         .target = &o.how.quads.quads,
+         .help = "about so many quads (default 5000); with --distance the first of the numbers that are "
+                 "tried, with\n"
+                 "--semi-regular the limit"},
+        {.name = "distance",
+         .value = "X",
+         .type = CLI_POSITIVE,
+         .target = &o.distance,
+         .help = "until the distance to the surface is at most X, as a fraction of the surface's diagonal"},
+        {.name = "semi-regular",
+         .type = CLI_FLAG,
+         .target = &o.how.is_semi_regular,
+         .help = "blocks of quads in rows and columns, by an automatic layout (see layout --auto)"},
         {.name = "crease-angle",
          .value = "DEG",
          .type = CLI_NUMBER,
-         .target = &o.how.crease_angle,
+         .target = &o.how.quads.crease_angle,
          .help = "edges whose faces differ by more are creases, and stay edges (default 40); 0: none"},
-        CLI_OPTION_THREADS(&o.how.thread_count),
+        CLI_OPTION_THREADS(&o.how.quads.thread_count),
         CLI_OPTION_JSON(&o.as_json)};
     int status;
     if (!cli_read_options(&cmd_remesh, options, sizeof options / sizeof *options, argc, argv, &o.surface,
@@ -96,10 +138,11 @@ static int run(int argc, char **argv)
         return status;
     if (!cli_check_one_document(&o.output, 1, o.as_json)) return EXIT_USAGE;
     if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
-    o.how.thread_count = cli_count_threads(o.how.thread_count);
+    o.how.quads.thread_count = cli_count_threads(o.how.quads.thread_count);
+    settle_quads(&o);
     qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
-    const qm_preparation preparation = {.parts = QM_BVH_TARGET, .thread_count = o.how.thread_count};
+    const qm_preparation preparation = {.parts = QM_BVH_TARGET, .thread_count = o.how.quads.thread_count};
     qm_loaded_mesh surface;
     if (!cli_load_mesh(&ctx, o.surface, o.as_json, &preparation, &surface)) return EXIT_BAD_INPUT;
     status = remesh(&ctx, &o, &surface);
@@ -113,8 +156,9 @@ const cli_command cmd_remesh = {
     .summary = "a quad mesh of a surface",
     .takes = "a surface and -o OUT",
     .path_count = 1,
-    .description = "Makes a mesh of quads of about equal size, without a layout. Boundaries and creases "
-                   "become edges of it.\n"
-                   "Parts that are thinner than a quad may lose their shape: more quads keep them.\n\n",
-    .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
+    .description =
+        "Makes a mesh of quads of about equal size. Boundaries and creases become edges of it, and its "
+        "distance\nto the surface is measured, with a proven bound.\n"
+        "Parts that are thinner than a quad may lose their shape: more quads keep them.\n\n",
+    .exit_status = "Exit status: 0 done, 2 bad input or wrong usage, 3 the distance was not reached.",
     .run = run};

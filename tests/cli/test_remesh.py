@@ -41,3 +41,35 @@ def test_faults_are_told(quadmesh, tmp_path):
     for angle in (181, 400):
         run = quadmesh("remesh", torus, "-o", "out.obj", "--crease-angle", angle)
         assert run.returncode == 2 and "0 to 180 degrees" in run.stderr
+
+
+def check_distance(quadmesh, surface, mesh, result, most):
+    """The bounds that were told hold what another command measures."""
+    again = json.loads(quadmesh("hausdorff", surface, mesh, "--json").stdout)
+    assert result["hausdorff"]["lower"] <= again["upper"] and again["lower"] <= result["hausdorff"]["upper"]
+    assert result["hausdorff"]["upper_relative"] <= most
+
+
+def test_a_distance_is_reached(quadmesh, tmp_path):
+    torus = write_torus(tmp_path / "torus.obj", 80, 40, 0.3)
+    coarse = json.loads(quadmesh("remesh", torus, "-o", "coarse.obj", "--quads", "300", "--json").stdout)
+    check_distance(quadmesh, torus, "coarse.obj", coarse, 1)
+    most = coarse["hausdorff"]["upper_relative"] / 4
+    run = quadmesh("remesh", torus, "-o", "out.obj", "--quads", "300", "--distance", most, "--json")
+    result = json.loads(run.stdout)
+    assert run.returncode == 0 and result["rounds"] > 1 and result["quads"] > coarse["quads"]
+    check_distance(quadmesh, torus, "out.obj", result, most)
+    assert quadmesh("remesh", torus, "-o", "out.obj", "--distance", "-1").returncode == 2
+
+
+def test_blocks_of_quads(quadmesh, tmp_path):
+    torus = write_torus(tmp_path / "torus.obj", 80, 40, 0.3)
+    run = quadmesh("remesh", torus, "-o", "out.obj", "--quads", "2000", "--semi-regular", "--json")
+    assert run.returncode == 0, run.stderr
+    result = json.loads(run.stdout)
+    assert 1900 <= result["quads"] <= 2000 and result["patches"] >= 1 and result["folded"] == 0
+    facts = json.loads(quadmesh("info", "out.obj", "--json").stdout)
+    assert facts["euler_number"] == 0 and facts["watertight"] and facts["faces"]["quads"] == result["quads"]
+    check_distance(quadmesh, torus, "out.obj", result, 0.02)
+    out_of_reach = quadmesh("remesh", torus, "-o", "out.obj", "--quads", "500", "--semi-regular", "--distance", "1e-6")
+    assert out_of_reach.returncode == 3 and "distance at most" in out_of_reach.stdout
