@@ -176,7 +176,7 @@ static int reconstruct(qm_context *ctx, reconstruct_options *options, const qm_l
 
 static int run(int argc, char **argv)
 {
-    reconstruct_options o = {.goal = {.measures = true, .thread_count = 1}};
+    reconstruct_options o = {.goal = {.measures = true}};
     bool skips_measuring = false;
     const cli_option options[] = {
         {.name = "output",
@@ -229,13 +229,7 @@ static int run(int argc, char **argv)
          .type = CLI_TEXT,
          .target = &o.picture,
          .help = "a picture of the mesh"},
-        {.name = "threads",
-         .value = "N",
-         .type = CLI_INT,
-         .min = 1,
-         .max = QM_JOB_MAX_THREADS,
-         .target = &o.goal.thread_count,
-         .help = "threads (default 1); the mesh does not depend on them"},
+        CLI_OPTION_THREADS(&o.goal.thread_count),
         {.name = "json",
          .letter = 'j',
          .type = CLI_FLAG,
@@ -249,6 +243,7 @@ static int run(int argc, char **argv)
     o.surface = paths[0];
     o.layout = paths[1];
     o.goal.measures = !skips_measuring;
+    o.goal.thread_count = cli_count_threads(o.goal.thread_count);
     if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
     if (o.picture && !cli_check_writable(o.picture, o.as_json)) return EXIT_BAD_INPUT;
     qm_context ctx = qm_host_context();

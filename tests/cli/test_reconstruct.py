@@ -1,8 +1,8 @@
 """`quadmesh reconstruct`: files in, a mesh and a picture out, and what it says when something is wrong."""
 import json
-import re
 import math
 import os
+import re
 import struct
 import zlib
 
