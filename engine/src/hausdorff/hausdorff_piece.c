@@ -771,20 +771,10 @@ static bool match_reached(const qm_piece_work *work, const qm_bilinear *patch, q
 static bool middle_reached(const qm_piece_work *work, const qm_bilinear *patch, qm_vec centre,
                            qm_near_quads *near, remainder_list *remainder)
 {
-    qm_uv_box middle, rest = parameters_of(&work->piece);
+    qm_uv_box middle, whole = parameters_of(&work->piece);
     if (near->count == 0 || !qm_patches_cover_middle(work, patch, centre, &near->at[0], &middle))
         return false;
-    remainder->count = 0;
-    for (int k = 0; k < 4; k++) {
-        int axis = k / 2;
-        double cut = k % 2 ? middle.high[axis] : middle.low[axis];
-        double *side = k % 2 ? &rest.high[axis] : &rest.low[axis];
-        if (cut == *side) continue;
-        qm_uv_box *strip = &remainder->at[remainder->count++];
-        *strip = rest;
-        *(k % 2 ? &strip->low[axis] : &strip->high[axis]) = cut;
-        *side = cut;
-    }
+    remainder->count = qm_uv_box_strips(&whole, &middle, remainder->at);
     return makes_progress(work, patch, remainder);
 }
 

@@ -240,24 +240,6 @@ static bool part_over_target(const pairing *match, const qm_uv_box *whole, pairi
     return true;
 }
 
-/** The rectangles by which a rectangle exceeds a part of it; returns their number. */
-static int strips_beside(const qm_uv_box *whole, const qm_uv_box *part, qm_uv_box strip[4])
-{
-    int count = 0;
-    qm_uv_box rest = *whole;
-    for (int k = 0; k < 4; k++) {
-        int axis = k / 2;
-        double cut = k % 2 ? part->high[axis] : part->low[axis];
-        double *side = k % 2 ? &rest.high[axis] : &rest.low[axis];
-        if (cut == *side) continue;
-        strip[count] = rest;
-        *(k % 2 ? &strip[count].low[axis] : &strip[count].high[axis]) = cut;
-        *side = cut;
-        count++;
-    }
-    return count;
-}
-
 /** Whether a rectangle is so much longer than the cutoff that halves would be many before they match. */
 static bool is_long(const match_work *work, const qm_uv_box *box)
 {
@@ -289,7 +271,7 @@ static bool cover_within(const match_work *work, const pairing *start, int passe
         bool is_matched = beyond.longest <= work->cutoff;
         if (!is_matched && pass + 1 == passes) return false;
         if (!part_over_target(&beyond, &start->source, &part)) return false;
-        strips = strips_beside(&start->source, &part.source, strip);
+        strips = qm_uv_box_strips(&start->source, &part.source, strip);
         if (strips == 0) return false;
         inner = part;
         improve(work, &inner, 0.0);
