@@ -511,9 +511,12 @@ static void process_stack(qm_piece_work *work)
     for (int budget = VISIT_BUDGET; work->height > 0; budget--) {
         qm_part next = work->stack[--work->height];
         work->worker->iterations++;
-        if (budget > 0 && next.cuts_left > 1)
+        if (budget > 0 && next.cuts_left > 1) {
             process_part(work, &next);
-        else
+            /* The parts beside one that raised the lower bound have nearly its distance. */
+            qm_worker_follow(work->worker);
+            if (qm_candidates_cutoff(work) > work->filled_for) qm_candidates_refill(work);
+        } else
             queue_part(work, &next);
     }
     qm_worker_discard(work->worker, qm_search_cutoff(work->search));
