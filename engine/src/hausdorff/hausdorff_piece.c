@@ -58,6 +58,7 @@
 #define MAX_LEFT 0.75        /* of the longer side of a thin rectangle may be left over */
 #define RECTANGLE_ATTEMPTS 3 /* covers of one rectangle, each with candidates that its centre brought */
 #define OFTEN 3              /* cuts and matches that have left a rectangle over, at least */
+#define FOLD_SAMPLES 2       /* intervals between the points measured along a fold */
 #define CROSSING_STEPS 40    /* of the bisection for the end of a patch */
 #define INSET 1e-3           /* share of the way in at which the patch under an end is looked up */
 #define CROSSING_MARGIN 1e-3 /* share of the rectangle that a cut must leave on both sides */
@@ -851,6 +852,34 @@ static bool rectangle_is_covered(qm_piece_work *work)
 }
 
 /**
+ * Measures points of the line along which a patch of the source is folded over, where that crosses the rectangle: the
+ * surface ends there, so that the distance often has a ridge along it, which samples on both sides of the line miss.
+ */
+static void sample_fold(qm_piece_work *work, const qm_bilinear *patch)
+{
+    const qm_uv_box box = parameters_of(&work->piece);
+    qm_bilinear_jacobian area = qm_bilinear_jacobian_make(patch);
+    double end[2][2];
+    int count = 0;
+    for (int k = 0; k < 4 && count < 2; k++) { /* the side of an axis from low to high, the other one fixed */
+        int axis = k / 2;
+        double at[2], fixed = k % 2 ? box.high[1 - axis] : box.low[1 - axis];
+        at[1 - axis] = fixed;
+        at[axis] = -(area.at + area.rise[1 - axis] * fixed) / area.rise[axis];
+        if (!(at[axis] >= box.low[axis] && at[axis] <= box.high[axis])) continue;
+        end[count][0] = at[0];
+        end[count][1] = at[1];
+        count++;
+    }
+    if (count < 2) return;
+    for (int i = 0; i <= FOLD_SAMPLES; i++) {
+        double share = (double)i / FOLD_SAMPLES;
+        sample_unreached(work, qm_bilinear_at(patch, end[0][0] + share * (end[1][0] - end[0][0]),
+                                              end[0][1] + share * (end[1][1] - end[0][1])));
+    }
+}
+
+/**
  * A rectangle so small that a sample of any point of it ends it: cuts at the border of what a patch reaches
  * would come down to rectangles between neighbouring numbers, of which a match covers nothing.
  */
@@ -912,6 +941,7 @@ static void process_rectangle(qm_piece_work *work)
         return;
     }
     sample_corners(work, &corners, QM_STRICT_DEPTH);
+    sample_fold(work, &patch);
     split_rectangle(work, &patch);
 }
 
