@@ -58,6 +58,7 @@
 #define MAX_LEFT 0.75        /* of the longer side of a thin rectangle may be left over */
 #define RECTANGLE_ATTEMPTS 3 /* covers of one rectangle, each with candidates that its centre brought */
 #define OFTEN 3              /* cuts and matches that have left a rectangle over, at least */
+#define MIN_OVERLAY_SLACK 0.1 /* of the cutoff: a rectangle that is flatter goes on as triangles */
 #define FOLD_SAMPLES 2       /* intervals between the points measured along a fold */
 #define CROSSING_STEPS 40    /* of the bisection for the end of a patch */
 #define INSET 1e-3           /* share of the way in at which the patch under an end is looked up */
@@ -889,6 +890,15 @@ static bool is_small(const qm_piece_work *work)
     return diameter(corner, 4) <= 0.5 * work->search->tolerance * work->side->scale;
 }
 
+/**
+ * Covers a rectangle that is bent against its distance by an overlay, where that is over triangles: it may be over many of them.
+ */
+static bool rectangle_overlaid(const qm_piece_work *work, const qm_bilinear_halves *halves)
+{
+    if (!(halves->slack > MIN_OVERLAY_SLACK * qm_candidates_cutoff(work))) return false;
+    return qm_overlay_test_patch(work->worker, work->side, work->piece.corner, work->near);
+}
+
 /** Covers a rectangle by all candidates and those that a sample of its centre brings; else *corners are its
  * own, with in_reach. */
 static bool rectangle_reached(qm_piece_work *work, const qm_bilinear *patch, const qm_bilinear_halves *halves,
@@ -905,6 +915,7 @@ static bool rectangle_reached(qm_piece_work *work, const qm_bilinear *patch, con
         if (is_matched && remainder.count == 0) return true;
         bool is_flat = halves->slack < qm_candidates_cutoff(work);
         if (is_flat && triangles_reached(work, halves, centre, &near)) return true;
+        if (attempt == 0 && near.count == 0 && rectangle_overlaid(work, halves)) return true;
         if (attempt == 0 && !is_small(work) && !(is_matched && remainder.count <= FEW_REMAINDERS) &&
             middle_reached(work, patch, centre, &near, &left)) {
             queue_remainder(work, patch, &left);

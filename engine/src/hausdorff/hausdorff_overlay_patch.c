@@ -1,0 +1,189 @@
+/**
+ * hausdorff_overlay_patch.c: the vertical distance of a rectangle of a bilinear patch from the facets over it.
+ *
+ * Seen along the axis of an overlay's frame, the height of a point of the rectangle above the plane of a facet is a linear
+ * function of the point, and so bilinear in the parameters s and t. So is the doubled area of the point and an edge of the
+ * facet, which is at least 0 inside of the edge. The bound is the largest height above the facet's plane of all points of the
+ * rectangle that are over the facet: no slack is lost to the bend of the patch.
+ *
+ * Over a box of half sizes a and b about (s0, t0), a bilinear function is f + (s - s0) f_s + (t - t0) f_t + (s - s0) (t - t0) w,
+ * with its values at the centre: it is at most the linear function f + (s - s0) f_s + (t - t0) f_t + |w| a b. Where that is below
+ * 0 for one of the edges, no point of the box is over the facet. So the box is clipped to a convex polygon by three linear
+ * functions, which holds all of the box that is over the facet. The box of the polygon is smaller, and what the linear functions
+ * lose falls with its area: a few rounds leave hardly more than what is over the facet.
+ *
+ * A bilinear function has no extremum inside a polygon: from any point it is linear along s, so that one of both ways it
+ * does not fall, up to an edge. Along an edge it is quadratic, and its extremum is known.
+ *
+ * A rectangle whose corners turn the same way, as seen along the axis, lies over the two triangles (c0 c1 c2) and (c0 c2 c3),
+ * which fill its convex hull. So each of its points has a facet over it where an odd number of facets is over a point of either
+ * triangle, and no edge of the boundary of the facets over their insides (hausdorff_overlay.c).
+ *
+ * Roundings, s being the greatest coordinate. A doubled area at a corner is off by less than QM_OVERLAY_AREA u s^2, a height
+ * above a plane by plane_error s. The clipped values are sums of a few of these with weights up to 1: off by 32 u of the largest.
+ * Half planes are taken wider by both, twice: the place where a computed value vanishes along an edge is then beyond the place
+ * where the true one does. The parameters of corners of polygons are off by 4 u, and heights there by 4 u of their range over
+ * the rectangle for each; with 16 u for computing one from four corners and 16 u for the extremum of an edge, below HEIGHT_ROUNDINGS of
+ * the largest height of a corner.
+ */
+#include "hausdorff_overlay.h"
+
+#include "core/rounding.h"
+
+#define CLIP_ROUNDINGS 64.0
+#define HEIGHT_ROUNDINGS 64.0
+#define MAX_ROUNDS 5   /* of clipping a box */
+#define MIN_SHRINK 0.8 /* of the area: a round that leaves more is the last one */
+#define MAX_CORNERS 8
+
+/** A function that is bilinear over the unit square, by its values at (0, 0), (1, 0), (1, 1), (0, 1). */
+typedef struct bilinear_function {
+    double at[4];
+} bilinear_function;
+
+typedef struct clipped_polygon {
+    int count;
+    double at[MAX_CORNERS][2];
+} clipped_polygon;
+
+static double value_at(const bilinear_function *f, double s, double t)
+{
+    double low = f->at[0] + s * (f->at[1] - f->at[0]), high = f->at[3] + s * (f->at[2] - f->at[3]);
+    return low + t * (high - low);
+}
+
+static double largest_of(const bilinear_function *f)
+{
+    return qm_max(qm_max(fabs(f->at[0]), fabs(f->at[1])), qm_max(fabs(f->at[2]), fabs(f->at[3])));
+}
+
+static double twist_of(const bilinear_function *f)
+{
+    return (f->at[0] - f->at[1]) + (f->at[2] - f->at[3]);
+}
+
+/** Cuts off what is certainly below 0 in a box. */
+static void clip(const bilinear_function *f, double margin, const double low[2], const double high[2],
+                 clipped_polygon *polygon)
+{
+    double s = 0.5 * (low[0] + high[0]), t = 0.5 * (low[1] + high[1]), w = twist_of(f);
+    double along_s = f->at[1] - f->at[0] + t * w, along_t = f->at[3] - f->at[0] + s * w;
+    double most = value_at(f, s, t) + 0.25 * fabs(w) * (high[0] - low[0]) * (high[1] - low[1]) + margin;
+    double value[MAX_CORNERS];
+    int count = polygon->count;
+    for (int i = 0; i < count; i++)
+        value[i] = most + (polygon->at[i][0] - s) * along_s + (polygon->at[i][1] - t) * along_t;
+    clipped_polygon out = {.count = 0};
+    for (int i = 0; i < count; i++) {
+        int next = (i + 1) % count;
+        if (!(value[i] < 0.0)) {
+            QM_ASSERT(out.count < MAX_CORNERS);
+            out.at[out.count][0] = polygon->at[i][0];
+            out.at[out.count++][1] = polygon->at[i][1];
+        }
+        if ((value[i] < 0.0) == (value[next] < 0.0)) continue;
+        double share = value[i] / (value[i] - value[next]);
+        QM_ASSERT(out.count < MAX_CORNERS);
+        for (int k = 0; k < 2; k++)
+            out.at[out.count][k] = polygon->at[i][k] + share * (polygon->at[next][k] - polygon->at[i][k]);
+        out.count++;
+    }
+    *polygon = out;
+}
+
+/** The greatest value by magnitude on the edges of a polygon, but for roundings. */
+static double largest_on(const bilinear_function *f, const clipped_polygon *polygon)
+{
+    double w = twist_of(f), largest = 0.0;
+    for (int i = 0; i < polygon->count; i++) {
+        const double *p = polygon->at[i], *q = polygon->at[(i + 1) % polygon->count];
+        double here = value_at(f, p[0], p[1]), there = value_at(f, q[0], q[1]);
+        double bend = w * (q[0] - p[0]) * (q[1] - p[1]), rise = there - here - bend;
+        largest = qm_max(largest, fabs(here));
+        if (rise * bend < 0.0 && fabs(rise) < 2.0 * fabs(bend))
+            largest = qm_max(largest, fabs(here - 0.25 * rise * rise / bend));
+    }
+    return largest;
+}
+
+/** The greatest height, by magnitude, over the points of the rectangle that lie inside of three edges; improved until it is
+ * at most enough, or cannot be. Negative where there are none. */
+static double largest_inside(const bilinear_function *height, const bilinear_function inside[3],
+                             const double margin[3], double enough)
+{
+    double low[2] = {0.0, 0.0}, high[2] = {1.0, 1.0}, largest = INFINITY;
+    for (int round = 0; round < MAX_ROUNDS; round++) {
+        clipped_polygon polygon = {4, {{low[0], low[1]}, {high[0], low[1]}, {high[0], high[1]}, {low[0], high[1]}}};
+        for (int k = 0; k < 3 && polygon.count > 0; k++)
+            clip(&inside[k], margin[k], low, high, &polygon);
+        if (polygon.count == 0) return -1.0;
+        largest = qm_min(largest, largest_on(height, &polygon));
+        double area = (high[0] - low[0]) * (high[1] - low[1]);
+        for (int k = 0; k < 2; k++) {
+            low[k] = high[k] = polygon.at[0][k];
+            for (int i = 1; i < polygon.count; i++) {
+                low[k] = qm_min(low[k], polygon.at[i][k]);
+                high[k] = qm_max(high[k], polygon.at[i][k]);
+            }
+        }
+        if (largest <= enough || !((high[0] - low[0]) * (high[1] - low[1]) <= MIN_SHRINK * area)) break;
+    }
+    return largest;
+}
+
+/** A facet's corners, and whether its box meets that of the rectangle. */
+static bool load_facet(const qm_overlay_facets *facets, int index, const double corner[4][3], double facet[3][3])
+{
+    int group = index / QM_PACK_LANES, lane = index % QM_PACK_LANES;
+    for (int i = 0; i < 9; i++)
+        facet[i / 3][i % 3] = facets->group[group].at[i / 3][i % 3][lane];
+    for (int k = 0; k < 2; k++) {
+        double low = qm_min(facet[0][k], qm_min(facet[1][k], facet[2][k]));
+        double high = qm_max(facet[0][k], qm_max(facet[1][k], facet[2][k]));
+        if (low > qm_max(qm_max(corner[0][k], corner[1][k]), qm_max(corner[2][k], corner[3][k]))) return false;
+        if (high < qm_min(qm_min(corner[0][k], corner[1][k]), qm_min(corner[2][k], corner[3][k]))) return false;
+    }
+    return true;
+}
+
+/** The greatest vertical distance of the rectangle from one facet, where that is over it; negative where it is not. */
+static double facet_gap(const qm_overlay_facets *facets, int index, const double corner[4][3], double enough)
+{
+    double facet[3][3], size = facets->size;
+    int group = index / QM_PACK_LANES, lane = index % QM_PACK_LANES;
+    if (!load_facet(facets, index, corner, facet)) return -1.0;
+    bilinear_function height, inside[3];
+    for (int i = 0; i < 4; i++) {
+        height.at[i] = corner[i][2] - facets->group[group].plane[2][lane];
+        for (int k = 0; k < 2; k++)
+            height.at[i] -= facets->group[group].plane[k][lane] * corner[i][k];
+    }
+    double highest = largest_of(&height), error = size * facets->group[group].plane_error[lane];
+    error += facets->group[group].twist[lane] + HEIGHT_ROUNDINGS * QM_UNIT_ROUNDING * highest;
+    if (!(error < enough) || highest + error <= enough) return highest + error;
+    double turn = 0.0, margin[3];
+    for (int e = 0; e < 3; e++) {
+        const double *a = facet[e], *b = facet[(e + 1) % 3], *c = facet[(e + 2) % 3];
+        double x = b[0] - a[0], y = b[1] - a[1];
+        if (e == 0) turn = x * (c[1] - a[1]) - y * (c[0] - a[0]) < 0.0 ? -1.0 : 1.0;
+        for (int i = 0; i < 4; i++)
+            inside[e].at[i] = turn * (x * (corner[i][1] - a[1]) - y * (corner[i][0] - a[0]));
+        margin[e] = 2.0 * QM_UNIT_ROUNDING *
+                    (QM_OVERLAY_AREA * size * size + CLIP_ROUNDINGS * largest_of(&inside[e]));
+    }
+    double largest = largest_inside(&height, inside, margin, enough - error);
+    return largest < 0.0 ? largest : largest + error;
+}
+
+double qm_overlay_patch_gap(const qm_overlay_facets *facets, const double corner[4][3], double enough, uint8_t *far)
+{
+    QM_ASSERT(facets && corner);
+    double largest = -1.0;
+    for (int i = 0; i < facets->count; i++) {
+        double gap = facet_gap(facets, i, corner, enough);
+        if (far && !(gap <= enough)) far[i / QM_PACK_LANES] |= (uint8_t)(1u << i % QM_PACK_LANES);
+        if (!(gap <= largest)) largest = gap;
+        if (!far && !(gap <= enough)) break;
+    }
+    return largest;
+}
