@@ -411,15 +411,17 @@ static bool set_patch(const qm_overlay *overlay, const qm_vec corner[4], double 
     return patch->enough > 0.0;
 }
 
-/** True when the facets are over all of the rectangle. */
-static bool is_under(const qm_kernel *kernel, const qm_overlay_facets *facets, const seen_patch *patch)
+/** How many facets are over the rectangle where that is odd for all of it; 0 otherwise. */
+static int count_over(const qm_kernel *kernel, const qm_overlay_facets *facets, const seen_patch *patch)
 {
+    int most = 0;
     for (int half = 0; half < 2; half++) {
-        if (!kernel->overlay_is_clear(facets, &patch->half[half])) return false;
+        if (!kernel->overlay_is_clear(facets, &patch->half[half])) return 0;
         int count = kernel->overlay_count(facets, &patch->half[half]);
-        if (!(count > 0 && count % 2 == 1)) return false;
+        if (!(count > 0 && count % 2 == 1)) return 0;
+        most = count > most ? count : most;
     }
-    return true;
+    return most;
 }
 
 bool qm_overlay_test_patch(qm_worker *worker, const qm_side *side, const qm_vec corner[4],
@@ -428,15 +430,17 @@ bool qm_overlay_test_patch(qm_worker *worker, const qm_side *side, const qm_vec 
     QM_ASSERT(worker && side && corner && near);
     const qm_kernel *kernel = worker->search->kernel;
     qm_overlay overlay;
+    qm_overlay_facets *facets = &overlay.facets;
     seen_patch patch;
     qm_vec normal = qm_vec_cross(qm_vec_sub(corner[2], corner[0]), qm_vec_sub(corner[3], corner[1]));
     if (!qm_overlay_set(worker, side, normal, corner, 4, near, &overlay)) return false;
     if (!set_patch(&overlay, corner, qm_search_cutoff(worker->search) * side->scale, &patch)) return false;
-    count_work(worker, 20 + 3 * (uint64_t)overlay.facets.count);
-    bool is_over = is_under(kernel, &overlay.facets, &patch);
+    count_work(worker, 20 + 3 * (uint64_t)facets->count);
+    int count = count_over(kernel, facets, &patch);
     uint8_t far[QM_OVERLAY_GROUPS] = {0};
-    if (qm_overlay_patch_gap(&overlay.facets, patch.corner, patch.enough, far) <= patch.enough) return is_over;
-    /* The set without the facets that are too far may be over it as well. */
-    return set_overlay(worker, side, near, far, &overlay) && is_under(kernel, &overlay.facets, &patch) &&
-           qm_overlay_patch_gap(&overlay.facets, patch.corner, patch.enough, NULL) <= patch.enough;
+    /* Where one facet is over each point, and one of them is too far, the others leave a hole. */
+    if (count == 1) return qm_overlay_patch_gap(facets, patch.corner, patch.enough, NULL) <= patch.enough;
+    if (qm_overlay_patch_gap(facets, patch.corner, patch.enough, far) <= patch.enough) return count > 0;
+    return set_overlay(worker, side, near, far, &overlay) && count_over(kernel, facets, &patch) > 0 &&
+           qm_overlay_patch_gap(facets, patch.corner, patch.enough, NULL) <= patch.enough;
 }

@@ -15,6 +15,9 @@
  * A bilinear function has no extremum inside a polygon: from any point it is linear along s, so that one of both ways it
  * does not fall, up to an edge. Along an edge it is quadratic, and its extremum is known.
  *
+ * Over a facet that is steep the distance is much less than the vertical one. It is convex, so that of all points of a
+ * triangle of the polygon none is farther than the farthest of its six Bezier points, the polar form of two of its corners.
+ *
  * A rectangle whose corners turn the same way, as seen along the axis, lies over the two triangles (c0 c1 c2) and (c0 c2 c3),
  * which fill its convex hull. So each of its points has a facet over it where an odd number of facets is over a point of either
  * triangle, and no edge of the boundary of the facets over their insides (hausdorff_overlay.c).
@@ -24,14 +27,18 @@
  * Half planes are taken wider by both, twice: the place where a computed value vanishes along an edge is then beyond the place
  * where the true one does. The parameters of corners of polygons are off by 4 u, and heights there by 4 u of their range over
  * the rectangle for each; with 16 u for computing one from four corners and 16 u for the extremum of an edge, below HEIGHT_ROUNDINGS of
- * the largest height of a corner.
+ * the largest height of a corner. The distance of a point from a triangle is off by 240 u s (triangle.h), a Bezier point by less than
+ * 32 u s, and the polygon's corners move it by 4 u of the range again: below DISTANCE_ROUNDINGS u s.
  */
 #include "hausdorff_overlay.h"
 
 #include "core/rounding.h"
+#include "prim/bilinear.h"
+#include "prim/triangle.h"
 
 #define CLIP_ROUNDINGS 64.0
 #define HEIGHT_ROUNDINGS 64.0
+#define DISTANCE_ROUNDINGS 512.0
 #define MAX_ROUNDS 5   /* of clipping a box */
 #define MIN_SHRINK 0.8 /* of the area: a round that leaves more is the last one */
 #define MAX_CORNERS 8
@@ -107,23 +114,24 @@ static double largest_on(const bilinear_function *f, const clipped_polygon *poly
 }
 
 /** The greatest height, by magnitude, over the points of the rectangle that lie inside of three edges; improved until it is
- * at most enough, or cannot be. Negative where there are none. */
+ * at most enough, or cannot be. Negative where there are none. polygon becomes one that holds them. */
 static double largest_inside(const bilinear_function *height, const bilinear_function inside[3],
-                             const double margin[3], double enough)
+                             const double margin[3], double enough, clipped_polygon *polygon)
 {
     double low[2] = {0.0, 0.0}, high[2] = {1.0, 1.0}, largest = INFINITY;
     for (int round = 0; round < MAX_ROUNDS; round++) {
-        clipped_polygon polygon = {4, {{low[0], low[1]}, {high[0], low[1]}, {high[0], high[1]}, {low[0], high[1]}}};
-        for (int k = 0; k < 3 && polygon.count > 0; k++)
-            clip(&inside[k], margin[k], low, high, &polygon);
-        if (polygon.count == 0) return -1.0;
-        largest = qm_min(largest, largest_on(height, &polygon));
+        *polygon = (clipped_polygon){
+            4, {{low[0], low[1]}, {high[0], low[1]}, {high[0], high[1]}, {low[0], high[1]}}};
+        for (int k = 0; k < 3 && polygon->count > 0; k++)
+            clip(&inside[k], margin[k], low, high, polygon);
+        if (polygon->count == 0) return -1.0;
+        largest = qm_min(largest, largest_on(height, polygon));
         double area = (high[0] - low[0]) * (high[1] - low[1]);
         for (int k = 0; k < 2; k++) {
-            low[k] = high[k] = polygon.at[0][k];
-            for (int i = 1; i < polygon.count; i++) {
-                low[k] = qm_min(low[k], polygon.at[i][k]);
-                high[k] = qm_max(high[k], polygon.at[i][k]);
+            low[k] = high[k] = polygon->at[0][k];
+            for (int i = 1; i < polygon->count; i++) {
+                low[k] = qm_min(low[k], polygon->at[i][k]);
+                high[k] = qm_max(high[k], polygon->at[i][k]);
             }
         }
         if (largest <= enough || !((high[0] - low[0]) * (high[1] - low[1]) <= MIN_SHRINK * area)) break;
@@ -131,8 +139,32 @@ static double largest_inside(const bilinear_function *height, const bilinear_fun
     return largest;
 }
 
+static qm_vec point_of(const double at[3])
+{
+    return (qm_vec){at[0], at[1], at[2]};
+}
+
+/** The greatest distance from a facet of the points of a polygon, by the Bezier points of its triangles. */
+static double largest_distance(const double corner[4][3], const clipped_polygon *polygon,
+                               const double facet[3][3])
+{
+    const qm_vec c[4] = {point_of(corner[0]), point_of(corner[1]), point_of(corner[2]), point_of(corner[3])};
+    qm_bilinear patch = qm_bilinear_make(c);
+    qm_triangle triangle = qm_triangle_make(point_of(facet[0]), point_of(facet[1]), point_of(facet[2]));
+    double farthest2 = 0.0;
+    for (int i = 0; i < polygon->count; i++) {
+        int next = (i + 1) % polygon->count;
+        const double *p[3] = {polygon->at[i], polygon->at[next], polygon->at[0]};
+        for (int k = 0; k < 3; k++) /* the corner, the edge to the next one, the diagonal to the first one */
+            farthest2 =
+                qm_max(farthest2, qm_triangle_distance2(&triangle, qm_bilinear_polar(&patch, p[0], p[k])));
+    }
+    return sqrt(farthest2);
+}
+
 /** A facet's corners, and whether its box meets that of the rectangle. */
-static bool load_facet(const qm_overlay_facets *facets, int index, const double corner[4][3], double facet[3][3])
+static bool load_facet(const qm_overlay_facets *facets, int index, const double corner[4][3],
+                       double facet[3][3])
 {
     int group = index / QM_PACK_LANES, lane = index % QM_PACK_LANES;
     for (int i = 0; i < 9; i++)
@@ -140,13 +172,15 @@ static bool load_facet(const qm_overlay_facets *facets, int index, const double 
     for (int k = 0; k < 2; k++) {
         double low = qm_min(facet[0][k], qm_min(facet[1][k], facet[2][k]));
         double high = qm_max(facet[0][k], qm_max(facet[1][k], facet[2][k]));
-        if (low > qm_max(qm_max(corner[0][k], corner[1][k]), qm_max(corner[2][k], corner[3][k]))) return false;
-        if (high < qm_min(qm_min(corner[0][k], corner[1][k]), qm_min(corner[2][k], corner[3][k]))) return false;
+        if (low > qm_max(qm_max(corner[0][k], corner[1][k]), qm_max(corner[2][k], corner[3][k])))
+            return false;
+        if (high < qm_min(qm_min(corner[0][k], corner[1][k]), qm_min(corner[2][k], corner[3][k])))
+            return false;
     }
     return true;
 }
 
-/** The greatest vertical distance of the rectangle from one facet, where that is over it; negative where it is not. */
+/** The greatest distance, vertical or not, of the rectangle from one facet, where that is over it; negative where it is not. */
 static double facet_gap(const qm_overlay_facets *facets, int index, const double corner[4][3], double enough)
 {
     double facet[3][3], size = facets->size;
@@ -160,7 +194,7 @@ static double facet_gap(const qm_overlay_facets *facets, int index, const double
     }
     double highest = largest_of(&height), error = size * facets->group[group].plane_error[lane];
     error += facets->group[group].twist[lane] + HEIGHT_ROUNDINGS * QM_UNIT_ROUNDING * highest;
-    if (!(error < enough) || highest + error <= enough) return highest + error;
+    if (highest + error <= enough) return highest + error;
     double turn = 0.0, margin[3];
     for (int e = 0; e < 3; e++) {
         const double *a = facet[e], *b = facet[(e + 1) % 3], *c = facet[(e + 2) % 3];
@@ -171,11 +205,18 @@ static double facet_gap(const qm_overlay_facets *facets, int index, const double
         margin[e] = 2.0 * QM_UNIT_ROUNDING *
                     (QM_OVERLAY_AREA * size * size + CLIP_ROUNDINGS * largest_of(&inside[e]));
     }
-    double largest = largest_inside(&height, inside, margin, enough - error);
-    return largest < 0.0 ? largest : largest + error;
+    clipped_polygon polygon;
+    double largest = largest_inside(&height, inside, margin, enough - error, &polygon);
+    if (largest < 0.0 || largest + error <= enough) return largest < 0.0 ? largest : largest + error;
+    /* The distance from the facet's plane, which the distance from the facet is at least. */
+    double x = facets->group[group].plane[0][lane], y = facets->group[group].plane[1][lane];
+    if (largest > enough * sqrt(1.0 + x * x + y * y)) return largest + error;
+    double off = facets->group[group].twist[lane] + DISTANCE_ROUNDINGS * QM_UNIT_ROUNDING * size;
+    return qm_min(largest + error, largest_distance(corner, &polygon, facet) + off);
 }
 
-double qm_overlay_patch_gap(const qm_overlay_facets *facets, const double corner[4][3], double enough, uint8_t *far)
+double qm_overlay_patch_gap(const qm_overlay_facets *facets, const double corner[4][3], double enough,
+                            uint8_t *far)
 {
     QM_ASSERT(facets && corner);
     double largest = -1.0;

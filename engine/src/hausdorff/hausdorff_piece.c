@@ -48,21 +48,21 @@
 #define MIN_HIT_SHARE 2       /* at least one in two tries must succeed to go on */
 
 /* Rectangles */
-#define SLACK_SHARE 0.25     /* of the tolerance: a patch this flat goes on as triangles */
-#define MAX_SLACK_SHARE 0.5  /* of the cutoff: a patch bent more is cut before its triangles are tried */
-#define MIDPOINT_LEVELS 3    /* cut at the midpoint: grids refined by halves then meet line on line */
-#define MIN_SIDE 0.7         /* of the longer side: a shorter one is cut as well */
-#define MAX_REMAINDERS 32    /* parts that a match leaves over: one that leaves more is not used */
-#define FEW_REMAINDERS 2     /* where a match leaves more, one patch may cover more about the centre */
-#define THIN 0.06            /* of the longer side: a rectangle with a shorter one is thin */
-#define MAX_LEFT 0.75        /* of the longer side of a thin rectangle may be left over */
-#define RECTANGLE_ATTEMPTS 3 /* covers of one rectangle, each with candidates that its centre brought */
-#define OFTEN 3              /* cuts and matches that have left a rectangle over, at least */
+#define SLACK_SHARE 0.25      /* of the tolerance: a patch this flat goes on as triangles */
+#define MAX_SLACK_SHARE 0.5   /* of the cutoff: a patch bent more is cut before its triangles are tried */
+#define MIDPOINT_LEVELS 3     /* cut at the midpoint: grids refined by halves then meet line on line */
+#define MIN_SIDE 0.7          /* of the longer side: a shorter one is cut as well */
+#define MAX_REMAINDERS 32     /* parts that a match leaves over: one that leaves more is not used */
+#define FEW_REMAINDERS 2      /* where a match leaves more, one patch may cover more about the centre */
+#define THIN 0.06             /* of the longer side: a rectangle with a shorter one is thin */
+#define MAX_LEFT 0.75         /* of the longer side of a thin rectangle may be left over */
+#define RECTANGLE_ATTEMPTS 3  /* covers of one rectangle, each with candidates that its centre brought */
+#define OFTEN 3               /* cuts and matches that have left a rectangle over, at least */
 #define MIN_OVERLAY_SLACK 0.1 /* of the cutoff: a rectangle that is flatter goes on as triangles */
-#define FOLD_SAMPLES 2       /* intervals between the points measured along a fold */
-#define CROSSING_STEPS 40    /* of the bisection for the end of a patch */
-#define INSET 1e-3           /* share of the way in at which the patch under an end is looked up */
-#define CROSSING_MARGIN 1e-3 /* share of the rectangle that a cut must leave on both sides */
+#define FOLD_SAMPLES 2        /* intervals between the points measured along a fold */
+#define CROSSING_STEPS 40     /* of the bisection for the end of a patch */
+#define INSET 1e-3            /* share of the way in at which the patch under an end is looked up */
+#define CROSSING_MARGIN 1e-3  /* share of the rectangle that a cut must leave on both sides */
 
 /** Sets the slack of the piece's triangles: how far they are from the source's surface, and the roundings of
  * the cuts that eta has no room for. */
