@@ -316,13 +316,18 @@ static double set_face(const qm_overlay *overlay, const qm_vec corner[3], double
     return cutoff - overlay->shrink - size * qm_overlay_set_face(face, size);
 }
 
+/** True when an odd number of facets is over each point of a face. */
+static bool is_under(const qm_kernel *kernel, const qm_overlay_facets *facets, const qm_overlay_face *face)
+{
+    if (!kernel->overlay_is_clear(facets, face)) return false;
+    int count = kernel->overlay_count(facets, face);
+    return count > 0 && count % 2 == 1;
+}
+
 static bool is_covered(const qm_kernel *kernel, const qm_overlay_facets *facets, const qm_overlay_face *face,
                        double enough)
 {
-    if (!kernel->overlay_is_clear(facets, face)) return false;
-    if (!(kernel->overlay_gap(facets, face, enough, NULL) <= enough)) return false;
-    int count = kernel->overlay_count(facets, face);
-    return count > 0 && count % 2 == 1;
+    return is_under(kernel, facets, face) && kernel->overlay_gap(facets, face, enough, NULL) <= enough;
 }
 
 unsigned qm_overlay_test(qm_worker *worker, const qm_side *side, const qm_overlay *overlay,
@@ -356,11 +361,13 @@ bool qm_overlay_test_face(qm_worker *worker, const qm_side *side, const qm_vec c
     double enough = set_face(&overlay, source.corner[0], cutoff - slack, &face);
     if (!(enough > 0.0)) return false;
     count_work(worker, 12 + (uint64_t)overlay.facets.count / 8);
-    if (is_covered(kernel, &overlay.facets, &face, enough)) return true;
+    const qm_overlay_facets *facets = &overlay.facets;
+    bool is_over = is_under(kernel, facets, &face);
     uint8_t far[QM_OVERLAY_GROUPS] = {0};
-    if (kernel->overlay_gap(&overlay.facets, &face, enough, far) <= enough) return false;
-    return set_overlay(worker, side, near, far, &overlay) &&
-           is_covered(kernel, &overlay.facets, &face, enough);
+    bool is_near = kernel->overlay_gap(facets, &face, enough, far) <= enough ||
+                   (facets->has_patches && qm_overlay_patches_are_near(facets, &face, enough, far));
+    if (is_near) return is_over;
+    return set_overlay(worker, side, near, far, &overlay) && is_covered(kernel, facets, &face, enough);
 }
 
 /* --- Rectangles of patches --- */

@@ -52,6 +52,11 @@ bool qm_overlay_test_patch(qm_worker *worker, const qm_side *side, const qm_vec 
 double qm_overlay_patch_gap(const qm_overlay_facets *facets, const double corner[4][3], double enough,
                             uint8_t *far);
 
+/** Clears the bits in far of facets whose whole patch, where it is over a face, is within enough of its plane; true when no
+ * other bits are set. */
+bool qm_overlay_patches_are_near(const qm_overlay_facets *facets, const qm_overlay_face *face, double enough,
+                                 uint8_t *far);
+
 /** Sets all else of a face from its corners. Returns the margin of its vertical distances for each unit of
  * size, the largest coordinate by magnitude; INFINITY where the face is too steep or too thin. */
 double qm_overlay_set_face(qm_overlay_face *face, double size);

@@ -1,5 +1,6 @@
 /**
- * hausdorff_overlay_patch.c: the vertical distance of a rectangle of a bilinear patch from the facets over it.
+ * hausdorff_overlay_patch.c: the vertical distance of a rectangle of a bilinear patch from the facets over it, and of a face
+ * from the patches over it.
  *
  * Seen along the axis of an overlay's frame, the height of a point of the rectangle above the plane of a facet is a linear
  * function of the point, and so bilinear in the parameters s and t. So is the doubled area of the point and an edge of the
@@ -17,6 +18,10 @@
  *
  * Over a facet that is steep the distance is much less than the vertical one. It is convex, so that of all points of a
  * triangle of the polygon none is farther than the farthest of its six Bezier points, the polar form of two of its corners.
+ *
+ * A face of the source over patches of the target is the same the other way round: the height of a patch over the plane of the
+ * face, where it is over the face. Which points of the face have a point of a patch over them is shown as for the flatness bound,
+ * by the facets (hausdorff_overlay.c).
  *
  * A rectangle whose corners turn the same way, as seen along the axis, lies over the two triangles (c0 c1 c2) and (c0 c2 c3),
  * which fill its convex hull. So each of its points has a facet over it where an odd number of facets is over a point of either
@@ -180,24 +185,25 @@ static bool load_facet(const qm_overlay_facets *facets, int index, const double 
     return true;
 }
 
-/** The greatest distance, vertical or not, of the rectangle from one facet, where that is over it; negative where it is not. */
-static double facet_gap(const qm_overlay_facets *facets, int index, const double corner[4][3], double enough)
+/** The corner's heights above a plane. */
+static bilinear_function heights_over(const double corner[4][3], const double plane[3])
 {
-    double facet[3][3], size = facets->size;
-    int group = index / QM_PACK_LANES, lane = index % QM_PACK_LANES;
-    if (!load_facet(facets, index, corner, facet)) return -1.0;
-    bilinear_function height, inside[3];
-    for (int i = 0; i < 4; i++) {
-        height.at[i] = corner[i][2] - facets->group[group].plane[2][lane];
-        for (int k = 0; k < 2; k++)
-            height.at[i] -= facets->group[group].plane[k][lane] * corner[i][k];
-    }
-    double highest = largest_of(&height), error = size * facets->group[group].plane_error[lane];
-    error += facets->group[group].twist[lane] + HEIGHT_ROUNDINGS * QM_UNIT_ROUNDING * highest;
-    if (highest + error <= enough) return highest + error;
+    bilinear_function height;
+    for (int i = 0; i < 4; i++)
+        height.at[i] = corner[i][2] - (plane[0] * corner[i][0] + plane[1] * corner[i][1] + plane[2]);
+    return height;
+}
+
+/** The greatest height of a patch over a plane, by magnitude, where the patch is over or under a triangle; improved until
+ * it is at most enough, or cannot be. Negative where it is nowhere. polygon becomes one that holds the parameters there. */
+static double largest_over(const double corner[4][3], const double triangle[3][3],
+                           const bilinear_function *height, double size, double enough,
+                           clipped_polygon *polygon)
+{
+    bilinear_function inside[3];
     double turn = 0.0, margin[3];
     for (int e = 0; e < 3; e++) {
-        const double *a = facet[e], *b = facet[(e + 1) % 3], *c = facet[(e + 2) % 3];
+        const double *a = triangle[e], *b = triangle[(e + 1) % 3], *c = triangle[(e + 2) % 3];
         double x = b[0] - a[0], y = b[1] - a[1];
         if (e == 0) turn = x * (c[1] - a[1]) - y * (c[0] - a[0]) < 0.0 ? -1.0 : 1.0;
         for (int i = 0; i < 4; i++)
@@ -205,12 +211,27 @@ static double facet_gap(const qm_overlay_facets *facets, int index, const double
         margin[e] = 2.0 * QM_UNIT_ROUNDING *
                     (QM_OVERLAY_AREA * size * size + CLIP_ROUNDINGS * largest_of(&inside[e]));
     }
+    return largest_inside(height, inside, margin, enough, polygon);
+}
+
+/** The greatest distance, vertical or not, of the rectangle from one facet, where that is over it; negative
+ * where it is not. */
+static double facet_gap(const qm_overlay_facets *facets, int index, const double corner[4][3], double enough)
+{
+    double facet[3][3], plane[3], size = facets->size;
+    int group = index / QM_PACK_LANES, lane = index % QM_PACK_LANES;
+    if (!load_facet(facets, index, corner, facet)) return -1.0;
+    for (int k = 0; k < 3; k++)
+        plane[k] = facets->group[group].plane[k][lane];
+    bilinear_function height = heights_over(corner, plane);
+    double highest = largest_of(&height), error = size * facets->group[group].plane_error[lane];
+    error += facets->group[group].twist[lane] + HEIGHT_ROUNDINGS * QM_UNIT_ROUNDING * highest;
+    if (highest + error <= enough) return highest + error;
     clipped_polygon polygon;
-    double largest = largest_inside(&height, inside, margin, enough - error, &polygon);
+    double largest = largest_over(corner, facet, &height, size, enough - error, &polygon);
     if (largest < 0.0 || largest + error <= enough) return largest < 0.0 ? largest : largest + error;
     /* The distance from the facet's plane, which the distance from the facet is at least. */
-    double x = facets->group[group].plane[0][lane], y = facets->group[group].plane[1][lane];
-    if (largest > enough * sqrt(1.0 + x * x + y * y)) return largest + error;
+    if (largest > enough * sqrt(1.0 + plane[0] * plane[0] + plane[1] * plane[1])) return largest + error;
     double off = facets->group[group].twist[lane] + DISTANCE_ROUNDINGS * QM_UNIT_ROUNDING * size;
     return qm_min(largest + error, largest_distance(corner, &polygon, facet) + off);
 }
@@ -227,4 +248,43 @@ double qm_overlay_patch_gap(const qm_overlay_facets *facets, const double corner
         if (!far && !(gap <= enough)) break;
     }
     return largest;
+}
+
+/** The corners of the patch that a facet is part of, in cyclic order. */
+static void load_patch(const qm_overlay_facets *facets, int group, int lane, double corner[4][3])
+{
+    bool is_second = facets->group[group].is_second[lane];
+    const int from[3] = {0, is_second ? 2 : 1, is_second ? 3 : 2};
+    for (int k = 0; k < 3; k++) {
+        for (int i = 0; i < 3; i++)
+            corner[from[i]][k] = facets->group[group].at[i][k][lane];
+        corner[is_second ? 1 : 3][k] = facets->group[group].opposite[k][lane];
+    }
+}
+
+bool qm_overlay_patches_are_near(const qm_overlay_facets *facets, const qm_overlay_face *face, double enough,
+                                 uint8_t *far)
+{
+    QM_ASSERT(facets && face && far);
+    bool are_near = true;
+    for (int i = 0; i < facets->count; i++) {
+        int group = i / QM_PACK_LANES, lane = i % QM_PACK_LANES;
+        if (!(far[group] >> lane & 1)) continue;
+        double corner[4][3];
+        bool is_near = false;
+        if (facets->group[group].twist[lane] > 0.0 && facets->group[group].opposite[2][lane] < INFINITY) {
+            load_patch(facets, group, lane, corner);
+            bilinear_function height = heights_over(corner, face->plane);
+            double error = HEIGHT_ROUNDINGS * QM_UNIT_ROUNDING * largest_of(&height);
+            clipped_polygon polygon;
+            is_near =
+                largest_over(corner, face->corner, &height, facets->size, enough - error, &polygon) + error <=
+                enough;
+        }
+        if (is_near)
+            far[group] &= (uint8_t) ~(1u << lane);
+        else
+            are_near = false;
+    }
+    return are_near;
 }
