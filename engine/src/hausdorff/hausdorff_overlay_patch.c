@@ -16,8 +16,9 @@
  * A bilinear function has no extremum inside a polygon: from any point it is linear along s, so that one of both ways it
  * does not fall, up to an edge. Along an edge it is quadratic, and its extremum is known.
  *
- * Over a facet that is steep the distance is much less than the vertical one. It is convex, so that of all points of a
- * triangle of the polygon none is farther than the farthest of its six Bezier points, the polar form of two of its corners.
+ * Over a facet that is steep the distance is much less than the vertical one. It is a convex function of the point, and each
+ * point of the polygon is between two on its edges, along a line of constant t, along which the patch is straight. So none
+ * is farther than the farthest Bezier point of an edge: its ends, and the polar form of both.
  *
  * A face of the source over patches of the target is the same the other way round: the height of a patch over the plane of the
  * face, where it is over the face. Which points of the face have a point of a patch over them is shown as for the flatness bound,
@@ -149,7 +150,7 @@ static qm_vec point_of(const double at[3])
     return (qm_vec){at[0], at[1], at[2]};
 }
 
-/** The greatest distance from a facet of the points of a polygon, by the Bezier points of its triangles. */
+/** The greatest distance from a facet of the points of a polygon, by the Bezier points of its edges. */
 static double largest_distance(const double corner[4][3], const clipped_polygon *polygon,
                                const double facet[3][3])
 {
@@ -159,8 +160,8 @@ static double largest_distance(const double corner[4][3], const clipped_polygon 
     double farthest2 = 0.0;
     for (int i = 0; i < polygon->count; i++) {
         int next = (i + 1) % polygon->count;
-        const double *p[3] = {polygon->at[i], polygon->at[next], polygon->at[0]};
-        for (int k = 0; k < 3; k++) /* the corner, the edge to the next one, the diagonal to the first one */
+        const double *p[2] = {polygon->at[i], polygon->at[next]};
+        for (int k = 0; k < 2; k++) /* the corner, and the middle point of the edge to the next one */
             farthest2 =
                 qm_max(farthest2, qm_triangle_distance2(&triangle, qm_bilinear_polar(&patch, p[0], p[k])));
     }
