@@ -78,7 +78,7 @@ static inline void qm_overlay_copy_facet(qm_overlay_facets *facets, int from, in
     for (int k = 0; facets->has_patches && k < 3; k++)
         facets->group[to_group].opposite[k][other] = facets->group[group].opposite[k][lane];
     facets->group[to_group].twist[other] = facets->group[group].twist[lane];
-    facets->group[to_group].is_second[other] = facets->group[group].is_second[lane];
+    if (facets->has_patches) facets->group[to_group].is_second[other] = facets->group[group].is_second[lane];
 }
 
 #endif
