@@ -364,8 +364,9 @@ bool qm_overlay_test_face(qm_worker *worker, const qm_side *side, const qm_vec c
     const qm_overlay_facets *facets = &overlay.facets;
     bool is_over = is_under(kernel, facets, &face);
     uint8_t far[QM_OVERLAY_GROUPS] = {0};
-    bool is_near = kernel->overlay_gap(facets, &face, enough, far) <= enough ||
-                   (facets->has_patches && qm_overlay_patches_are_near(facets, &face, enough, far));
+    bool is_near =
+        kernel->overlay_gap(facets, &face, enough, far) <= enough ||
+        (is_over && facets->has_patches && qm_overlay_patches_are_near(facets, &face, enough, far));
     if (is_near) return is_over;
     return set_overlay(worker, side, near, far, &overlay) && is_covered(kernel, facets, &face, enough);
 }

@@ -59,6 +59,7 @@
 #define RECTANGLE_ATTEMPTS 3  /* covers of one rectangle, each with candidates that its centre brought */
 #define OFTEN 3               /* cuts and matches that have left a rectangle over, at least */
 #define MIN_OVERLAY_SLACK 0.1 /* of the cutoff: a rectangle that is flatter goes on as triangles */
+#define MIN_OVERLAY_SIZE 8.0  /* cutoffs: a rectangle that is smaller has few parts */
 #define FOLD_SAMPLES 2        /* intervals between the points measured along a fold */
 #define CROSSING_STEPS 40     /* of the bisection for the end of a patch */
 #define INSET 1e-3            /* share of the way in at which the patch under an end is looked up */
@@ -891,11 +892,15 @@ static bool is_small(const qm_piece_work *work)
 }
 
 /**
- * Covers a rectangle that is bent against its distance by an overlay, where that is over triangles: it may be over many of them.
+ * Covers a rectangle that is bent against its distance by an overlay, where that is over triangles: it may be over many of them
+ * where it is much larger than the distance.
  */
 static bool rectangle_overlaid(const qm_piece_work *work, const qm_bilinear_halves *halves)
 {
-    if (!(halves->slack > MIN_OVERLAY_SLACK * qm_candidates_cutoff(work))) return false;
+    double cutoff = qm_candidates_cutoff(work);
+    if (!(halves->slack > MIN_OVERLAY_SLACK * cutoff &&
+          diameter(work->piece.corner, 4) > MIN_OVERLAY_SIZE * cutoff))
+        return false;
     return qm_overlay_test_patch(work->worker, work->side, work->piece.corner, work->near);
 }
 
