@@ -5,7 +5,7 @@
 #include "random.h"
 #include "slow_twin.h"
 
-enum { TRIES = 3000, SAMPLES = 24, MAX_REST = 4096 };
+enum { TRIES = 3000, NOISY_TRIES = 600, SAMPLES = 24, MAX_REST = 4096 };
 
 typedef struct rest_list {
     int count;
@@ -217,6 +217,39 @@ static void what_lies_over_a_part_is_covered(void **state)
     assert_true(whole > TRIES * 9 / 10);
 }
 
+/** The same with noise: the target continued is several times the noise from the source at the source's corners, and so
+ * beyond the cutoff; what lies over the target is within it. */
+static void what_lies_over_a_noisy_part_is_covered(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 600);
+    int whole = 0;
+    for (int k = 0; k < NOISY_TRIES; k++) {
+        qm_vec from[4], to[4];
+        random_corners(&random, from);
+        qm_bilinear source = qm_bilinear_make(from);
+        double low[2] = {0, 0}, high[2] = {1, 1}, noise = pow(10.0, qm_random_range(&random, -9, -5));
+        for (int axis = 0; axis < 2; axis++) {
+            if (k % 3 == axis) continue;
+            low[axis] = qm_random_range(&random, 0.1, 0.4);
+            high[axis] = low[axis] + qm_random_range(&random, 0.15, 0.3);
+        }
+        const qm_uv_box part = {{low[0], low[1]}, {high[0], high[1]}}, square = {{0.0, 0.0}, {1.0, 1.0}};
+        qm_uv_box_corners(&source, &part, to);
+        for (int i = 0; i < 4; i++)
+            to[i] = qm_vec_add(to[i], random_vec(&random, noise));
+        qm_bilinear target = qm_bilinear_make(to);
+        double middle[2];
+        for (int axis = 0; axis < 2; axis++)
+            middle[axis] = qm_clamp((0.5 - low[axis]) / (high[axis] - low[axis]), 0.0, 1.0);
+        rest_list rest = {0};
+        if (!qm_bilinear_match(&source, &square, &target, middle, 2.0 * noise, keep_rest, &rest)) continue;
+        check_covered(&source, &square, to, 2.0 * noise, &rest, &random);
+        whole += rest.count <= 4;
+    }
+    assert_true(whole > NOISY_TRIES * 9 / 10);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -225,6 +258,7 @@ int main(void)
         cmocka_unit_test(parts_of_patches_that_are_alike),
         cmocka_unit_test(near_copies_are_covered_however_they_are_turned),
         cmocka_unit_test(what_lies_over_a_part_is_covered),
+        cmocka_unit_test(what_lies_over_a_noisy_part_is_covered),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

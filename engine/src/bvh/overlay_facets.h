@@ -50,6 +50,8 @@ typedef struct qm_overlay_facets {
         _Alignas(64) double at[3][3][QM_PACK_LANES], twist[QM_PACK_LANES];
         double opposite[3][QM_PACK_LANES];
         double plane[3][QM_PACK_LANES], plane_error[QM_PACK_LANES];
+        bool is_second
+            [QM_PACK_LANES]; /* set where opposite is: the facet lacks the second corner of its patch */
     } group[QM_OVERLAY_GROUPS];
     _Alignas(64) double low[2][QM_OVERLAY_GROUPS], high[2][QM_OVERLAY_GROUPS];
     _Alignas(64) double rim[2][2][QM_OVERLAY_RIM];
@@ -76,6 +78,7 @@ static inline void qm_overlay_copy_facet(qm_overlay_facets *facets, int from, in
     for (int k = 0; facets->has_patches && k < 3; k++)
         facets->group[to_group].opposite[k][other] = facets->group[group].opposite[k][lane];
     facets->group[to_group].twist[other] = facets->group[group].twist[lane];
+    if (facets->has_patches) facets->group[to_group].is_second[other] = facets->group[group].is_second[lane];
 }
 
 #endif

@@ -14,10 +14,12 @@
 #include "prim/triangle.h"
 
 #define MAX_FACETS 12   /* of the target, known to an ascent */
+#define SAME_FOOT 1e-3  /* in the parameters of a patch */
 #define MAX_MEASURED 64 /* points of one ascent */
 #define MAX_INCIDENT 16 /* facets of the source at a point; more are not examined */
 #define MAX_BOUNDS 4    /* edges of a facet of the source */
 #define TOUCH 0x1p-36   /* of the reach: a facet of the source is incident to a point within it */
+#define SAME_FOOT 1e-3  /* in the parameters of a patch: footpoints on one sheet of it */
 #define STOP_SHARE 0.25 /* of the tolerance: gain expected of a step that is worth it */
 #define MIN_RISE 4.0    /* tolerances by which a witness must have risen for the next ascent */
 #define POOR_GAIN 0.25  /* of the gain expected: the trust region shrinks */
@@ -153,12 +155,25 @@ static void set_footpoint(facet *f, qm_vec p)
     f->away = qm_vec_scale(f->distance > 0.0 ? 1.0 / f->distance : 0.0, f->away);
 }
 
-/** Adds a facet unless it is known, in place of the farthest when there is no room. */
-static bool remember(ascent *c, const facet *f)
+/** True when two facets have one footpoint: of a folded patch each sheet is a facet of its own. */
+static bool is_same(const facet *a, const facet *b)
+{
+    if (a->key != b->key) return false;
+    return !a->is_patch || (fabs(a->uv[0] - b->uv[0]) < SAME_FOOT && fabs(a->uv[1] - b->uv[1]) < SAME_FOOT);
+}
+
+/** Adds a facet unless it is known for the current point, in place of the farthest when there is no room. */
+static bool remember(ascent *c, const facet *found)
 {
     QM_ASSERT(c->facet_count <= MAX_FACETS);
-    for (int i = 0; i < c->facet_count; i++)
-        if (c->facets[i].key == f->key) return false;
+    facet f = *found;
+    bool has_key = false;
+    for (int i = 0; i < c->facet_count && !has_key; i++)
+        has_key = c->facets[i].key == f.key;
+    if (has_key && !f.is_patch) return false;
+    set_footpoint(&f, c->point);
+    for (int i = 0; i < c->facet_count && has_key; i++)
+        if (is_same(&c->facets[i], &f)) return false;
     int slot = 0;
     if (c->facet_count < MAX_FACETS) {
         slot = c->facet_count++;
@@ -166,8 +181,7 @@ static bool remember(ascent *c, const facet *f)
         for (int i = 1; i < MAX_FACETS; i++)
             if (c->facets[i].distance > c->facets[slot].distance) slot = i;
     }
-    c->facets[slot] = *f;
-    set_footpoint(&c->facets[slot], c->point);
+    c->facets[slot] = f;
     return true;
 }
 

@@ -316,13 +316,18 @@ static double set_face(const qm_overlay *overlay, const qm_vec corner[3], double
     return cutoff - overlay->shrink - size * qm_overlay_set_face(face, size);
 }
 
+/** True when an odd number of facets is over each point of a face. */
+static bool is_under(const qm_kernel *kernel, const qm_overlay_facets *facets, const qm_overlay_face *face)
+{
+    if (!kernel->overlay_is_clear(facets, face)) return false;
+    int count = kernel->overlay_count(facets, face);
+    return count > 0 && count % 2 == 1;
+}
+
 static bool is_covered(const qm_kernel *kernel, const qm_overlay_facets *facets, const qm_overlay_face *face,
                        double enough)
 {
-    if (!kernel->overlay_is_clear(facets, face)) return false;
-    if (!(kernel->overlay_gap(facets, face, enough, NULL) <= enough)) return false;
-    int count = kernel->overlay_count(facets, face);
-    return count > 0 && count % 2 == 1;
+    return is_under(kernel, facets, face) && kernel->overlay_gap(facets, face, enough, NULL) <= enough;
 }
 
 unsigned qm_overlay_test(qm_worker *worker, const qm_side *side, const qm_overlay *overlay,
@@ -356,9 +361,94 @@ bool qm_overlay_test_face(qm_worker *worker, const qm_side *side, const qm_vec c
     double enough = set_face(&overlay, source.corner[0], cutoff - slack, &face);
     if (!(enough > 0.0)) return false;
     count_work(worker, 12 + (uint64_t)overlay.facets.count / 8);
-    if (is_covered(kernel, &overlay.facets, &face, enough)) return true;
+    const qm_overlay_facets *facets = &overlay.facets;
+    bool is_over = is_under(kernel, facets, &face);
     uint8_t far[QM_OVERLAY_GROUPS] = {0};
-    if (kernel->overlay_gap(&overlay.facets, &face, enough, far) <= enough) return false;
-    return set_overlay(worker, side, near, far, &overlay) &&
-           is_covered(kernel, &overlay.facets, &face, enough);
+    bool is_near =
+        kernel->overlay_gap(facets, &face, enough, far) <= enough ||
+        (is_over && facets->has_patches && qm_overlay_patches_are_near(facets, &face, enough, far));
+    if (is_near) return is_over;
+    return set_overlay(worker, side, near, far, &overlay) && is_covered(kernel, facets, &face, enough);
+}
+
+/* --- Rectangles of patches --- */
+
+/** A rectangle of a patch in the frame of an overlay, and the two triangles that its view fills. */
+typedef struct seen_patch {
+    double corner[4][3];
+    qm_overlay_face half[2];
+    double enough; /* of vertical distances */
+} seen_patch;
+
+/** True when all corners of the rectangle surely turn the same way in the view. */
+static bool is_convex(const double corner[4][3], double size)
+{
+    double margin = QM_OVERLAY_AREA * QM_UNIT_ROUNDING * size * size, lowest = INFINITY, highest = -INFINITY;
+    for (int i = 0; i < 4; i++) {
+        const double *a = corner[i], *b = corner[(i + 1) % 4], *c = corner[(i + 2) % 4];
+        double turn = (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]);
+        lowest = qm_min(lowest, turn);
+        highest = qm_max(highest, turn);
+    }
+    return lowest > margin || highest < -margin;
+}
+
+/** Sets the rectangle, shrunk as a face is; false where its view is not convex, or too steep. */
+static bool set_patch(const qm_overlay *overlay, const qm_vec corner[4], double cutoff, seen_patch *patch)
+{
+    double(*c)[3] = patch->corner, centroid[3], farthest2 = 0.0, size = overlay->facets.size, margin = 0.0;
+    for (int i = 0; i < 4; i++)
+        map_point(&overlay->frame, corner[i], c[i]);
+    for (int k = 0; k < 3; k++)
+        centroid[k] = 0.25 * (c[0][k] + c[1][k] + c[2][k] + c[3][k]);
+    for (int i = 0; i < 4; i++) {
+        double x = centroid[0] - c[i][0], y = centroid[1] - c[i][1], z = centroid[2] - c[i][2];
+        farthest2 = qm_max(x * x + y * y + z * z, farthest2);
+    }
+    double share = farthest2 > 0.0 ? qm_min(overlay->shrink / sqrt(farthest2), MAX_SHRINK) : 0.0;
+    for (int i = 0; i < 12 && share > 0.0; i++)
+        c[i / 3][i % 3] += share * (centroid[i % 3] - c[i / 3][i % 3]);
+    if (!is_convex(patch->corner, size)) return false;
+    for (int half = 0; half < 2; half++) {
+        memcpy(patch->half[half].corner[0], c[0], sizeof c[0]);
+        memcpy(patch->half[half].corner[1], c[1 + half], sizeof c[0]);
+        memcpy(patch->half[half].corner[2], c[2 + half], sizeof c[0]);
+        margin = qm_max(margin, qm_overlay_set_face(&patch->half[half], size));
+    }
+    patch->enough = cutoff - overlay->shrink - size * margin;
+    return patch->enough > 0.0;
+}
+
+/** How many facets are over the rectangle where that is odd for all of it; 0 otherwise. */
+static int count_over(const qm_kernel *kernel, const qm_overlay_facets *facets, const seen_patch *patch)
+{
+    int most = 0;
+    for (int half = 0; half < 2; half++) {
+        if (!kernel->overlay_is_clear(facets, &patch->half[half])) return 0;
+        int count = kernel->overlay_count(facets, &patch->half[half]);
+        if (!(count > 0 && count % 2 == 1)) return 0;
+        most = count > most ? count : most;
+    }
+    return most;
+}
+
+bool qm_overlay_test_patch(qm_worker *worker, const qm_side *side, const qm_vec corner[4],
+                           const qm_near_packs *near)
+{
+    QM_ASSERT(worker && side && corner && near);
+    const qm_kernel *kernel = worker->search->kernel;
+    qm_overlay overlay;
+    qm_overlay_facets *facets = &overlay.facets;
+    seen_patch patch;
+    qm_vec normal = qm_vec_cross(qm_vec_sub(corner[2], corner[0]), qm_vec_sub(corner[3], corner[1]));
+    if (!qm_overlay_set(worker, side, normal, corner, 4, near, &overlay)) return false;
+    if (!set_patch(&overlay, corner, qm_search_cutoff(worker->search) * side->scale, &patch)) return false;
+    count_work(worker, 20 + 3 * (uint64_t)facets->count);
+    int count = count_over(kernel, facets, &patch);
+    uint8_t far[QM_OVERLAY_GROUPS] = {0};
+    /* Where one facet is over each point, and one of them is too far, the others leave a hole. */
+    if (count == 1) return qm_overlay_patch_gap(facets, patch.corner, patch.enough, NULL) <= patch.enough;
+    if (qm_overlay_patch_gap(facets, patch.corner, patch.enough, far) <= patch.enough) return count > 0;
+    return set_overlay(worker, side, near, far, &overlay) && count_over(kernel, facets, &patch) > 0 &&
+           qm_overlay_patch_gap(facets, patch.corner, patch.enough, NULL) <= patch.enough;
 }

@@ -41,6 +41,22 @@ unsigned qm_overlay_test(qm_worker *worker, const qm_side *side, const qm_overla
 bool qm_overlay_test_face(qm_worker *worker, const qm_side *side, const qm_vec corner[3], double slack,
                           const qm_near_packs *near);
 
+/** True when an overlay of its own shows a rectangle of a patch, by its corners in cyclic order, to be within the cutoff. Its
+ * bend costs nothing, as the height of a patch over a plane is a bilinear function (hausdorff_overlay_patch.c). Local. */
+bool qm_overlay_test_patch(qm_worker *worker, const qm_side *side, const qm_vec corner[4],
+                           const qm_near_packs *near);
+
+/** The greatest vertical distance of a bilinear patch, its corners in an overlay's frame, from the facets where they are over
+ * it, twists included; negative where none is. Sets the bits of facets beyond enough in far, unless that is NULL: then the first
+ * such ends it. */
+double qm_overlay_patch_gap(const qm_overlay_facets *facets, const double corner[4][3], double enough,
+                            uint8_t *far);
+
+/** Clears the bits in far of facets whose whole patch, where it is over a face, is within enough of its plane; true when no
+ * other bits are set. */
+bool qm_overlay_patches_are_near(const qm_overlay_facets *facets, const qm_overlay_face *face, double enough,
+                                 uint8_t *far);
+
 /** Sets all else of a face from its corners. Returns the margin of its vertical distances for each unit of
  * size, the largest coordinate by magnitude; INFINITY where the face is too steep or too thin. */
 double qm_overlay_set_face(qm_overlay_face *face, double size);

@@ -48,19 +48,22 @@
 #define MIN_HIT_SHARE 2       /* at least one in two tries must succeed to go on */
 
 /* Rectangles */
-#define SLACK_SHARE 0.25     /* of the tolerance: a patch this flat goes on as triangles */
-#define MAX_SLACK_SHARE 0.5  /* of the cutoff: a patch bent more is cut before its triangles are tried */
-#define MIDPOINT_LEVELS 3    /* cut at the midpoint: grids refined by halves then meet line on line */
-#define MIN_SIDE 0.7         /* of the longer side: a shorter one is cut as well */
-#define MAX_REMAINDERS 32    /* parts that a match leaves over: one that leaves more is not used */
-#define FEW_REMAINDERS 2     /* where a match leaves more, one patch may cover more about the centre */
-#define THIN 0.06            /* of the longer side: a rectangle with a shorter one is thin */
-#define MAX_LEFT 0.75        /* of the longer side of a thin rectangle may be left over */
-#define RECTANGLE_ATTEMPTS 3 /* covers of one rectangle, each with candidates that its centre brought */
-#define OFTEN 3              /* cuts and matches that have left a rectangle over, at least */
-#define CROSSING_STEPS 40    /* of the bisection for the end of a patch */
-#define INSET 1e-3           /* share of the way in at which the patch under an end is looked up */
-#define CROSSING_MARGIN 1e-3 /* share of the rectangle that a cut must leave on both sides */
+#define SLACK_SHARE 0.25      /* of the tolerance: a patch this flat goes on as triangles */
+#define MAX_SLACK_SHARE 0.5   /* of the cutoff: a patch bent more is cut before its triangles are tried */
+#define MIDPOINT_LEVELS 3     /* cut at the midpoint: grids refined by halves then meet line on line */
+#define MIN_SIDE 0.7          /* of the longer side: a shorter one is cut as well */
+#define MAX_REMAINDERS 32     /* parts that a match leaves over: one that leaves more is not used */
+#define FEW_REMAINDERS 2      /* where a match leaves more, one patch may cover more about the centre */
+#define THIN 0.06             /* of the longer side: a rectangle with a shorter one is thin */
+#define MAX_LEFT 0.75         /* of the longer side of a thin rectangle may be left over */
+#define RECTANGLE_ATTEMPTS 3  /* covers of one rectangle, each with candidates that its centre brought */
+#define OFTEN 3               /* cuts and matches that have left a rectangle over, at least */
+#define MIN_OVERLAY_SLACK 0.1 /* of the cutoff: a rectangle that is flatter goes on as triangles */
+#define MIN_OVERLAY_SIZE 8.0  /* cutoffs: a rectangle that is smaller has few parts */
+#define FOLD_SAMPLES 2        /* intervals between the points measured along a fold */
+#define CROSSING_STEPS 40     /* of the bisection for the end of a patch */
+#define INSET 1e-3            /* share of the way in at which the patch under an end is looked up */
+#define CROSSING_MARGIN 1e-3  /* share of the rectangle that a cut must leave on both sides */
 
 /** Sets the slack of the piece's triangles: how far they are from the source's surface, and the roundings of
  * the cuts that eta has no room for. */
@@ -511,9 +514,12 @@ static void process_stack(qm_piece_work *work)
     for (int budget = VISIT_BUDGET; work->height > 0; budget--) {
         qm_part next = work->stack[--work->height];
         work->worker->iterations++;
-        if (budget > 0 && next.cuts_left > 1)
+        if (budget > 0 && next.cuts_left > 1) {
             process_part(work, &next);
-        else
+            /* The parts beside one that raised the lower bound have nearly its distance. */
+            qm_worker_follow(work->worker);
+            if (qm_candidates_cutoff(work) > work->filled_for) qm_candidates_refill(work);
+        } else
             queue_part(work, &next);
     }
     qm_worker_discard(work->worker, qm_search_cutoff(work->search));
@@ -771,20 +777,10 @@ static bool match_reached(const qm_piece_work *work, const qm_bilinear *patch, q
 static bool middle_reached(const qm_piece_work *work, const qm_bilinear *patch, qm_vec centre,
                            qm_near_quads *near, remainder_list *remainder)
 {
-    qm_uv_box middle, rest = parameters_of(&work->piece);
+    qm_uv_box middle, whole = parameters_of(&work->piece);
     if (near->count == 0 || !qm_patches_cover_middle(work, patch, centre, &near->at[0], &middle))
         return false;
-    remainder->count = 0;
-    for (int k = 0; k < 4; k++) {
-        int axis = k / 2;
-        double cut = k % 2 ? middle.high[axis] : middle.low[axis];
-        double *side = k % 2 ? &rest.high[axis] : &rest.low[axis];
-        if (cut == *side) continue;
-        qm_uv_box *strip = &remainder->at[remainder->count++];
-        *strip = rest;
-        *(k % 2 ? &strip->low[axis] : &strip->high[axis]) = cut;
-        *side = cut;
-    }
+    remainder->count = qm_uv_box_strips(&whole, &middle, remainder->at);
     return makes_progress(work, patch, remainder);
 }
 
@@ -858,6 +854,34 @@ static bool rectangle_is_covered(qm_piece_work *work)
 }
 
 /**
+ * Measures points of the line along which a patch of the source is folded over, where that crosses the rectangle: the
+ * surface ends there, so that the distance often has a ridge along it, which samples on both sides of the line miss.
+ */
+static void sample_fold(qm_piece_work *work, const qm_bilinear *patch)
+{
+    const qm_uv_box box = parameters_of(&work->piece);
+    qm_bilinear_jacobian area = qm_bilinear_jacobian_make(patch);
+    double end[2][2];
+    int count = 0;
+    for (int k = 0; k < 4 && count < 2; k++) { /* the side of an axis from low to high, the other one fixed */
+        int axis = k / 2;
+        double at[2], fixed = k % 2 ? box.high[1 - axis] : box.low[1 - axis];
+        at[1 - axis] = fixed;
+        at[axis] = -(area.at + area.rise[1 - axis] * fixed) / area.rise[axis];
+        if (!(at[axis] >= box.low[axis] && at[axis] <= box.high[axis])) continue;
+        end[count][0] = at[0];
+        end[count][1] = at[1];
+        count++;
+    }
+    if (count < 2) return;
+    for (int i = 0; i <= FOLD_SAMPLES; i++) {
+        double share = (double)i / FOLD_SAMPLES;
+        sample_unreached(work, qm_bilinear_at(patch, end[0][0] + share * (end[1][0] - end[0][0]),
+                                              end[0][1] + share * (end[1][1] - end[0][1])));
+    }
+}
+
+/**
  * A rectangle so small that a sample of any point of it ends it: cuts at the border of what a patch reaches
  * would come down to rectangles between neighbouring numbers, of which a match covers nothing.
  */
@@ -865,6 +889,19 @@ static bool is_small(const qm_piece_work *work)
 {
     const qm_vec *corner = work->piece.corner;
     return diameter(corner, 4) <= 0.5 * work->search->tolerance * work->side->scale;
+}
+
+/**
+ * Covers a rectangle that is bent against its distance by an overlay, where that is over triangles: it may be over many of them
+ * where it is much larger than the distance.
+ */
+static bool rectangle_overlaid(const qm_piece_work *work, const qm_bilinear_halves *halves)
+{
+    double cutoff = qm_candidates_cutoff(work);
+    if (!(halves->slack > MIN_OVERLAY_SLACK * cutoff &&
+          diameter(work->piece.corner, 4) > MIN_OVERLAY_SIZE * cutoff))
+        return false;
+    return qm_overlay_test_patch(work->worker, work->side, work->piece.corner, work->near);
 }
 
 /** Covers a rectangle by all candidates and those that a sample of its centre brings; else *corners are its
@@ -883,6 +920,7 @@ static bool rectangle_reached(qm_piece_work *work, const qm_bilinear *patch, con
         if (is_matched && remainder.count == 0) return true;
         bool is_flat = halves->slack < qm_candidates_cutoff(work);
         if (is_flat && triangles_reached(work, halves, centre, &near)) return true;
+        if (attempt == 0 && near.count == 0 && rectangle_overlaid(work, halves)) return true;
         if (attempt == 0 && !is_small(work) && !(is_matched && remainder.count <= FEW_REMAINDERS) &&
             middle_reached(work, patch, centre, &near, &left)) {
             queue_remainder(work, patch, &left);
@@ -919,6 +957,7 @@ static void process_rectangle(qm_piece_work *work)
         return;
     }
     sample_corners(work, &corners, QM_STRICT_DEPTH);
+    sample_fold(work, &patch);
     split_rectangle(work, &patch);
 }
 

@@ -129,13 +129,13 @@ static double search_sample(qm_worker *worker, const qm_side *side, qm_vec p, do
          * is worth it only when the lower bound would rise by CERTIFY_SHARE of the tolerance. Any patch will
          * do that shows that it cannot: among many at one location a search has none to prune. */
         qm_bilinear_hit patch;
+        double worthwhile = known + CERTIFY_SHARE * search->tolerance * side->scale;
         if (by_boxes)
-            search->kernel->near_patch(side->target, p, hit.pack, known + slack, &patch);
+            search->kernel->near_patch(side->target, p, hit.pack, worthwhile + slack, &patch);
         else
             qm_nearest_patch(search->kernel, &side->nearest, p, hit.pack, INFINITY, &patch);
         double error =
             fmax(PATCH_ERROR_SHARE * search->tolerance * side->scale, QM_BILINEAR_MIN_ERROR * side->reach);
-        double worthwhile = known + CERTIFY_SHARE * search->tolerance * side->scale;
         if (patch.distance - slack > worthwhile)
             qm_nearest_patch(search->kernel, &side->nearest, p, patch.pack, error, &patch);
         *hint = patch.pack;

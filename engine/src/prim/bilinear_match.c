@@ -16,6 +16,8 @@
 #define EDGE_PART 1e-7     /* of a side: a smaller fraction is not cut off at an edge of the target, */
 #define MIN_OVER 1e-3      /* and at least this fraction must lie over the target */
 #define BEYOND 64.0        /* sizes of the target: how far a match may extend beyond it */
+#define PASSES 3           /* matches of parts that are cut to the target, */
+#define LONG 16.0          /* where a rectangle is this many cutoffs long at least */
 #define MAX_RECTANGLES 256 /* of one level */
 #define MAX_COINCIDENT 8.0 /* of the cutoff: how far apart the corners of coincident patches may be */
 
@@ -215,57 +217,72 @@ static bool cover(const match_work *work, const pairing *start)
     return has_covered;
 }
 
-/**
- * Cuts a rectangle down to the part over the target, where all of it matches the target's surface as
- * continued beyond its edges. strip gets up to four rectangles that are cut off. False when nothing is cut
- * off.
- */
-static bool cut_to_target(const match_work *work, pairing *pair, qm_uv_box strip[4], int *strips)
+/** The part of a rectangle of the source that lies over the target as the match of a rectangle is continued; false where
+ * that is less than MIN_OVER of a side. */
+static bool part_over_target(const pairing *match, const qm_uv_box *whole, pairing *part)
 {
-    pairing beyond = *pair;
-    improve(work, &beyond, BEYOND);
-    *strips = 0;
-    if (!(beyond.longest <= work->cutoff)) return false;
     for (int axis = 0; axis < 2; axis++) {
-        double range[2], low = pair->source.low[axis], size = pair->source.high[axis] - low;
-        double from = beyond.target.low[axis], length = beyond.target.high[axis] - from;
-        /* The range of a side, as fractions from 0 to 1, that lies over the target. */
-        double at_0 = (0.0 - from) / (beyond.target.high[axis] - from),
-               at_1 = (1.0 - from) / (beyond.target.high[axis] - from);
-        range[0] = qm_clamp(qm_min(at_0, at_1), 0.0, 1.0);
-        range[1] = qm_clamp(qm_max(at_0, at_1), 0.0, 1.0);
-        if (!(range[0] > EDGE_PART)) range[0] = 0.0; /* also when the side has no length */
-        if (!(range[1] < 1.0 - EDGE_PART)) range[1] = 1.0;
-        if (range[1] - range[0] < MIN_OVER) return false;
-        for (int end = 0; end < 2; end++) {
-            double cut = low + range[end] * size;
-            if (range[end] == (double)end) continue;
-            QM_ASSERT(*strips < 4);
-            strip[*strips] = pair->source;
-            *(end ? &strip[*strips].low[axis] : &strip[*strips].high[axis]) = cut;
-            *(end ? &pair->source.high[axis] : &pair->source.low[axis]) = cut;
-            ++*strips;
-        }
-        pair->target.low[axis] = qm_clamp(from + range[0] * length, 0.0, 1.0);
-        pair->target.high[axis] = qm_clamp(from + range[1] * length, 0.0, 1.0);
+        double low = match->source.low[axis], size = match->source.high[axis] - low;
+        double from = match->target.low[axis], length = match->target.high[axis] - from;
+        double min = whole->low[axis], max = whole->high[axis], side = max - min;
+        /* Where the match enters the target, and where it leaves it; NaN when the side has no length. */
+        double enters = low - from / length * size, leaves = low + (1.0 - from) / length * size;
+        double first = qm_clamp(qm_min(enters, leaves), min, max);
+        double last = qm_clamp(qm_max(enters, leaves), min, max);
+        if (!(first > min + EDGE_PART * side)) first = min;
+        if (!(last < max - EDGE_PART * side)) last = max;
+        if (last - first < MIN_OVER * side) return false;
+        part->source.low[axis] = first;
+        part->source.high[axis] = last;
+        part->target.low[axis] = from + (first - low) / size * length;
+        part->target.high[axis] = from + (last - low) / size * length;
     }
-    return *strips > 0;
+    return true;
 }
 
-/** Covers a rectangle that matches as a whole, or as much as possible of the part that lies over the target of
- * one that matches the target as continued. */
-static bool cover_within(const match_work *work, const pairing *start)
+/** Whether a rectangle is so much longer than the cutoff that halves would be many before they match. */
+static bool is_long(const match_work *work, const qm_uv_box *box)
 {
-    pairing inner = *start;
-    qm_uv_box strip[4];
-    int strips;
+    qm_vec corner[4];
+    qm_uv_box_corners(work->source, box, corner);
+    double limit = LONG * work->cutoff;
+    return !(qm_vec_distance(corner[0], corner[2]) <= limit &&
+             qm_vec_distance(corner[1], corner[3]) <= limit);
+}
+
+/**
+ * Covers a rectangle that matches as a whole, or else as much as possible of the part that lies over the target.
+ *
+ * Where that ends is told by the match as continued beyond the target. A rectangle of the source that matches the target
+ * continued differs from it by the noise of its corners times the sizes of the target that it extends beyond it, which may
+ * be many cutoffs: what lies over the target matches all the same. So up to passes times the part is matched for itself,
+ * and cut anew, which takes it nearer to the target's edges; the corners of the last part prove it.
+ */
+static bool cover_within(const match_work *work, const pairing *start, int passes)
+{
+    pairing inner = *start, beyond = *start, part;
     improve(work, &inner, 0.0);
     if (inner.longest <= work->cutoff) return true;
-    inner = *start;
-    if (!cut_to_target(work, &inner, strip, &strips) || !cover(work, &inner)) return false;
-    for (int i = 0; i < strips; i++)
+    bool is_covered = false;
+    qm_uv_box strip[4];
+    int strips = 0;
+    for (int pass = 0; pass < passes && !is_covered; pass++) {
+        improve(work, &beyond, BEYOND);
+        bool is_matched = beyond.longest <= work->cutoff;
+        if (!is_matched && pass + 1 == passes) return false;
+        if (!part_over_target(&beyond, &start->source, &part)) return false;
+        strips = qm_uv_box_strips(&start->source, &part.source, strip);
+        if (strips == 0) return false;
+        inner = part;
+        improve(work, &inner, 0.0);
+        is_covered = inner.longest <= work->cutoff;
+        if (!is_covered && is_matched && !cover(work, &part)) return false;
+        is_covered |= is_matched;
+        beyond = part;
+    }
+    for (int i = 0; is_covered && i < strips; i++)
         work->remainder(work->user, &strip[i]);
-    return true;
+    return is_covered;
 }
 
 /** How the parameters of the target are oriented to run along those of the source: swapped, and each reversed
@@ -369,11 +386,11 @@ bool qm_bilinear_match(const qm_bilinear *source, const qm_uv_box *box, const qm
     double difference2;
     work.target = orient(target, orientation_of_corners(source, target, &difference2));
     pairing start = {.source = *box, .target = *box};
-    if (cover_within(&work, &start)) return true;
+    if (cover_within(&work, &start, 1)) return true;
     /* Equal parameters are a start for patches that nearly coincide. For others single quarters may match from
      * there, but what an edge of the target crosses is never cut along it, only in ever more quarters. */
     pairing centered = start_at_centers(&work, box, target, center);
-    return cover_within(&work, &centered) || cover(&work, &centered);
+    return cover_within(&work, &centered, is_long(&work, box) ? PASSES : 1) || cover(&work, &centered);
 }
 
 /** The sum of the corners, which does not depend on the orientation. */
@@ -393,5 +410,5 @@ bool qm_bilinear_match_coincident(const qm_bilinear *source, const qm_uv_box *bo
     work.target = orient(target, orientation_of_corners(source, target, &difference2));
     pairing start = {.source = *box, .target = *box};
     if (!(difference2 <= 4.0 * limit * limit)) return false;
-    return cover_within(&work, &start) || cover(&work, &start);
+    return cover_within(&work, &start, 1) || cover(&work, &start);
 }

@@ -21,6 +21,24 @@ static inline void qm_uv_box_corners(const qm_bilinear *patch, const qm_uv_box *
                                    i >= 2 ? box->high[1] : box->low[1]);
 }
 
+/** The rectangles by which a rectangle exceeds a part of it: with the part they fill it. Returns their number. */
+static inline int qm_uv_box_strips(const qm_uv_box *whole, const qm_uv_box *part, qm_uv_box strip[4])
+{
+    int count = 0;
+    qm_uv_box rest = *whole;
+    for (int k = 0; k < 4; k++) {
+        int axis = k / 2;
+        double cut = k % 2 ? part->high[axis] : part->low[axis];
+        double *side = k % 2 ? &rest.high[axis] : &rest.low[axis];
+        if (cut == *side) continue;
+        strip[count] = rest;
+        *(k % 2 ? &strip[count].low[axis] : &strip[count].high[axis]) = cut;
+        *side = cut;
+        count++;
+    }
+    return count;
+}
+
 /**
  * Upper bound of the distance of all points of a rectangle of a source patch from a target patch, given the parameters
  * uv of points of the target under the four corners: the footpoints, or others.

@@ -215,6 +215,7 @@ static void set_opposite(qm_overlay_facets *facets, int group, int here, const q
     int64_t beyond = vertices->beyond[other[0]] & vertices->beyond[other[1]] & vertices->beyond[other[2]];
     bool is_missing = beyond && !(beyond & QM_OVERLAY_BESIDE);
     if (is_alone || is_missing) opposite[2][here] = INFINITY;
+    facets->group[group].is_second[here] = is_second;
 }
 
 unsigned QM_KERNEL(overlay_add)(qm_overlay_facets *facets, const qm_overlay_frame *frame, const qm_bvh *bvh,
