@@ -14,7 +14,7 @@ typedef struct layout_options {
     const char *path, *surface, *output; /* path: of the quads, or with is_auto of the surface */
     qm_quad_layout_options make;
     qm_quads_options quads;
-    double crease_angle; /* QM_NONE: not given */
+    double crease_angle; /* NAN: not given */
     bool is_auto, as_json;
 } layout_options;
 

@@ -21,7 +21,8 @@
 #define PULL 0.3
 #define SLACKEN 0.5
 /* Folds that sweeps do not take out: rounds over their points, each of which tries places in TRIAL_WAYS directions at
- * TRIAL_SIZES distances, from the mean edge on by halves, until all sines round it are GOOD_SINE. */
+ * TRIAL_SIZES distances, from half the mean edge on by halves, until all sines round it are GOOD_SINE. From farther places
+ * cells may wind round a point twice, which no sine tells. */
 #define UNTANGLE_ROUNDS 30
 #define TRIAL_WAYS 8
 #define TRIAL_SIZES 4
@@ -690,7 +691,8 @@ static bool untangle_point(curve_drawer *d, uint32_t index)
 /** Moves the points of folded cells, one by one, to where these are folded less. */
 static size_t untangle(curve_drawer *d, size_t folds)
 {
-    for (int round = 0; round < UNTANGLE_ROUNDS && folds > 0; round++) {
+    for (int round = 0; round < UNTANGLE_ROUNDS && folds > 0 && !qm_context_canceled(d->arena->ctx);
+         round++) {
         bool has_moved = false;
         for (size_t c = 0; c < d->cell_count; c++)
             for (uint32_t i = 0; i < 4 && d->cells[c].is_folded; i++)
@@ -705,7 +707,7 @@ static size_t untangle(curve_drawer *d, size_t folds)
 
 static qm_status relax(curve_drawer *d, size_t *folds)
 {
-    qm_vec *best = qm_arena_alloc(d->arena, d->point_count, sizeof *best);
+    lattice_point *best = qm_arena_alloc(d->arena, d->point_count, sizeof *best);
     if (!best || !list_cells(d))
         return qm_context_fail(d->arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves");
     place_on_surface(d);
@@ -722,11 +724,9 @@ static qm_status relax(curve_drawer *d, size_t *folds)
         size_t now = count_folds(d);
         if (now >= least) continue;
         least = now;
-        for (size_t i = 0; i < d->point_count; i++)
-            best[i] = d->points[i].at;
+        memcpy(best, d->points, d->point_count * sizeof *best);
     }
-    for (size_t i = 0; i < d->point_count; i++)
-        d->points[i].at = best[i];
+    memcpy(d->points, best, d->point_count * sizeof *best);
     count_folds(d);
     *folds = untangle(d, least);
     return QM_OK;
