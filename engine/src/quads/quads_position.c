@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-#define SWEEPS 8
+#define SWEEPS 12
 
 /** Of a level: what a node is fitted to. */
 typedef struct grid_nodes {
