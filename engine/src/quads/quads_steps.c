@@ -29,7 +29,7 @@
 #include "core/heap.h"
 
 #define FOLD_COST 12.0 /* of a path: for each face that it turns upside down */
-#define LONG_COST 4.0  /* for a step beyond 1 */
+#define LONG_COST 2.0  /* for a step beyond 1 */
 #define STEP_COST 0.1  /* of any change: less would let paths wander */
 #define MIN_COST 0.05
 /* A path is applied if it costs no more than so much for the cheapest of both ends: those that are none of the cheapest save
