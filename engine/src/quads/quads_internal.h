@@ -91,8 +91,9 @@ typedef struct qm_quads_result {
     uint8_t *is_fixed, *is_feature;
 } qm_quads_result;
 
-/** Contracts quads along a diagonal and turns edges while that makes vertices more regular. */
-qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r);
+/** Contracts quads along a diagonal and turns edges while that makes vertices more regular; *irregular receives the number of
+ * vertices that are not. */
+qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r, size_t *irregular);
 
 /** Moves vertices along the surface, those of features along these. */
 qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);

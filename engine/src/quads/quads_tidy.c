@@ -10,6 +10,7 @@
 #include <string.h>
 
 #define ROUNDS 8
+#define STRAIGHT_COST 6
 #define QUARTER 1.57079632679489661923
 
 typedef struct tidy {
@@ -89,11 +90,12 @@ static sector sector_at(const tidy *t, uint32_t side)
     return found;
 }
 
-/** Less is better; vertices of two quads inside and of seven are worse than two that are off by one. */
+/** Less is better; vertices of two quads inside and of seven are worse than two that are off by one. A corner that would have to
+ * open to 180 degrees, such as one of two inside or a single one on a straight feature, has no shape at all. */
 static int irregularity(sector s, int change)
 {
-    int off = s.quads + change - s.wanted;
-    return off * off;
+    int quads = s.quads + change, off = quads - s.wanted;
+    return off * off + (2 * quads <= s.wanted ? STRAIGHT_COST : 0);
 }
 
 static void stamp_ring(tidy *t, uint32_t vertex)
@@ -338,7 +340,15 @@ static qm_status close_gaps(tidy *t)
     return QM_E_NO_MEMORY;
 }
 
-static qm_status run(tidy *t)
+static size_t count_irregular(const tidy *t)
+{
+    size_t count = 0;
+    for (uint32_t v = 0; v < t->r->mesh.vertex_count; v++)
+        count += t->out[v] != QM_NO_INDEX && !t->is_bound[v] && sector_at(t, t->out[v]).quads != 4;
+    return count;
+}
+
+static qm_status run(tidy *t, size_t *irregular)
 {
     size_t faces = t->r->mesh.face_count, vertices = t->r->mesh.vertex_count;
     memset(t->is_gone, 0, faces);
@@ -360,10 +370,11 @@ static qm_status run(tidy *t)
         }
         if (qm_context_canceled(t->ctx)) return QM_E_CANCELED;
     }
+    *irregular = count_irregular(t);
     return close_gaps(t);
 }
 
-qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r)
+qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r, size_t *irregular)
 {
     size_t faces = r->mesh.face_count, vertices = r->mesh.vertex_count;
     tidy t = {.ctx = ctx, .r = r};
@@ -373,7 +384,7 @@ qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r)
     t.stamp = qm_context_alloc(ctx, vertices, sizeof *t.stamp);
     t.is_bound = qm_context_alloc(ctx, vertices, 1);
     bool has_memory = t.twin && t.is_gone && t.out && t.stamp && t.is_bound;
-    qm_status status = has_memory ? run(&t) : QM_E_NO_MEMORY;
+    qm_status status = has_memory ? run(&t, irregular) : QM_E_NO_MEMORY;
     qm_context_free(ctx, t.twin, 4 * faces, sizeof *t.twin);
     qm_context_free(ctx, t.is_gone, faces, 1);
     qm_context_free(ctx, t.out, vertices, sizeof *t.out);

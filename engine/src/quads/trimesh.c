@@ -255,6 +255,23 @@ qm_status qm_trimesh_build(qm_context *ctx, const double *positions, size_t vert
     return has_memory ? QM_OK : QM_E_NO_MEMORY;
 }
 
+qm_status qm_trimesh_copy(qm_context *ctx, const qm_trimesh *m, qm_trimesh *out)
+{
+    size_t count = m->vertex_count, halves = 3 * m->face_count;
+    *out = (qm_trimesh){0};
+    if (!reserve_faces(ctx, out, m->face_count + 1) || !reserve_vertices(ctx, out, count + 1))
+        return QM_E_NO_MEMORY;
+    memcpy(out->position, m->position, count * sizeof *m->position);
+    memcpy(out->out, m->out, count * sizeof *m->out);
+    memcpy(out->is_fixed, m->is_fixed, count * sizeof *m->is_fixed);
+    memcpy(out->from, m->from, halves * sizeof *m->from);
+    memcpy(out->twin, m->twin, halves * sizeof *m->twin);
+    memcpy(out->is_feature, m->is_feature, halves * sizeof *m->is_feature);
+    memcpy(out->step, m->step, halves * sizeof *m->step);
+    out->vertex_count = count, out->face_count = m->face_count;
+    return QM_OK;
+}
+
 /*
  * Edits.
  */
