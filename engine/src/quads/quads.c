@@ -338,7 +338,8 @@ static qm_status make(qm_context *ctx, const qm_bvh *bvh, triangles *t, const qm
     for (size_t k = 0; k < t->component_count; k++)
         reset_part(ctx, &parts[k]);
     qm_context_free(ctx, parts, t->component_count, sizeof *parts);
-    return status == QM_OK ? qm_quads_polish(ctx, r, bvh, options->thread_count) : status;
+    if (status == QM_OK) status = qm_quads_polish(ctx, r, bvh, options->thread_count);
+    return status == QM_OK ? qm_quads_untangle(ctx, r, bvh, options->thread_count) : status;
 }
 
 qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options, qm_mesh *out,

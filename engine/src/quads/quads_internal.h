@@ -10,6 +10,8 @@
  *   quads_extract.c    edges of no step are contracted; two triangles at a diagonal step make a quad
  *   quads_tidy.c       quads that are contracted, edges that are turned, so that fewer vertices are irregular
  *   quads_polish.c     corners move along the surface for better shapes
+ *   quads_untangle.c   bad quads become better, or go
+ *   quads_sides.c      the sides of quads, and changes of the mesh that tidying and untangling share
  */
 #ifndef QM_QUADS_INTERNAL_H
 #define QM_QUADS_INTERNAL_H
@@ -97,5 +99,8 @@ qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r, size_t *irregular);
 
 /** Moves vertices along the surface, those of features along these. */
 qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
+
+/** Makes bad quads better: vertices move along the surface, and where that is not enough the mesh changes. */
+qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
 
 #endif
