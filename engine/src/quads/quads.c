@@ -339,7 +339,8 @@ static qm_status make(qm_context *ctx, const qm_bvh *bvh, triangles *t, const qm
         reset_part(ctx, &parts[k]);
     qm_context_free(ctx, parts, t->component_count, sizeof *parts);
     if (status == QM_OK) status = qm_quads_polish(ctx, r, bvh, options->thread_count);
-    return status == QM_OK ? qm_quads_untangle(ctx, r, bvh, options->thread_count) : status;
+    if (status == QM_OK) status = qm_quads_untangle(ctx, r, bvh, options->thread_count);
+    return status == QM_OK ? qm_quads_fit(ctx, r, bvh, options->thread_count) : status;
 }
 
 qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options, qm_mesh *out,

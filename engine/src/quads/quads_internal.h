@@ -11,6 +11,7 @@
  *   quads_tidy.c       quads that are contracted, edges that are turned, so that fewer vertices are irregular
  *   quads_polish.c     corners move along the surface for better shapes
  *   quads_untangle.c   bad quads become better, or go
+ *   quads_fit.c        vertices leave the surface where that brings the quads nearer to it
  *   quads_sides.c      the sides of quads, and changes of the mesh that tidying and untangling share
  */
 #ifndef QM_QUADS_INTERNAL_H
@@ -102,5 +103,8 @@ qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *sur
 
 /** Makes bad quads better: vertices move along the surface, and where that is not enough the mesh changes. */
 qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
+
+/** Moves vertices off the surface, or out to its tips, so that the quads lie nearer to it. */
+qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
 
 #endif
