@@ -20,83 +20,6 @@ qm_quads_options qm_quads_options_default(void)
     return (qm_quads_options){.quads = 5000, .crease_angle = 40.0, .thread_count = 1};
 }
 
-/** Triangles of the surface, component by component. */
-typedef struct triangles {
-    size_t count;
-    uint32_t (*corner)[3];
-    uint32_t *component; /* of each triangle */
-    size_t component_count;
-} triangles;
-
-static size_t count_triangles(const qm_mesh *mesh)
-{
-    size_t count = 0;
-    for (size_t f = 0; f < mesh->face_count; f++)
-        count += mesh->faces[4 * f + 3] == QM_NO_INDEX ? 1 : 2;
-    return count;
-}
-
-static void list_triangles(const qm_mesh *mesh, triangles *t)
-{
-    t->count = 0;
-    for (size_t f = 0; f < mesh->face_count; f++) {
-        const uint32_t *c = mesh->faces + 4 * f;
-        memcpy(t->corner[t->count++], c, 3 * sizeof *c);
-        if (c[3] == QM_NO_INDEX) continue;
-        const uint32_t second[3] = {c[0], c[2], c[3]};
-        memcpy(t->corner[t->count++], second, sizeof second);
-    }
-}
-
-static uint32_t find_root(uint32_t *parent, uint32_t v)
-{
-    while (parent[v] != v)
-        v = parent[v] = parent[parent[v]];
-    return v;
-}
-
-/** Numbers the components, connected by vertices, in the order of their first triangles, and sorts the triangles by them. */
-static qm_status sort_components(qm_context *ctx, size_t vertex_count, triangles *t)
-{
-    uint32_t *parent = qm_context_alloc(ctx, vertex_count, sizeof *parent);
-    uint32_t *number = qm_context_alloc(ctx, vertex_count, sizeof *number);
-    uint32_t(*sorted)[3] = qm_context_alloc(ctx, t->count, sizeof *sorted);
-    uint32_t *of = qm_context_alloc(ctx, t->count, sizeof *of);
-    uint32_t *place = qm_context_alloc(ctx, t->count + 1, sizeof *place);
-    bool has_memory = parent && number && sorted && of && place;
-    if (has_memory) {
-        for (uint32_t v = 0; v < vertex_count; v++)
-            parent[v] = v, number[v] = QM_NO_INDEX;
-        for (size_t i = 0; i < t->count; i++) {
-            for (int k = 1; k < 3; k++) {
-                uint32_t a = find_root(parent, t->corner[i][0]), b = find_root(parent, t->corner[i][k]);
-                if (a != b) parent[a > b ? a : b] = a > b ? b : a;
-            }
-        }
-        memset(place, 0, (t->count + 1) * sizeof *place);
-        for (size_t i = 0; i < t->count; i++) {
-            uint32_t root = find_root(parent, t->corner[i][0]);
-            if (number[root] == QM_NO_INDEX) number[root] = (uint32_t)t->component_count++;
-            of[i] = number[root];
-            place[of[i] + 1]++;
-        }
-        for (size_t k = 0; k < t->component_count; k++)
-            place[k + 1] += place[k];
-        for (size_t i = 0; i < t->count; i++) {
-            uint32_t to = place[of[i]]++;
-            memcpy(sorted[to], t->corner[i], sizeof *sorted);
-            t->component[to] = of[i];
-        }
-        memcpy(t->corner, sorted, t->count * sizeof *sorted);
-    }
-    qm_context_free(ctx, parent, vertex_count, sizeof *parent);
-    qm_context_free(ctx, number, vertex_count, sizeof *number);
-    qm_context_free(ctx, sorted, t->count, sizeof *sorted);
-    qm_context_free(ctx, of, t->count, sizeof *of);
-    qm_context_free(ctx, place, t->count + 1, sizeof *place);
-    return has_memory ? QM_OK : QM_E_NO_MEMORY;
-}
-
 static double area_of(const double *positions, const uint32_t (*corner)[3], size_t count)
 {
     double sum = 0.0;
@@ -256,7 +179,7 @@ static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*
  * All components.
  */
 
-static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const triangles *t,
+static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const qm_quads_triangles *t,
                             const qm_quads_options *options, part *parts, qm_quads_record *record)
 {
     const double *positions = qm_bvh_mesh(bvh)->positions;
@@ -322,12 +245,11 @@ static qm_status join_parts(qm_context *ctx, const part *parts, size_t count, qm
     return QM_OK;
 }
 
-static qm_status make(qm_context *ctx, const qm_bvh *bvh, triangles *t, const qm_quads_options *options,
-                      qm_quads_result *r, qm_quads_record *record)
+static qm_status make(qm_context *ctx, const qm_bvh *bvh, qm_quads_triangles *t,
+                      const qm_quads_options *options, qm_quads_result *r, qm_quads_record *record)
 {
     const qm_mesh *surface = qm_bvh_mesh(bvh);
-    list_triangles(surface, t);
-    qm_status status = sort_components(ctx, surface->vertex_count, t);
+    qm_status status = qm_quads_list_triangles(ctx, surface, t);
     if (status != QM_OK) return status;
     record->components = t->component_count;
     part *parts = qm_context_alloc(ctx, t->component_count, sizeof *parts);
@@ -362,13 +284,10 @@ qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_optio
     qm_quads_record own = {0};
     if (!record) record = &own;
     *record = (qm_quads_record){0};
-    size_t count = count_triangles(surface);
-    triangles t = {.corner = qm_context_alloc(ctx, count, sizeof *t.corner),
-                   .component = qm_context_alloc(ctx, count, sizeof *t.component)};
+    qm_quads_triangles t;
     qm_quads_result r = {0};
-    qm_status status = t.corner && t.component ? make(ctx, bvh, &t, options, &r, record) : QM_E_NO_MEMORY;
-    qm_context_free(ctx, t.corner, count, sizeof *t.corner);
-    qm_context_free(ctx, t.component, count, sizeof *t.component);
+    qm_status status = make(ctx, bvh, &t, options, &r, record);
+    qm_quads_triangles_reset(ctx, &t);
     if (status == QM_OK) {
         *out = r.mesh;
         r.mesh.positions = NULL, r.mesh.faces = NULL;

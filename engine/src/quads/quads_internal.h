@@ -1,6 +1,7 @@
 /**
  * quads_internal.h: the steps from a triangle mesh to quads.
  *
+ *   quads_triangles.c  the triangles of the surface, component by component
  *   quads_features.c   creases and corners of the mesh
  *   quads_remesh.c     triangles of equal size, about half as long as the quads shall be
  *   quads_levels.c     a graph and its coarser versions, on which fields are smoothed
@@ -20,6 +21,19 @@
 #include "qm/bvh.h"
 #include "qm/quads.h"
 #include "quads/trimesh.h"
+
+/** Triangles of a surface, component by component; components are connected by vertices. */
+typedef struct qm_quads_triangles {
+    size_t count;
+    uint32_t (*corner)[3];
+    uint32_t *component; /* of each triangle */
+    size_t component_count;
+} qm_quads_triangles;
+
+/** Lists the triangles of a mesh. Returns QM_OK; QM_E_NO_MEMORY. *out is the caller's, for qm_quads_triangles_reset, after an error
+ * too. */
+qm_status qm_quads_list_triangles(qm_context *ctx, const qm_mesh *mesh, qm_quads_triangles *out);
+void qm_quads_triangles_reset(qm_context *ctx, qm_quads_triangles *t);
 
 /** Marks edges whose faces meet at an angle as features, and vertices where features bend sharply as fixed. What is
  * a crease only below the size of a quad is left out. */
