@@ -11,7 +11,7 @@
 #define LARGEST                                                                                              \
     1e75 /* diagonal of a surface: squares of areas would not be finite beyond 1e77, nor normal below 1e-77 */
 #define LEAST_QUADS 24  /* of a component */
-#define WANTED_OFF 0.03 /* number of quads from the wanted one, as a share */
+#define WANTED_OFF 0.04 /* number of quads from the wanted one, as a share */
 #define ATTEMPTS 3
 #define FEW_QUADS 1000 /* that is fast, and a row is a large share: twice the attempts */
 

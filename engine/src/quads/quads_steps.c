@@ -36,6 +36,7 @@
  * rounds, and a round visits the whole mesh. */
 #define NEAR_FACTOR 1.5
 #define NEAR_COST 0.5
+#define FIRST_REACH 2.0 /* of the paths, half of their cost: doubled where few are joined by it */
 #define REACH_COST 1.0 /* beyond half of its cheapest path an excess is searched no further than this */
 #define FOLLOW_ROUNDS 3
 #define REPAIR_ROUNDS 12
@@ -75,6 +76,8 @@ typedef struct steps_work {
     uint32_t growing; /* the source whose paths are being lengthened */
     path_meeting *meeting;
     size_t meeting_count, meeting_capacity;
+    double reach; /* paths grow no longer in this search */
+    bool is_cut;  /* one would have */
     qm_heap heap;
 } steps_work;
 
@@ -414,6 +417,7 @@ static qm_status grow_paths(steps_work *w)
 {
     w->stamp++;
     w->heap.count = w->meeting_count = 0;
+    w->is_cut = false;
     memset(w->arrival, 0xff, 4 * w->m->face_count * sizeof *w->arrival);
     for (uint32_t i = 0; i < w->source_count; i++) {
         const path_source *s = &w->source[i];
@@ -431,6 +435,10 @@ static qm_status grow_paths(steps_work *w)
         w->growing = w->node[node].source;
         /* the other end of a cheaper path would have come half of the way */
         if (item.key > 0.5 * w->source[w->growing].best + REACH_COST) continue;
+        if (item.key > w->reach) {
+            w->is_cut = true;
+            break;
+        }
         int axis = node >> 1 & 1, sign = node & 1 ? 1 : -1;
         if (w->m->twin[h] == QM_NO_INDEX) {
             const path_meeting met = {item.key, {node, QM_NO_INDEX}, {w->growing, QM_NO_INDEX}};
@@ -492,11 +500,12 @@ static qm_status close_faces(steps_work *w, qm_quads_record *record)
         record->steps_inconsistent += w->excess[f][0] != 0 || w->excess[f][1] != 0;
     }
     size_t joined = 1;
-    while (joined > 0) {
+    for (w->reach = FIRST_REACH; joined > 0 || w->is_cut;) {
         qm_status status = list_sources(w);
         if (status == QM_OK) status = grow_paths(w);
         if (status != QM_OK) return status;
         joined = join_sources(w);
+        if (8 * joined < w->source_count) w->reach *= 2.0;
     }
     for (uint32_t f = 0; f < m->face_count; f++) {
         for (int axis = 0; axis < 2; axis++) {
