@@ -37,7 +37,7 @@
 #define NEAR_FACTOR 1.5
 #define NEAR_COST 0.5
 #define FIRST_REACH 2.0 /* of the paths, half of their cost: doubled where few are joined by it */
-#define REACH_COST 1.0 /* beyond half of its cheapest path an excess is searched no further than this */
+#define REACH_COST 1.0  /* beyond half of its cheapest path an excess is searched no further than this */
 #define FOLLOW_ROUNDS 3
 #define REPAIR_ROUNDS 12
 

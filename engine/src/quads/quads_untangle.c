@@ -22,7 +22,8 @@
 #define SWEEPS 20
 #define TRIAL_SWEEPS 8
 #define ENOUGH 0.8 /* of the sum before, for a change of the mesh to be kept */
-#define RINGS 2    /* of a patch round a bad quad */
+#define IRREGULAR_COST 3.0
+#define RINGS 2 /* of a patch round a bad quad */
 #define ROUNDS 3
 #define RELEASED_ROUNDS 2
 #define MOST_TRIALS 2000 /* of changes of the mesh: each copies it */
@@ -217,7 +218,8 @@ static void find_patch(untangle *u, uint32_t face, int rings)
 /** The state of the quads round the vertices of the patch that are still there. */
 typedef struct patch_state {
     double sine; /* the least */
-    double cost; /* the sum over their corners, each as often as its quad has vertices here */
+    double
+        cost; /* the sum over their corners, each as often as its quad has vertices here, and over irregular vertices */
 } patch_state;
 
 static patch_state look_at_patch(const untangle *u)
@@ -233,6 +235,9 @@ static patch_state look_at_patch(const untangle *u)
             s = qm_quads_around(t, s);
         } while (s != QM_NO_INDEX && s != first);
         state.cost += cost_at(u, v, qm_quads_at(t, v));
+        if (t->kind[v] != QM_TRIMESH_FREE) continue;
+        double off = qm_quads_sector_at(t, first).quads - 4;
+        state.cost += IRREGULAR_COST * off * off;
     }
     return state;
 }
