@@ -271,7 +271,8 @@ qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_optio
     QM_ASSERT(ctx && bvh && options && out);
     *out = (qm_mesh){0};
     const qm_mesh *surface = qm_bvh_mesh(bvh);
-    if (options->quads == 0) return qm_context_fail(ctx, QM_E_ARGUMENT, "the number of quads is 0");
+    if (options->quads == 0 || options->quads > QM_QUADS_MOST)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the number of quads is not from 1 to %d", QM_QUADS_MOST);
     if (!(options->crease_angle >= 0.0 && options->crease_angle <= 180.0))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "the crease angle is not from 0 to 180 degrees");
     if (surface->face_count == 0)
