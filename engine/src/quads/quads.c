@@ -127,8 +127,8 @@ static qm_status lay_out_counted(qm_context *ctx, const qm_trimesh *m, const qm_
                                  double wanted, attempt *best)
 {
     qm_status status = QM_OK;
-    int attempts = wanted < FEW_QUADS ? 2 * ATTEMPTS : ATTEMPTS;
-    for (int k = 0; k < attempts && status == QM_OK; k++) {
+    int attempts = wanted < FEW_QUADS ? 2 * ATTEMPTS : ATTEMPTS, vain = 0;
+    for (int k = 0; k < attempts && vain < 3 && status == QM_OK; k++) {
         qm_trimesh copy;
         attempt now = {0};
         status = qm_trimesh_copy(ctx, m, &copy);
@@ -142,6 +142,7 @@ static qm_status lay_out_counted(qm_context *ctx, const qm_trimesh *m, const qm_
             *best = now;
             now = worse;
         }
+        vain = is_kept ? 0 : vain + 1;
         reset_result(ctx, &now.quads);
         if (best->off <= WANTED_OFF) break;
         size *= qm_min(qm_max(sqrt(ratio), 0.5), 1.5);

@@ -26,8 +26,10 @@
 #define RINGS 2 /* of a patch round a bad quad */
 #define ROUNDS 3
 #define RELEASED_ROUNDS 2
-#define MOST_TRIALS 2000 /* of changes of the mesh: each copies it */
-#define MOST_PATCH 160   /* vertices */
+/* Moves of vertices at most, for each vertex and besides: hopeless meshes would take minutes */
+#define MOVES_EACH 20
+#define MOVES_BESIDES 20000
+#define MOST_PATCH 160 /* vertices */
 
 typedef struct untangle {
     qm_context *ctx;
@@ -37,8 +39,8 @@ typedef struct untangle {
     qm_vec *normal;                   /* of each face, mean with its neighbours */
     uint32_t patch[MOST_PATCH];       /* vertices */
     size_t patch_count;
-    double area; /* of a quad of the patch, mean */
-    size_t trials;
+    double area;       /* of a quad of the patch, mean */
+    size_t moves_left; /* of vertices */
 } untangle;
 
 static void corners_of(const qm_quads_sides *t, uint32_t face, qm_vec out[4])
@@ -266,7 +268,8 @@ static qm_status relax_patch(untangle *u, int sweeps)
 {
     qm_status status = QM_OK;
     start_patch(u);
-    for (int sweep = 0; sweep < sweeps && status == QM_OK; sweep++) {
+    for (int sweep = 0; sweep < sweeps && u->moves_left > 0 && status == QM_OK; sweep++) {
+        u->moves_left -= u->patch_count < u->moves_left ? u->patch_count : u->moves_left;
         for (size_t i = 0; i < u->patch_count && status == QM_OK; i++)
             if (u->sides.out[u->patch[i]] != QM_NO_INDEX) status = move_vertex(u, u->patch[i]);
         if (sweep % 4 == 3 && look_at_patch(u).sine >= BAD_SINE) break;
@@ -328,9 +331,8 @@ static qm_status change_face(untangle *u, uint32_t face)
     bool has_best = false;
     qm_status status = QM_OK;
     qm_quads_snapshot_take(t, &u->before);
-    for (uint32_t n = 0; n < CHANGES && u->trials < MOST_TRIALS && status == QM_OK; n++) {
+    for (uint32_t n = 0; n < CHANGES && u->moves_left > 0 && status == QM_OK; n++) {
         if (!apply_change(t, face, n)) continue;
-        u->trials++;
         remove_doublets(u);
         status = relax_patch(u, TRIAL_SWEEPS);
         patch_state then = look_at_patch(u);
@@ -390,7 +392,7 @@ static qm_status improve_all(untangle *u, bool releases, bool *is_bad)
     qm_quads_sides *t = &u->sides;
     qm_status status = QM_OK;
     *is_bad = false;
-    for (uint32_t f = 0; f < t->face_count && status == QM_OK; f++) {
+    for (uint32_t f = 0; f < t->face_count && u->moves_left > 0 && status == QM_OK; f++) {
         double sine = t->is_gone[f] ? 1.0 : face_sine(u, f);
         if (sine >= BAD_SINE) continue;
         *is_bad = true;
@@ -424,6 +426,7 @@ qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *s
         status = qm_bvh_build(ctx, &r->features, QM_BVH_TARGET, thread_count, &features);
     u.features = features;
     size_t faces = u.sides.face_count;
+    u.moves_left = MOVES_EACH * u.sides.vertex_count + MOVES_BESIDES;
     u.normal = qm_context_alloc(ctx, faces, sizeof *u.normal);
     if (status == QM_OK && !u.normal) status = QM_E_NO_MEMORY;
     if (status == QM_OK) status = qm_quads_snapshot_alloc(&u.sides, &u.before);
