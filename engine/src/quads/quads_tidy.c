@@ -5,15 +5,18 @@
  */
 #include "quads/quads_sides.h"
 
+#include <stdlib.h>
+
 #define ROUNDS 8
 #define STRAIGHT_COST 6
+#define OFF_COST 3
 
-/** Less is better; vertices of two quads inside and of seven are worse than two that are off by one. A corner that would have to
+/** Less is better; one vertex that is off by much is better than many that are off by one. A corner that would have to
  * open to 180 degrees, such as one of two inside or a single one on a straight feature, has no shape at all. */
 static int irregularity(qm_quads_sector s, int change)
 {
     int quads = s.quads + change, off = quads - s.wanted;
-    return off * off + (2 * quads <= s.wanted ? STRAIGHT_COST : 0);
+    return (off != 0 ? OFF_COST + abs(off) : 0) + (2 * quads <= s.wanted ? STRAIGHT_COST : 0);
 }
 
 static int contraction_gain(qm_quads_sides *t, uint32_t side)
