@@ -10,6 +10,8 @@
 #define TRIANGLE_SIDE 0.9 /* of the triangles on which fields are found, in sides of a quad */
 #define LARGEST                                                                                              \
     1e75 /* diagonal of a surface: squares of areas would not be finite beyond 1e77, nor normal below 1e-77 */
+#define SMALL_HOLE                                                                                           \
+    1.0 /* length of a boundary that is filled, in sides of a quad: four quads round it would have no shape */
 #define LEAST_QUADS 24  /* of a component */
 #define WANTED_OFF 0.04 /* number of quads from the wanted one, as a share */
 #define ATTEMPTS 3
@@ -159,6 +161,7 @@ static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*
     attempt best = {0};
     qm_vec *cross = NULL;
     qm_status status = qm_trimesh_build(ctx, surface->positions, surface->vertex_count, corner, count, &m);
+    if (status == QM_OK) status = qm_trimesh_fill_holes(ctx, &m, SMALL_HOLE * size);
     if (status == QM_OK) status = qm_quads_find_features(ctx, &m, options->crease_angle, size);
     if (status == QM_OK) status = copy_features(ctx, &m, out);
     if (status == QM_OK) status = qm_quads_remesh(ctx, &m, bvh, TRIANGLE_SIDE * size, options->thread_count);

@@ -96,6 +96,9 @@ qm_status qm_trimesh_split(qm_context *ctx, qm_trimesh *m, uint32_t h, qm_vec po
 /** Inserts a vertex at the centroid of a face, which becomes three. Returns QM_OK; QM_E_NO_MEMORY. */
 qm_status qm_trimesh_split_face(qm_context *ctx, qm_trimesh *m, uint32_t face, uint32_t *vertex);
 
+/** Closes boundaries that are no longer than longest, each by a fan round a new vertex. Returns QM_OK; QM_E_NO_MEMORY. */
+qm_status qm_trimesh_fill_holes(qm_context *ctx, qm_trimesh *m, double longest);
+
 /** True if the edge can be contracted without a change of topology. */
 bool qm_trimesh_can_collapse(qm_trimesh *m, uint32_t h);
 
