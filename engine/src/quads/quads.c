@@ -10,8 +10,8 @@
 #define TRIANGLE_SIDE 0.9 /* of the triangles on which fields are found, in sides of a quad */
 #define LARGEST                                                                                              \
     1e75 /* diagonal of a surface: squares of areas would not be finite beyond 1e77, nor normal below 1e-77 */
-#define SMALL_HOLE                                                                                           \
-    1.0 /* length of a boundary that is filled, in sides of a quad: four quads round it would have no shape */
+/* Length of a boundary that is filled, in sides of a quad: four quads round it would have no shape. */
+#define SMALL_HOLE 2.0
 #define LEAST_QUADS 24  /* of a component */
 #define WANTED_OFF 0.04 /* number of quads from the wanted one, as a share */
 #define ATTEMPTS 3
