@@ -16,8 +16,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MOST_BUBBLE 64 /* faces */
-
 typedef struct pairing {
     qm_context *ctx;
     qm_trimesh *m;
@@ -54,104 +52,6 @@ static void contract(qm_trimesh *m, gathered *g, uint32_t h)
     qm_trimesh_collapse(m, h);
 }
 
-/** Faces enclosed by three edges. */
-typedef struct bubble {
-    uint32_t face[MOST_BUBBLE];
-    size_t count;
-    uint32_t second, third; /* the half-edges after h round it, inside */
-} bubble;
-
-static bool has_member(const uint32_t *list, size_t count, uint32_t value)
-{
-    for (size_t i = 0; i < count; i++)
-        if (list[i] == value) return true;
-    return false;
-}
-
-/** The faces on the side of h of the cycle of h and a third vertex; false if they are many, or no disc. */
-static bool find_bubble(const qm_trimesh *m, uint32_t h, uint32_t third, bubble *b)
-{
-    const uint32_t cycle[3] = {m->from[h], qm_trimesh_to(m, h), third};
-    uint32_t inner[MOST_BUBBLE];
-    size_t inner_count = 0;
-    b->second = b->third = QM_NO_INDEX;
-    b->face[0] = h / 3, b->count = 1;
-    for (size_t i = 0; i < b->count; i++) {
-        for (uint32_t k = 3 * b->face[i]; k < 3 * b->face[i] + 3; k++) {
-            uint32_t from = m->from[k], to = qm_trimesh_to(m, k), t = m->twin[k];
-            if (!has_member(cycle, 3, from) && !has_member(inner, inner_count, from)) {
-                if (inner_count == MOST_BUBBLE) return false;
-                inner[inner_count++] = from;
-            }
-            if (k == h) continue;
-            if (from == cycle[1] && to == cycle[2]) {
-                b->second = k;
-            } else if (from == cycle[2] && to == cycle[0]) {
-                b->third = k;
-            } else if (t == QM_NO_INDEX) {
-                return false;
-            } else if (!has_member(b->face, b->count, t / 3)) {
-                if (b->count == MOST_BUBBLE) return false;
-                b->face[b->count++] = t / 3;
-            }
-        }
-    }
-    /* faces of a disc round so many vertices with three at its rim */
-    return b->second != QM_NO_INDEX && b->third != QM_NO_INDEX && b->count == 2 * inner_count + 1;
-}
-
-/** Puts one face in the place of a bubble. */
-static void burst(qm_trimesh *m, uint32_t h, uint32_t third, const bubble *b)
-{
-    const uint32_t outer[2] = {m->twin[b->second], m->twin[b->third]};
-    const uint8_t is_feature[2] = {m->is_feature[b->second], m->is_feature[b->third]};
-    uint32_t first = m->from[h], other = qm_trimesh_to(m, h),
-             side[2] = {qm_trimesh_next(h), qm_trimesh_prev(h)};
-    int32_t step[2];
-    memcpy(step, m->step[b->second], sizeof step);
-    for (size_t i = 0; i < b->count; i++) {
-        for (uint32_t k = 3 * b->face[i]; k < 3 * b->face[i] + 3; k++) {
-            m->out[m->from[k]] = QM_NO_INDEX;
-            if (k / 3 != h / 3) m->from[k] = QM_NO_INDEX;
-        }
-    }
-    m->from[side[0]] = other, m->from[side[1]] = third;
-    m->out[first] = h, m->out[other] = side[0], m->out[third] = side[1];
-    for (int k = 0; k < 2; k++) {
-        m->twin[side[k]] = outer[k];
-        if (outer[k] != QM_NO_INDEX) m->twin[outer[k]] = side[k];
-        m->is_feature[side[k]] = is_feature[k];
-        for (int axis = 0; axis < 2; axis++)
-            m->step[side[k]][axis] = k == 0 ? step[axis] : -step[axis];
-    }
-}
-
-/**
- * Takes away what keeps an edge without a step from being contracted: faces between it and a third vertex that both its ends
- * are joined to. They have no area on the grid: folds that lie on each other.
- */
-static bool burst_bubble(qm_trimesh *m, uint32_t h)
-{
-    uint32_t u = m->from[h], v = qm_trimesh_to(m, h), first = qm_trimesh_first(m, u), k = first;
-    const uint32_t side[2] = {h, m->twin[h]};
-    do {
-        uint32_t w = qm_trimesh_to(m, k), start = qm_trimesh_first(m, w), n = start;
-        bool is_joined = false;
-        do {
-            is_joined |= qm_trimesh_to(m, n) == v || m->from[qm_trimesh_prev(n)] == v;
-            n = qm_trimesh_around(m, n);
-        } while (n != QM_NO_INDEX && n != start);
-        for (int s = 0; s < 2 && is_joined && w != v && side[s] != QM_NO_INDEX; s++) {
-            bubble b;
-            if (m->from[qm_trimesh_prev(side[s])] == w || !find_bubble(m, side[s], w, &b)) continue;
-            burst(m, side[s], w, &b);
-            return true;
-        }
-        k = qm_trimesh_around(m, k);
-    } while (k != QM_NO_INDEX && k != first);
-    return false;
-}
-
 static qm_status contract_all(qm_context *ctx, qm_trimesh *m)
 {
     size_t count = m->vertex_count;
@@ -165,11 +65,8 @@ static qm_status contract_all(qm_context *ctx, qm_trimesh *m)
     while (is_changing && !qm_context_canceled(ctx)) {
         is_changing = false;
         for (uint32_t h = 0; h < 3 * m->face_count; h++) {
-            if (!qm_trimesh_has_face(m, h / 3) || has_step(m, h)) continue;
-            if (qm_trimesh_can_collapse(m, h))
-                contract(m, g, h);
-            else if (!burst_bubble(m, h))
-                continue;
+            if (!qm_trimesh_has_face(m, h / 3) || has_step(m, h) || !qm_trimesh_can_collapse(m, h)) continue;
+            contract(m, g, h);
             is_changing = true;
         }
     }
