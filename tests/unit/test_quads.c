@@ -218,7 +218,7 @@ static void closed_shapes_become_closed_quads(void **state)
     check_quads(triangles_of(cube_grid(20, to_banana)), &banana);
     const wanted bumps = {"bumps", 2500, 2, 1, true, 8, 30, 0.2};
     check_quads(triangles_of(cube_grid(24, to_bumps)), &bumps);
-    const wanted torus = {"torus", 1500, 0, 1, true, 0, 32, 0.2};
+    const wanted torus = {"torus", 1500, 0, 1, true, 0, 24, 0.25};
     check_quads(triangles_of(qm_shape_torus(60, 24, 1.0, 0.35)), &torus);
 }
 
