@@ -29,6 +29,7 @@ class Peer:
     aligns: typing.Sequence[str] = ()  # the words W of `COMMAND W A B MOTIONS` that it answers
     compares: str = ""   # what a sample is measured from in `COMMAND compare A B POINTS SEED LIMIT`: "surface" or "sample"
     self: str = ""       # the same of one mesh with itself; "partly": leaves pairs with a common corner out
+    remeshes: bool = False  # answers `COMMAND remesh MESH QUADS OUT` and writes OUT
 
 
 @dataclasses.dataclass
@@ -55,6 +56,9 @@ class Programs:
     def comparing(self):
         return [peer for peer in self.peers if peer.compares]
 
+    def remeshing(self):
+        return [peer for peer in self.peers if peer.remeshes]
+
     def colliding(self):
         return [peer for peer in self.peers if peer.collide]
 
@@ -73,6 +77,7 @@ PYTHON_PEERS = (
     python_peer("meshlab", "pymeshlab", hausdorff="samples", reads=True, compares="surface"),
     python_peer("trimesh", "trimesh", compares="surface"),
     python_peer("pcu", "point-cloud-utils", compares="sample"),
+    python_peer("instant", "pynanoinstantmeshes", remeshes=True),
 )
 COMPILED_PEERS = (
     Peer("cgal", (OUT / "peer_cgal",), "CGAL", hausdorff="guaranteed", project="double", collide="exact",

@@ -38,6 +38,7 @@ import bench_hausdorff
 import bench_matrix
 import bench_projection
 import bench_reconstruct
+import bench_remesh
 import bench_service
 import bench_store
 import bench_twins
@@ -53,7 +54,7 @@ PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench
          "project": bench_projection,
          "collide": bench_collide, "deviation": bench_deviation, "compare": bench_compare, "align": bench_align, "matrix": bench_matrix,
          "accelerators": bench_accelerators, "agreement": bench_agreement, "service": bench_service, "store": bench_store,
-         "reconstruct": bench_reconstruct}
+         "reconstruct": bench_reconstruct, "remesh": bench_remesh}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")
 
 

@@ -10,88 +10,16 @@
 #define TRIANGLE_SIDE 0.9 /* of the triangles on which fields are found, in sides of a quad */
 #define LARGEST                                                                                              \
     1e75 /* diagonal of a surface: squares of areas would not be finite beyond 1e77, nor normal below 1e-77 */
-#define LEAST_QUADS 24 /* of a component */
+/* Length of a boundary that is filled, in sides of a quad: four quads round it would have no shape. */
+#define SMALL_HOLE 2.0
+#define LEAST_QUADS 24  /* of a component */
+#define WANTED_OFF 0.04 /* number of quads from the wanted one, as a share */
+#define ATTEMPTS 3
+#define FEW_QUADS 1000 /* that is fast, and a row is a large share: twice the attempts */
 
 qm_quads_options qm_quads_options_default(void)
 {
     return (qm_quads_options){.quads = 5000, .crease_angle = 40.0, .thread_count = 1};
-}
-
-/** Triangles of the surface, component by component. */
-typedef struct triangles {
-    size_t count;
-    uint32_t (*corner)[3];
-    uint32_t *component; /* of each triangle */
-    size_t component_count;
-} triangles;
-
-static size_t count_triangles(const qm_mesh *mesh)
-{
-    size_t count = 0;
-    for (size_t f = 0; f < mesh->face_count; f++)
-        count += mesh->faces[4 * f + 3] == QM_NO_INDEX ? 1 : 2;
-    return count;
-}
-
-static void list_triangles(const qm_mesh *mesh, triangles *t)
-{
-    t->count = 0;
-    for (size_t f = 0; f < mesh->face_count; f++) {
-        const uint32_t *c = mesh->faces + 4 * f;
-        memcpy(t->corner[t->count++], c, 3 * sizeof *c);
-        if (c[3] == QM_NO_INDEX) continue;
-        const uint32_t second[3] = {c[0], c[2], c[3]};
-        memcpy(t->corner[t->count++], second, sizeof second);
-    }
-}
-
-static uint32_t find_root(uint32_t *parent, uint32_t v)
-{
-    while (parent[v] != v)
-        v = parent[v] = parent[parent[v]];
-    return v;
-}
-
-/** Numbers the components, connected by vertices, in the order of their first triangles, and sorts the triangles by them. */
-static qm_status sort_components(qm_context *ctx, size_t vertex_count, triangles *t)
-{
-    uint32_t *parent = qm_context_alloc(ctx, vertex_count, sizeof *parent);
-    uint32_t *number = qm_context_alloc(ctx, vertex_count, sizeof *number);
-    uint32_t(*sorted)[3] = qm_context_alloc(ctx, t->count, sizeof *sorted);
-    uint32_t *of = qm_context_alloc(ctx, t->count, sizeof *of);
-    uint32_t *place = qm_context_alloc(ctx, t->count + 1, sizeof *place);
-    bool has_memory = parent && number && sorted && of && place;
-    if (has_memory) {
-        for (uint32_t v = 0; v < vertex_count; v++)
-            parent[v] = v, number[v] = QM_NO_INDEX;
-        for (size_t i = 0; i < t->count; i++) {
-            for (int k = 1; k < 3; k++) {
-                uint32_t a = find_root(parent, t->corner[i][0]), b = find_root(parent, t->corner[i][k]);
-                if (a != b) parent[a > b ? a : b] = a > b ? b : a;
-            }
-        }
-        memset(place, 0, (t->count + 1) * sizeof *place);
-        for (size_t i = 0; i < t->count; i++) {
-            uint32_t root = find_root(parent, t->corner[i][0]);
-            if (number[root] == QM_NO_INDEX) number[root] = (uint32_t)t->component_count++;
-            of[i] = number[root];
-            place[of[i] + 1]++;
-        }
-        for (size_t k = 0; k < t->component_count; k++)
-            place[k + 1] += place[k];
-        for (size_t i = 0; i < t->count; i++) {
-            uint32_t to = place[of[i]]++;
-            memcpy(sorted[to], t->corner[i], sizeof *sorted);
-            t->component[to] = of[i];
-        }
-        memcpy(t->corner, sorted, t->count * sizeof *sorted);
-    }
-    qm_context_free(ctx, parent, vertex_count, sizeof *parent);
-    qm_context_free(ctx, number, vertex_count, sizeof *number);
-    qm_context_free(ctx, sorted, t->count, sizeof *sorted);
-    qm_context_free(ctx, of, t->count, sizeof *of);
-    qm_context_free(ctx, place, t->count + 1, sizeof *place);
-    return has_memory ? QM_OK : QM_E_NO_MEMORY;
 }
 
 static double area_of(const double *positions, const uint32_t (*corner)[3], size_t count)
@@ -112,18 +40,24 @@ static double area_of(const double *positions, const uint32_t (*corner)[3], size
 
 /** The quads of a component, and its features as pairs of points. */
 typedef struct part {
-    qm_mesh mesh;
-    uint8_t *is_fixed, *is_feature;
-    double *segments; /* segment_count rows of two points */
+    qm_quads_result quads; /* without features */
+    double *segments;      /* segment_count rows of two points */
     size_t segment_count;
 } part;
 
+static void reset_result(qm_context *ctx, qm_quads_result *r)
+{
+    qm_context_free(ctx, r->is_fixed, r->mesh.vertex_count, 1);
+    qm_context_free(ctx, r->is_feature, r->mesh.face_count, 4);
+    qm_mesh_reset(ctx, &r->mesh);
+    qm_mesh_reset(ctx, &r->features);
+    *r = (qm_quads_result){0};
+}
+
 static void reset_part(qm_context *ctx, part *p)
 {
-    qm_context_free(ctx, p->is_fixed, p->mesh.vertex_count, 1);
-    qm_context_free(ctx, p->is_feature, p->mesh.face_count, 4);
+    reset_result(ctx, &p->quads);
     qm_context_free(ctx, p->segments, p->segment_count, 6 * sizeof *p->segments);
-    qm_mesh_reset(ctx, &p->mesh);
     *p = (part){0};
 }
 
@@ -146,37 +80,102 @@ static qm_status copy_features(qm_context *ctx, const qm_trimesh *m, part *out)
     return QM_OK;
 }
 
-static qm_status lay_out(qm_context *ctx, qm_trimesh *m, double size, qm_quads_record *record)
+/** One way to lay quads out on a component. */
+typedef struct attempt {
+    qm_quads_result quads;
+    qm_quads_record record;
+    double off;       /* how far the number of quads is from the wanted one, as a share */
+    size_t irregular; /* vertices */
+} attempt;
+
+static void add_record(qm_quads_record *sum, const qm_quads_record *own)
 {
-    size_t faces = m->face_count, vertices = m->vertex_count;
-    qm_vec *cross = qm_context_alloc(ctx, faces, sizeof *cross);
+    sum->crosses_turned += own->crosses_turned;
+    sum->steps_inconsistent += own->steps_inconsistent;
+    sum->steps_open += own->steps_open;
+    sum->steps_folded += own->steps_folded;
+    sum->unmatched += own->unmatched;
+    sum->halved += own->halved;
+}
+
+/** Quads of a side of size; the triangles are used up. */
+static qm_status lay_out(qm_context *ctx, qm_trimesh *m, const qm_vec *cross, double size, attempt *out)
+{
+    size_t vertices = m->vertex_count;
     qm_vec *grid = qm_context_alloc(ctx, 3 * vertices, sizeof *grid);
-    qm_status status = cross && grid ? QM_OK : QM_E_NO_MEMORY;
+    qm_status status = grid ? QM_OK : QM_E_NO_MEMORY;
     if (status == QM_OK) {
         qm_quads_grids grids = {grid, grid + vertices, grid + 2 * vertices};
-        status = qm_quads_find_crosses(ctx, m, cross);
-        if (status == QM_OK) status = qm_quads_find_grids(ctx, m, cross, size, &grids);
-        if (status == QM_OK) status = qm_quads_find_steps(ctx, m, cross, &grids, size, record);
+        status = qm_quads_find_grids(ctx, m, cross, size, &grids);
+        if (status == QM_OK) status = qm_quads_find_steps(ctx, m, cross, &grids, size, &out->record);
     }
-    qm_context_free(ctx, cross, faces, sizeof *cross);
     qm_context_free(ctx, grid, 3 * vertices, sizeof *grid);
+    qm_quads_result *r = &out->quads;
+    if (status == QM_OK)
+        status = qm_quads_extract(ctx, m, &r->mesh, &r->is_fixed, &r->is_feature, &out->record);
+    return status == QM_OK ? qm_quads_tidy(ctx, r, &out->irregular) : status;
+}
+
+/** Numbers of quads that are near enough count as equal; then fewer irregular vertices are better. */
+static bool is_better(const attempt *a, const attempt *b)
+{
+    if (!b->quads.mesh.faces) return true;
+    double off_a = qm_max(a->off, WANTED_OFF), off_b = qm_max(b->off, WANTED_OFF);
+    return off_a != off_b ? off_a < off_b : a->irregular < b->irregular;
+}
+
+/** Lays quads out until there are about as many as wanted: rows that the flow takes away or adds are made up for by their size. */
+static qm_status lay_out_counted(qm_context *ctx, const qm_trimesh *m, const qm_vec *cross, double size,
+                                 double wanted, attempt *best)
+{
+    qm_status status = QM_OK;
+    int attempts = wanted < FEW_QUADS ? 2 * ATTEMPTS : ATTEMPTS, vain = 0;
+    for (int k = 0; k < attempts && vain < 3 && status == QM_OK; k++) {
+        qm_trimesh copy;
+        attempt now = {0};
+        status = qm_trimesh_copy(ctx, m, &copy);
+        if (status == QM_OK) status = lay_out(ctx, &copy, cross, size, &now);
+        qm_trimesh_reset(ctx, &copy);
+        double ratio = (double)now.quads.mesh.face_count / wanted;
+        now.off = fabs(ratio - 1.0);
+        bool is_kept = status == QM_OK && is_better(&now, best);
+        if (is_kept) {
+            attempt worse = *best;
+            *best = now;
+            now = worse;
+        }
+        vain = is_kept ? 0 : vain + 1;
+        reset_result(ctx, &now.quads);
+        if (best->off <= WANTED_OFF) break;
+        size *= qm_min(qm_max(sqrt(ratio), 0.5), 1.5);
+    }
     return status;
 }
 
 static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*corner)[3], size_t count,
-                           double size, const qm_quads_options *options, part *out, qm_quads_record *record)
+                           double wanted, double size, const qm_quads_options *options, part *out,
+                           qm_quads_record *record)
 {
     const qm_mesh *surface = qm_bvh_mesh(bvh);
     qm_trimesh m;
+    attempt best = {0};
+    qm_vec *cross = NULL;
     qm_status status = qm_trimesh_build(ctx, surface->positions, surface->vertex_count, corner, count, &m);
+    if (status == QM_OK) status = qm_trimesh_fill_holes(ctx, &m, SMALL_HOLE * size);
     if (status == QM_OK) status = qm_quads_find_features(ctx, &m, options->crease_angle, size);
     if (status == QM_OK) status = copy_features(ctx, &m, out);
     if (status == QM_OK) status = qm_quads_remesh(ctx, &m, bvh, TRIANGLE_SIDE * size, options->thread_count);
     if (status == QM_OK) status = qm_quads_separate_features(ctx, &m);
-    if (status == QM_OK) status = lay_out(ctx, &m, size, record);
-    if (status == QM_OK)
-        status = qm_quads_extract(ctx, &m, &out->mesh, &out->is_fixed, &out->is_feature, record);
+    size_t faces = m.face_count;
+    if (status == QM_OK) {
+        cross = qm_context_alloc(ctx, faces, sizeof *cross);
+        status = cross ? qm_quads_find_crosses(ctx, &m, cross) : QM_E_NO_MEMORY;
+    }
+    if (status == QM_OK) status = lay_out_counted(ctx, &m, cross, size, wanted, &best);
+    qm_context_free(ctx, cross, faces, sizeof *cross);
     qm_trimesh_reset(ctx, &m);
+    out->quads = best.quads;
+    if (status == QM_OK) add_record(record, &best.record);
     return status;
 }
 
@@ -184,7 +183,7 @@ static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*
  * All components.
  */
 
-static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const triangles *t,
+static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const qm_quads_triangles *t,
                             const qm_quads_options *options, part *parts, qm_quads_record *record)
 {
     const double *positions = qm_bvh_mesh(bvh)->positions;
@@ -200,8 +199,9 @@ static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const triangles 
         double own = area_of(positions, corner + first, last - first);
         /* points and segments have no area, and no quads */
         if (!(own > 1e-12 * area)) continue;
-        double size = qm_min(record->size, sqrt(own / LEAST_QUADS));
-        status = make_part(ctx, bvh, corner + first, last - first, size, options, &parts[k], record);
+        double wanted = qm_max((double)options->quads * own / area, LEAST_QUADS);
+        status = make_part(ctx, bvh, corner + first, last - first, wanted, sqrt(own / wanted), options,
+                           &parts[k], record);
     }
     return status;
 }
@@ -210,8 +210,8 @@ static qm_status join_parts(qm_context *ctx, const part *parts, size_t count, qm
 {
     size_t vertices = 0, faces = 0, segments = 0;
     for (size_t k = 0; k < count; k++) {
-        vertices += parts[k].mesh.vertex_count;
-        faces += parts[k].mesh.face_count;
+        vertices += parts[k].quads.mesh.vertex_count;
+        faces += parts[k].quads.mesh.face_count;
         segments += parts[k].segment_count;
     }
     r->mesh.positions = qm_context_alloc(ctx, vertices, 3 * sizeof *r->mesh.positions);
@@ -228,18 +228,18 @@ static qm_status join_parts(qm_context *ctx, const part *parts, size_t count, qm
     size_t vertex = 0, face = 0, segment = 0;
     for (size_t k = 0; k < count; k++) {
         const part *p = &parts[k];
-        if (p->mesh.face_count > 0) {
-            memcpy(r->mesh.positions + 3 * vertex, p->mesh.positions,
-                   3 * p->mesh.vertex_count * sizeof(double));
-            memcpy(r->is_fixed + vertex, p->is_fixed, p->mesh.vertex_count);
-            memcpy(r->is_feature + 4 * face, p->is_feature, 4 * p->mesh.face_count);
-            for (size_t c = 0; c < 4 * p->mesh.face_count; c++)
-                r->mesh.faces[4 * face + c] = (uint32_t)vertex + p->mesh.faces[c];
+        const qm_mesh *own = &p->quads.mesh;
+        if (own->face_count > 0) {
+            memcpy(r->mesh.positions + 3 * vertex, own->positions, 3 * own->vertex_count * sizeof(double));
+            memcpy(r->is_fixed + vertex, p->quads.is_fixed, own->vertex_count);
+            memcpy(r->is_feature + 4 * face, p->quads.is_feature, 4 * own->face_count);
+            for (size_t c = 0; c < 4 * own->face_count; c++)
+                r->mesh.faces[4 * face + c] = (uint32_t)vertex + own->faces[c];
         }
         if (p->segment_count > 0)
             memcpy(r->features.positions + 6 * segment, p->segments, 6 * p->segment_count * sizeof(double));
-        vertex += p->mesh.vertex_count;
-        face += p->mesh.face_count;
+        vertex += own->vertex_count;
+        face += own->face_count;
         segment += p->segment_count;
     }
     for (uint32_t i = 0; i < segments; i++) {
@@ -249,12 +249,11 @@ static qm_status join_parts(qm_context *ctx, const part *parts, size_t count, qm
     return QM_OK;
 }
 
-static qm_status make(qm_context *ctx, const qm_bvh *bvh, triangles *t, const qm_quads_options *options,
-                      qm_quads_result *r, qm_quads_record *record)
+static qm_status make(qm_context *ctx, const qm_bvh *bvh, qm_quads_triangles *t,
+                      const qm_quads_options *options, qm_quads_result *r, qm_quads_record *record)
 {
     const qm_mesh *surface = qm_bvh_mesh(bvh);
-    list_triangles(surface, t);
-    qm_status status = sort_components(ctx, surface->vertex_count, t);
+    qm_status status = qm_quads_list_triangles(ctx, surface, t);
     if (status != QM_OK) return status;
     record->components = t->component_count;
     part *parts = qm_context_alloc(ctx, t->component_count, sizeof *parts);
@@ -265,8 +264,9 @@ static qm_status make(qm_context *ctx, const qm_bvh *bvh, triangles *t, const qm
     for (size_t k = 0; k < t->component_count; k++)
         reset_part(ctx, &parts[k]);
     qm_context_free(ctx, parts, t->component_count, sizeof *parts);
-    if (status == QM_OK) status = qm_quads_tidy(ctx, r);
-    return status == QM_OK ? qm_quads_polish(ctx, r, bvh, options->thread_count) : status;
+    if (status == QM_OK) status = qm_quads_polish(ctx, r, bvh, options->thread_count);
+    if (status == QM_OK) status = qm_quads_untangle(ctx, r, bvh, options->thread_count);
+    return status == QM_OK ? qm_quads_fit(ctx, r, bvh, options->thread_count) : status;
 }
 
 /** A byte for each face, of the four of its sides. */
@@ -290,7 +290,8 @@ qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const q
     *out = (qm_mesh){0};
     if (creases) *creases = NULL;
     const qm_mesh *surface = qm_bvh_mesh(bvh);
-    if (options->quads == 0) return qm_context_fail(ctx, QM_E_ARGUMENT, "the number of quads is 0");
+    if (options->quads == 0 || options->quads > QM_QUADS_MOST)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the number of quads is not from 1 to %d", QM_QUADS_MOST);
     if (!(options->crease_angle >= 0.0 && options->crease_angle <= 180.0))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "the crease angle is not from 0 to 180 degrees");
     if (surface->face_count == 0)
@@ -303,21 +304,16 @@ qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const q
     qm_quads_record own = {0};
     if (!record) record = &own;
     *record = (qm_quads_record){0};
-    size_t count = count_triangles(surface);
-    triangles t = {.corner = qm_context_alloc(ctx, count, sizeof *t.corner),
-                   .component = qm_context_alloc(ctx, count, sizeof *t.component)};
+    qm_quads_triangles t;
     qm_quads_result r = {0};
-    qm_status status = t.corner && t.component ? make(ctx, bvh, &t, options, &r, record) : QM_E_NO_MEMORY;
-    qm_context_free(ctx, t.corner, count, sizeof *t.corner);
-    qm_context_free(ctx, t.component, count, sizeof *t.component);
+    qm_status status = make(ctx, bvh, &t, options, &r, record);
+    qm_quads_triangles_reset(ctx, &t);
     if (status == QM_OK && creases) status = pack_creases(ctx, &r, creases);
-    qm_context_free(ctx, r.is_fixed, r.mesh.vertex_count, 1);
-    qm_context_free(ctx, r.is_feature, r.mesh.face_count, 4);
-    qm_mesh_reset(ctx, &r.features);
-    if (status == QM_OK)
+    if (status == QM_OK) {
         *out = r.mesh;
-    else
-        qm_mesh_reset(ctx, &r.mesh);
+        r.mesh.positions = NULL, r.mesh.faces = NULL;
+    }
+    reset_result(ctx, &r);
     return status;
 }
 

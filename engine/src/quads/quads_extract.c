@@ -7,8 +7,9 @@
  *
  * Not every edge can be contracted: round a thin part the surface may have no step at all. Triangles without a partner by
  * their steps are matched by augmenting paths in the dual graph; what is a cubic graph without bridges always has a
- * perfect matching (Petersen 1891). Paths are searched without contracting odd cycles, so a few may be missed; then every
- * face is cut by its midpoints.
+ * perfect matching (Petersen 1891). Where there is none, every face is cut by its midpoints.
+ *
+ * Source: J. Edmonds, Paths, trees, and flowers, 1965.
  */
 #include "quads/quads_internal.h"
 
@@ -19,8 +20,12 @@ typedef struct pairing {
     qm_context *ctx;
     qm_trimesh *m;
     uint32_t *mate;   /* of each face: the half-edge to its partner; QM_NO_INDEX: none */
-    uint32_t *before; /* of faces that a search reached: the half-edge by which, into their partner */
-    uint32_t *queue;
+    uint32_t *before; /* of faces that a search reached: the half-edge by which, from an outer face */
+    uint32_t *base;   /* of each face: the face that its contracted odd cycle hangs on, or itself */
+    uint8_t *state;   /* of each face: the bits below */
+    uint32_t *queue;  /* outer faces: those at even distance */
+    uint32_t *touched;
+    size_t queued, touched_count;
 } pairing;
 
 static bool has_step(const qm_trimesh *m, uint32_t h)
@@ -82,6 +87,12 @@ static void pair_at(pairing *p, uint32_t h)
     p->mate[p->m->twin[h] / 3] = p->m->twin[h];
 }
 
+/** The triangles of a half-edge have a second edge in common: a pair of them would repeat a corner. */
+static bool is_pillow(const qm_trimesh *m, uint32_t h)
+{
+    return m->from[qm_trimesh_prev(h)] == m->from[qm_trimesh_prev(m->twin[h])];
+}
+
 static bool is_diagonal(const qm_trimesh *m, uint32_t h)
 {
     return abs(m->step[h][0]) == 1 && abs(m->step[h][1]) == 1 && !m->is_feature[h];
@@ -100,26 +111,8 @@ static void pair_by_steps(pairing *p)
     for (uint32_t h = 0; h < 3 * m->face_count; h++) {
         uint32_t t = m->twin[h];
         if (t == QM_NO_INDEX || p->mate[h / 3] != QM_NO_INDEX || p->mate[t / 3] != QM_NO_INDEX) continue;
-        if (is_diagonal(m, h) && has_area(m, h / 3) && has_area(m, t / 3)) pair_at(p, h);
+        if (is_diagonal(m, h) && has_area(m, h / 3) && has_area(m, t / 3) && !is_pillow(m, h)) pair_at(p, h);
     }
-}
-
-/** Turns the path that ends at a half-edge out of an outer face round: its faces get new partners. */
-static void augment(pairing *p, uint32_t h)
-{
-    while (h != QM_NO_INDEX) {
-        uint32_t face = h / 3, previous = p->before[face];
-        pair_at(p, h);
-        h = previous;
-    }
-}
-
-/** Turns the path to an outer face round, which stays alone. */
-static void release(pairing *p, uint32_t face)
-{
-    uint32_t h = p->before[face];
-    p->mate[face] = QM_NO_INDEX;
-    augment(p, h);
 }
 
 static uint32_t boundary_of(const qm_trimesh *m, uint32_t face)
@@ -129,38 +122,137 @@ static uint32_t boundary_of(const qm_trimesh *m, uint32_t face)
     return QM_NO_INDEX;
 }
 
-/** A partner for a face without one: true if there is, or if a face at a boundary is alone instead. */
-static bool find_partner(pairing *p, uint32_t face, bool crosses_features)
+enum { IS_TOUCHED = 1, IS_OUTER = 2, IS_IN_CYCLE = 4, IS_ON_WAY = 8 };
+
+static uint32_t partner_of(const pairing *p, uint32_t face)
+{
+    return p->mate[face] == QM_NO_INDEX ? QM_NO_INDEX : p->m->twin[p->mate[face]] / 3;
+}
+
+static void touch(pairing *p, uint32_t face)
+{
+    if (p->state[face] & IS_TOUCHED) return;
+    p->state[face] = IS_TOUCHED;
+    p->before[face] = QM_NO_INDEX;
+    p->base[face] = face;
+    p->touched[p->touched_count++] = face;
+}
+
+static void make_outer(pairing *p, uint32_t face)
+{
+    touch(p, face);
+    p->state[face] |= IS_OUTER;
+    p->queue[p->queued++] = face;
+}
+
+/** The outer face before an inner one. */
+static uint32_t outer_before(const pairing *p, uint32_t face)
+{
+    return p->before[face] / 3;
+}
+
+/** Where the ways of two outer faces back to the root meet. */
+static uint32_t common_base(pairing *p, uint32_t a, uint32_t b, uint32_t root)
+{
+    uint32_t f = a, found;
+    for (;;) {
+        f = p->base[f];
+        p->state[f] |= IS_ON_WAY;
+        if (f == p->base[root]) break;
+        f = outer_before(p, partner_of(p, f));
+    }
+    for (found = p->base[b]; !(p->state[found] & IS_ON_WAY);)
+        found = p->base[outer_before(p, partner_of(p, found))];
+    for (f = a;;) {
+        f = p->base[f];
+        p->state[f] &= (uint8_t)~IS_ON_WAY;
+        if (f == p->base[root]) break;
+        f = outer_before(p, partner_of(p, f));
+    }
+    return found;
+}
+
+/** Marks the bases from an outer face back to one; entry is the half-edge that comes to it from the other side of the cycle. */
+static void mark_cycle(pairing *p, uint32_t face, uint32_t base, uint32_t entry)
+{
+    while (p->base[face] != base) {
+        uint32_t partner = partner_of(p, face);
+        p->state[p->base[face]] |= IS_IN_CYCLE;
+        p->state[p->base[partner]] |= IS_IN_CYCLE;
+        p->before[face] = entry;
+        face = outer_before(p, partner);
+        entry = p->m->twin[p->before[partner]];
+    }
+}
+
+/** Contracts the odd cycle that a half-edge between two outer faces closes: all its faces become outer ones. */
+static void contract_cycle(pairing *p, uint32_t h, uint32_t root)
+{
+    uint32_t a = h / 3, b = p->m->twin[h] / 3, base = common_base(p, a, b, root);
+    size_t count = p->touched_count;
+    mark_cycle(p, a, base, p->m->twin[h]);
+    mark_cycle(p, b, base, h);
+    for (size_t i = 0; i < count; i++) {
+        uint32_t f = p->touched[i];
+        if (!(p->state[p->base[f]] & IS_IN_CYCLE)) continue;
+        p->base[f] = base;
+        if (!(p->state[f] & IS_OUTER)) make_outer(p, f);
+    }
+    for (size_t i = 0; i < count; i++)
+        p->state[p->touched[i]] &= (uint8_t)~IS_IN_CYCLE;
+}
+
+/** Turns the way back from an inner face without a partner round: all on it get new partners. */
+static void augment(pairing *p, uint32_t face)
+{
+    while (face != QM_NO_INDEX) {
+        uint32_t h = p->before[face], next = partner_of(p, h / 3);
+        pair_at(p, h);
+        face = next;
+    }
+}
+
+static bool search_partner(pairing *p, uint32_t root, bool crosses_features)
 {
     const qm_trimesh *m = p->m;
-    size_t head = 0, tail = 0;
-    for (size_t f = 0; f < m->face_count; f++)
-        p->before[f] = QM_NO_INDEX - 1; /* not reached */
-    p->before[face] = QM_NO_INDEX;
-    p->queue[tail++] = face;
     uint32_t at_boundary = QM_NO_INDEX;
-    while (head < tail) {
-        uint32_t outer = p->queue[head++];
+    make_outer(p, root);
+    for (size_t head = 0; head < p->queued; head++) {
+        uint32_t outer = p->queue[head];
         if (at_boundary == QM_NO_INDEX && boundary_of(m, outer) != QM_NO_INDEX) at_boundary = outer;
         for (uint32_t h = 3 * outer; h < 3 * outer + 3; h++) {
-            uint32_t t = m->twin[h];
-            if (t == QM_NO_INDEX || t / 3 == face || (m->is_feature[h] && !crosses_features)) continue;
-            if (h == p->mate[outer]) continue;
-            uint32_t mate = p->mate[t / 3];
-            if (mate == QM_NO_INDEX) {
-                augment(p, h);
-                return true;
+            if (m->twin[h] == QM_NO_INDEX || (m->is_feature[h] && !crosses_features) || is_pillow(m, h))
+                continue;
+            uint32_t other = m->twin[h] / 3;
+            touch(p, other);
+            if (h == p->mate[outer] || p->base[outer] == p->base[other]) continue;
+            if (p->state[other] & IS_OUTER) {
+                contract_cycle(p, h, root);
+            } else if (p->before[other] == QM_NO_INDEX) {
+                p->before[other] = h;
+                if (p->mate[other] == QM_NO_INDEX) {
+                    augment(p, other);
+                    return true;
+                }
+                make_outer(p, partner_of(p, other));
             }
-            uint32_t next = m->twin[mate] / 3;
-            if (p->before[t / 3] != QM_NO_INDEX - 1) continue; /* an odd cycle */
-            if (p->before[next] != QM_NO_INDEX - 1) continue;
-            p->before[next] = h;
-            p->queue[tail++] = next;
         }
     }
     if (at_boundary == QM_NO_INDEX) return false;
-    if (at_boundary != face) release(p, at_boundary);
+    uint32_t partner = partner_of(p, at_boundary);
+    p->mate[at_boundary] = QM_NO_INDEX;
+    augment(p, partner);
     return true;
+}
+
+/** A partner for a face without one: true if there is, or if a face at a boundary is alone instead. */
+static bool find_partner(pairing *p, uint32_t face, bool crosses_features)
+{
+    p->queued = p->touched_count = 0;
+    bool is_found = search_partner(p, face, crosses_features);
+    for (size_t i = 0; i < p->touched_count; i++)
+        p->state[p->touched[i]] = 0;
+    return is_found;
 }
 
 static size_t pair_rest(pairing *p, qm_quads_record *record)
@@ -244,18 +336,6 @@ static void write_thirds(const pairing *p, qm_mesh *out, uint8_t *is_feature)
     }
 }
 
-/** True if a pair would be a face that repeats a corner: its triangles have two edges in common. */
-static bool has_pillow(const pairing *p)
-{
-    const qm_trimesh *m = p->m;
-    for (uint32_t f = 0; f < m->face_count; f++) {
-        uint32_t h = p->mate[f];
-        if (h != QM_NO_INDEX && m->from[qm_trimesh_prev(h)] == m->from[qm_trimesh_prev(m->twin[h])])
-            return true;
-    }
-    return false;
-}
-
 static void count_quads(const pairing *p, bool by_thirds, size_t *faces, size_t *vertices)
 {
     const qm_trimesh *m = p->m;
@@ -302,18 +382,30 @@ qm_status qm_quads_extract(qm_context *ctx, qm_trimesh *m, qm_mesh *out, uint8_t
     qm_status status = contract_all(ctx, m);
     if (status != QM_OK) return status;
     size_t faces = m->face_count;
-    pairing p = {ctx, m, qm_context_alloc(ctx, faces, sizeof *p.mate),
+    pairing p = {ctx,
+                 m,
+                 qm_context_alloc(ctx, faces, sizeof *p.mate),
                  qm_context_alloc(ctx, faces, sizeof *p.before),
-                 qm_context_alloc(ctx, 3 * faces, sizeof *p.queue)};
-    status = p.mate && p.before && p.queue ? QM_OK : QM_E_NO_MEMORY;
+                 qm_context_alloc(ctx, faces, sizeof *p.base),
+                 qm_context_alloc(ctx, faces, 1),
+                 qm_context_alloc(ctx, 3 * faces, sizeof *p.queue),
+                 qm_context_alloc(ctx, faces, sizeof *p.touched),
+                 0,
+                 0};
+    bool has_memory = p.mate && p.before && p.base && p.state && p.queue && p.touched;
+    status = has_memory ? QM_OK : QM_E_NO_MEMORY;
     if (status == QM_OK) {
+        memset(p.state, 0, faces);
         pair_by_steps(&p);
-        bool by_thirds = pair_rest(&p, record) > 0 || has_pillow(&p);
+        bool by_thirds = pair_rest(&p, record) > 0;
         record->halved += by_thirds;
         status = write_quads(&p, by_thirds, out, is_fixed, is_feature);
     }
     qm_context_free(ctx, p.mate, faces, sizeof *p.mate);
     qm_context_free(ctx, p.before, faces, sizeof *p.before);
+    qm_context_free(ctx, p.base, faces, sizeof *p.base);
+    qm_context_free(ctx, p.state, faces, 1);
     qm_context_free(ctx, p.queue, 3 * faces, sizeof *p.queue);
+    qm_context_free(ctx, p.touched, faces, sizeof *p.touched);
     return status;
 }

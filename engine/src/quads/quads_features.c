@@ -7,7 +7,11 @@
 
 #include "core/union_find.h"
 
-#define SHORTEST 3.0    /* of connected creases, in sides of a quad */
+#define SHORTEST 3.0 /* of connected creases and of twigs of them, in sides of a quad */
+#define END_LENGTH                                                                                           \
+    12.0 /* of connected creases, for each loose end: rough surfaces have many, machined ones few */
+#define NODE_LENGTH 1.5 /* ... for each bend and each vertex where several meet */
+#define TWIG_ROUNDS 3   /* a twig that goes leaves another */
 #define FINE_RADIUS 0.7 /* of the faces whose normals tell of a crease, in sides of a quad */
 #define FINE_ROUNDS 3   /* a crease that goes opens the sides of the next one */
 #define SHARP_BEND 0.5  /* cosine of the bend of a feature at which its vertex is a corner: 60 degrees */
@@ -95,30 +99,109 @@ static qm_status drop_fine(qm_context *ctx, qm_trimesh *m, double angle, double 
     return has_memory ? QM_OK : QM_E_NO_MEMORY;
 }
 
-/** Unmarks creases of connected ones whose lengths sum up to less than shortest. */
-static qm_status drop_short(qm_context *ctx, qm_trimesh *m, double shortest)
+/** Creases by vertex: those of v are half[start[v]] ... half[start[v + 1] - 1], which run from it. */
+typedef struct crease_graph {
+    uint32_t *start, *half;
+    uint32_t *degree; /* of each vertex: creases and boundary edges that are marked */
+    size_t half_count;
+} crease_graph;
+
+static bool is_crease(const qm_trimesh *m, uint32_t h)
+{
+    return m->is_feature[h] && m->twin[h] != QM_NO_INDEX;
+}
+
+static qm_status list_creases(qm_context *ctx, const qm_trimesh *m, crease_graph *g)
+{
+    size_t count = m->vertex_count, halves = 3 * m->face_count;
+    for (uint32_t h = 0; h < halves; h++)
+        g->half_count += is_crease(m, h);
+    g->start = qm_context_alloc(ctx, count + 1, sizeof *g->start);
+    g->half = qm_context_alloc(ctx, g->half_count, sizeof *g->half);
+    g->degree = qm_context_alloc(ctx, count, sizeof *g->degree);
+    if (!g->start || (g->half_count > 0 && !g->half) || !g->degree) return QM_E_NO_MEMORY;
+    memset(g->start, 0, (count + 1) * sizeof *g->start);
+    memset(g->degree, 0, count * sizeof *g->degree);
+    for (uint32_t h = 0; h < halves; h++) {
+        if (!m->is_feature[h]) continue;
+        g->degree[m->from[h]]++;
+        if (is_crease(m, h))
+            g->start[m->from[h]]++;
+        else
+            g->degree[qm_trimesh_to(m, h)]++;
+    }
+    for (size_t v = 0; v < count; v++)
+        g->start[v + 1] += g->start[v];
+    for (uint32_t h = 0; h < halves; h++)
+        if (is_crease(m, h)) g->half[--g->start[m->from[h]]] = h;
+    return QM_OK;
+}
+
+static void reset_creases(qm_context *ctx, const qm_trimesh *m, crease_graph *g)
+{
+    qm_context_free(ctx, g->start, m->vertex_count + 1, sizeof *g->start);
+    qm_context_free(ctx, g->half, g->half_count, sizeof *g->half);
+    qm_context_free(ctx, g->degree, m->vertex_count, sizeof *g->degree);
+    *g = (crease_graph){0};
+}
+
+/** A marked crease from a vertex, other than one; QM_NO_INDEX: there is none. */
+static uint32_t crease_from(const qm_trimesh *m, const crease_graph *g, uint32_t vertex, uint32_t other)
+{
+    for (uint32_t k = g->start[vertex]; k < g->start[vertex + 1]; k++)
+        if (m->is_feature[g->half[k]] && g->half[k] != other) return g->half[k];
+    return QM_NO_INDEX;
+}
+
+/** Unmarks the creases from a loose end to where they meet others, or end again, if that is not far. */
+static bool drop_twig(qm_trimesh *m, const crease_graph *g, uint32_t end, double shortest)
+{
+    double length = 0.0;
+    uint32_t first = crease_from(m, g, end, QM_NO_INDEX), h = first;
+    while (h != QM_NO_INDEX && length < shortest) {
+        length += qm_vec_norm(qm_trimesh_edge(m, h));
+        uint32_t vertex = qm_trimesh_to(m, h);
+        h = g->degree[vertex] == 2 ? crease_from(m, g, vertex, m->twin[h]) : QM_NO_INDEX;
+    }
+    if (length >= shortest) return false;
+    for (h = first; h != QM_NO_INDEX;) {
+        uint32_t vertex = qm_trimesh_to(m, h), twin = m->twin[h];
+        uint32_t next = g->degree[vertex] == 2 ? crease_from(m, g, vertex, twin) : QM_NO_INDEX;
+        mark(m, h, false);
+        g->degree[m->from[h]]--, g->degree[vertex]--;
+        h = next;
+    }
+    return true;
+}
+
+/** Unmarks creases of connected ones that are short for the number of their nodes. */
+static bool drop_tangles(qm_context *ctx, qm_trimesh *m, const crease_graph *g, double size)
 {
     size_t count = m->vertex_count;
     uint32_t *parent = qm_context_alloc(ctx, count, sizeof *parent);
-    double *length = qm_context_alloc(ctx, count, sizeof *length);
-    bool has_memory = parent && length;
-    if (has_memory) {
+    double *length = qm_context_alloc(ctx, count, sizeof *length); /* less what the nodes ask for */
+    if (parent && length) {
         for (uint32_t v = 0; v < count; v++)
-            parent[v] = v, length[v] = 0.0;
+            parent[v] = v, length[v] = -SHORTEST;
         for (uint32_t h = 0; h < 3 * m->face_count; h++)
-            if (m->is_feature[h]) qm_union_find_join(parent, m->from[h], qm_trimesh_to(m, h));
+            if (is_crease(m, h)) qm_union_find_join(parent, m->from[h], qm_trimesh_to(m, h));
         for (uint32_t h = 0; h < 3 * m->face_count; h++)
-            if (m->is_feature[h] && m->twin[h] != QM_NO_INDEX && m->twin[h] > h)
-                length[qm_union_find_root(parent, m->from[h])] += qm_vec_norm(qm_trimesh_edge(m, h));
-            else if (m->twin[h] == QM_NO_INDEX)
-                length[qm_union_find_root(parent, m->from[h])] = INFINITY;
+            if (is_crease(m, h) && m->twin[h] > h)
+                length[qm_union_find_root(parent, m->from[h])] += qm_vec_norm(qm_trimesh_edge(m, h)) / size;
+        for (uint32_t v = 0; v < count; v++) {
+            double *rest = &length[qm_union_find_root(parent, v)];
+            if (g->degree[v] == 1)
+                *rest -= END_LENGTH;
+            else if (g->degree[v] > 0 && m->is_fixed[v])
+                *rest -= NODE_LENGTH;
+        }
         for (uint32_t h = 0; h < 3 * m->face_count; h++)
-            if (m->is_feature[h] && length[qm_union_find_root(parent, m->from[h])] < shortest)
-                mark(m, h, false);
+            if (is_crease(m, h) && length[qm_union_find_root(parent, m->from[h])] < 0.0) mark(m, h, false);
     }
+    bool has_memory = parent && length;
     qm_context_free(ctx, parent, count, sizeof *parent);
     qm_context_free(ctx, length, count, sizeof *length);
-    return has_memory ? QM_OK : QM_E_NO_MEMORY;
+    return has_memory;
 }
 
 static void fix_corners(qm_trimesh *m)
@@ -135,6 +218,25 @@ static void fix_corners(qm_trimesh *m)
     }
 }
 
+/** Unmarks what is no line at the size of a quad, but roughness: twigs, then what is tangled. */
+static qm_status drop_rough(qm_context *ctx, qm_trimesh *m, double size)
+{
+    crease_graph g = {0};
+    qm_status status = list_creases(ctx, m, &g);
+    bool is_changing = status == QM_OK;
+    for (int round = 0; round < TWIG_ROUNDS && is_changing; round++) {
+        is_changing = false;
+        for (uint32_t v = 0; v < m->vertex_count; v++)
+            if (g.degree[v] == 1) is_changing |= drop_twig(m, &g, v, SHORTEST * size);
+    }
+    if (status == QM_OK) {
+        fix_corners(m);
+        if (!drop_tangles(ctx, m, &g, size)) status = QM_E_NO_MEMORY;
+    }
+    reset_creases(ctx, m, &g);
+    return status;
+}
+
 qm_status qm_quads_find_features(qm_context *ctx, qm_trimesh *m, double crease_angle, double size)
 {
     qm_status status = QM_OK;
@@ -142,8 +244,8 @@ qm_status qm_quads_find_features(qm_context *ctx, qm_trimesh *m, double crease_a
         mark_creases(m, crease_angle);
         for (int round = 0; round < FINE_ROUNDS && status == QM_OK; round++)
             status = drop_fine(ctx, m, crease_angle, FINE_RADIUS * size);
+        if (status == QM_OK) status = drop_rough(ctx, m, size);
     }
-    if (status == QM_OK) status = drop_short(ctx, m, SHORTEST * size);
     if (status == QM_OK) fix_corners(m);
     return status;
 }

@@ -10,6 +10,8 @@
 
 #define SWEEPS 8 /* of each level */
 #define FINEST_SWEEPS 6
+#define NORMAL_SWEEPS                                                                                        \
+    12 /* of the normals: crosses turn with the surface, not with what is finer than a few quads */
 
 qm_quads_match qm_quads_match_crosses(qm_vec qa, qm_vec na, qm_vec qb, qm_vec nb)
 {
@@ -101,6 +103,27 @@ static bool build_graph(qm_context *ctx, const qm_trimesh *m, qm_quads_graph *g,
     return true;
 }
 
+/** Normals become the means of their neighbours; what follows features turns with them. */
+static bool smooth_normals(qm_context *ctx, qm_quads_graph *g, const uint8_t *is_set, qm_vec *cross)
+{
+    qm_vec *mean = qm_context_alloc(ctx, g->count, sizeof *mean);
+    if (!mean) return false;
+    for (int sweep = 0; sweep < NORMAL_SWEEPS; sweep++) {
+        for (size_t i = 0; i < g->count; i++) {
+            qm_vec sum = qm_vec_scale(2.0, g->normal[i]);
+            for (uint32_t k = g->start[i]; k < g->start[i + 1]; k++)
+                sum = qm_vec_add(sum, g->normal[g->link[k]]);
+            double length = qm_vec_norm(sum);
+            mean[i] = length > 1e-3 ? qm_vec_scale(1.0 / length, sum) : g->normal[i];
+        }
+        memcpy(g->normal, mean, g->count * sizeof *mean);
+    }
+    for (size_t i = 0; i < g->count; i++)
+        if (is_set[i]) cross[i] = into_plane(cross[i], g->normal[i]);
+    qm_context_free(ctx, mean, g->count, sizeof *mean);
+    return true;
+}
+
 /** The arrays of all levels lie one after the other. */
 static void solve(const qm_quads_levels *levels, const size_t *offset, uint8_t *is_set, qm_vec *cross)
 {
@@ -121,12 +144,23 @@ static void solve(const qm_quads_levels *levels, const size_t *offset, uint8_t *
     }
 }
 
+/** Crosses in the planes of their faces. */
+static void lay_into_faces(const qm_trimesh *m, const qm_vec *from, qm_vec *cross)
+{
+    for (uint32_t f = 0; f < m->face_count; f++) {
+        qm_vec normal = qm_trimesh_normal(m, f);
+        double area = qm_vec_norm(normal);
+        cross[f] = area > 0.0 ? into_plane(from[f], qm_vec_scale(1.0 / area, normal)) : from[f];
+    }
+}
+
 qm_status qm_quads_find_crosses(qm_context *ctx, const qm_trimesh *m, qm_vec *cross)
 {
     qm_quads_levels levels = {.count = 1};
     size_t total = 0, offset[QM_QUADS_MAX_LEVELS + 1];
     uint8_t *first_set = qm_context_alloc(ctx, m->face_count, sizeof *first_set);
-    bool has_memory = first_set && build_graph(ctx, m, &levels.graph[0], first_set, cross);
+    bool has_memory = first_set && build_graph(ctx, m, &levels.graph[0], first_set, cross) &&
+                      smooth_normals(ctx, &levels.graph[0], first_set, cross);
     qm_status status = has_memory ? qm_quads_levels_build(ctx, &levels) : QM_E_NO_MEMORY;
     for (int k = 0; k < levels.count; k++) {
         offset[k] = total;
@@ -139,7 +173,7 @@ qm_status qm_quads_find_crosses(qm_context *ctx, const qm_trimesh *m, qm_vec *cr
             memcpy(is_set, first_set, m->face_count);
             memcpy(all, cross, m->face_count * sizeof *all);
             solve(&levels, offset, is_set, all);
-            memcpy(cross, all, m->face_count * sizeof *all);
+            lay_into_faces(m, all, cross);
         } else {
             status = QM_E_NO_MEMORY;
         }

@@ -1,6 +1,7 @@
 /**
  * quads_internal.h: the steps from a triangle mesh to quads.
  *
+ *   quads_triangles.c  the triangles of the surface, component by component
  *   quads_features.c   creases and corners of the mesh
  *   quads_remesh.c     triangles of equal size, about half as long as the quads shall be
  *   quads_levels.c     a graph and its coarser versions, on which fields are smoothed
@@ -10,6 +11,9 @@
  *   quads_extract.c    edges of no step are contracted; two triangles at a diagonal step make a quad
  *   quads_tidy.c       quads that are contracted, edges that are turned, so that fewer vertices are irregular
  *   quads_polish.c     corners move along the surface for better shapes
+ *   quads_untangle.c   bad quads become better, or go
+ *   quads_fit.c        vertices leave the surface where that brings the quads nearer to it
+ *   quads_sides.c      the sides of quads, and changes of the mesh that tidying and untangling share
  */
 #ifndef QM_QUADS_INTERNAL_H
 #define QM_QUADS_INTERNAL_H
@@ -17,6 +21,19 @@
 #include "qm/bvh.h"
 #include "qm/quads.h"
 #include "quads/trimesh.h"
+
+/** Triangles of a surface, component by component; components are connected by vertices. */
+typedef struct qm_quads_triangles {
+    size_t count;
+    uint32_t (*corner)[3];
+    uint32_t *component; /* of each triangle */
+    size_t component_count;
+} qm_quads_triangles;
+
+/** Lists the triangles of a mesh. Returns QM_OK; QM_E_NO_MEMORY. *out is the caller's, for qm_quads_triangles_reset, after an error
+ * too. */
+qm_status qm_quads_list_triangles(qm_context *ctx, const qm_mesh *mesh, qm_quads_triangles *out);
+void qm_quads_triangles_reset(qm_context *ctx, qm_quads_triangles *t);
 
 /** Marks edges whose faces meet at an angle as features, and vertices where features bend sharply as fixed. What is
  * a crease only below the size of a quad is left out. */
@@ -91,10 +108,17 @@ typedef struct qm_quads_result {
     uint8_t *is_fixed, *is_feature;
 } qm_quads_result;
 
-/** Contracts quads along a diagonal and turns edges while that makes vertices more regular. */
-qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r);
+/** Contracts quads along a diagonal and turns edges while that makes vertices more regular; *irregular receives the number of
+ * vertices that are not. */
+qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r, size_t *irregular);
 
 /** Moves vertices along the surface, those of features along these. */
 qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
+
+/** Makes bad quads better: vertices move along the surface, and where that is not enough the mesh changes. */
+qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
+
+/** Moves vertices off the surface, or out to its tips, so that the quads lie nearer to it. */
+qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
 
 #endif

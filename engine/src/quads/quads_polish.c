@@ -1,6 +1,5 @@
 /**
  * quads_polish.c: vertices of quads are centred among their neighbours and projected, those of features onto the features.
- * Then those of folded quads try positions one by one.
  */
 #include "quads/quads_internal.h"
 
@@ -10,8 +9,6 @@
 #include "qm/project.h"
 
 #define ROUNDS 5 /* more would draw vertices off tips */
-#define UNFOLD_ROUNDS 10
-#define WANTED_SINE 0.3 /* quads below it try to be better */
 
 typedef struct polish {
     qm_context *ctx;
@@ -139,90 +136,6 @@ static qm_status centre_all(polish *p)
     return project_all(p);
 }
 
-/*
- * Folded quads.
- */
-
-/** The least scaled Jacobian round a vertex. A face that looks away from the others counts as folded. */
-static double worst_sine(const polish *p, uint32_t v)
-{
-    qm_vec corner[4], normal = vertex_normal(p, v);
-    double worst = 1.0;
-    for (uint32_t k = p->start[v]; k < p->start[v + 1]; k++) {
-        face_corners(p, p->corner[k] / 4, corner);
-        double sine = qm_quad_min_sine(corner);
-        if (p->kind[v] == QM_TRIMESH_FREE && qm_vec_dot(qm_quad_normal(corner), normal) < 0.0)
-            sine = qm_min(sine, -sine);
-        worst = qm_min(worst, sine);
-    }
-    return worst;
-}
-
-static qm_status try_position(polish *p, uint32_t v, qm_vec target, double *worst, bool *has_moved)
-{
-    double point[3], before[3], *here = p->r->mesh.positions + 3 * (size_t)v;
-    qm_vec_store(point, target);
-    memcpy(before, here, sizeof before);
-    const qm_projection out = {.position = here};
-    const qm_bvh *onto = p->kind[v] == QM_TRIMESH_ON_LINE ? p->features : p->surface;
-    qm_status status = qm_project_points(p->ctx, onto, QM_QUADS_TRIANGLES, point, 1, 1, &out);
-    double sine = status == QM_OK ? worst_sine(p, v) : -2.0;
-    if (sine > *worst + 1e-6) {
-        *worst = sine;
-        *has_moved = true;
-    } else {
-        memcpy(here, before, sizeof before);
-    }
-    return status;
-}
-
-static qm_status improve_vertex(polish *p, uint32_t v, bool *has_moved)
-{
-    if (p->kind[v] == QM_TRIMESH_CORNER || (p->kind[v] == QM_TRIMESH_ON_LINE && !p->features)) return QM_OK;
-    double worst = worst_sine(p, v);
-    if (worst >= WANTED_SINE) return QM_OK;
-    qm_status status = QM_OK;
-    qm_vec centre = centred(p, v), start = at(p, v);
-    for (double share = 1.0; share > 0.2 && status == QM_OK; share /= 2.0)
-        status = try_position(p, v, qm_vec_mix(start, centre, share), &worst, has_moved);
-    uint32_t c = p->corner[p->start[v]];
-    double reach =
-        qm_vec_distance(at(p, corner_vertex(p, c / 4, c + 1)), at(p, corner_vertex(p, c / 4, c + 2)));
-    qm_vec normal = vertex_normal(p, v);
-    qm_vec u = qm_vec_cross(normal, fabs(normal.x) < 0.6 ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0});
-    double length = qm_vec_norm(u);
-    if (!(length > 0.0)) return status;
-    u = qm_vec_scale(1.0 / length, u);
-    qm_vec w = qm_vec_cross(normal, u);
-    for (double step = 0.4; step > 0.04; step /= 2.0) {
-        for (int k = 0; k < 8 && status == QM_OK; k++) {
-            static const double round[8][2] = {{1, 0},  {0.7, 0.7},   {0, 1},  {-0.7, 0.7},
-                                               {-1, 0}, {-0.7, -0.7}, {0, -1}, {0.7, -0.7}};
-            qm_vec target = qm_vec_axpy(qm_vec_axpy(at(p, v), step * reach * round[k][0], u),
-                                        step * reach * round[k][1], w);
-            status = try_position(p, v, target, &worst, has_moved);
-        }
-    }
-    return status;
-}
-
-static qm_status unfold(polish *p)
-{
-    qm_status status = QM_OK;
-    bool has_moved = true;
-    for (int round = 0; round < UNFOLD_ROUNDS && has_moved && status == QM_OK; round++) {
-        has_moved = false;
-        for (uint32_t f = 0; f < p->r->mesh.face_count && status == QM_OK; f++) {
-            qm_vec corner[4];
-            face_corners(p, f, corner);
-            if (qm_quad_min_sine(corner) >= WANTED_SINE) continue;
-            for (uint32_t k = 0; k < 4 && status == QM_OK; k++)
-                status = improve_vertex(p, corner_vertex(p, f, k), &has_moved);
-        }
-    }
-    return status;
-}
-
 static qm_status run(polish *p)
 {
     list_corners(p);
@@ -230,7 +143,7 @@ static qm_status run(polish *p)
     qm_status status = QM_OK;
     for (int round = 0; round < ROUNDS && status == QM_OK; round++)
         status = centre_all(p);
-    return status == QM_OK ? unfold(p) : status;
+    return status;
 }
 
 qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count)

@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-#define SWEEPS 8
+#define SWEEPS 12
 
 /** Of a level: what a node is fitted to. */
 typedef struct grid_nodes {
@@ -57,17 +57,16 @@ static void smooth(const grid_nodes *l, double size)
             double weight = 0.0;
             for (uint32_t k = g->start[i]; k < g->start[i + 1]; k++) {
                 uint32_t j = g->link[k];
-                qm_vec middle = qm_vec_mix(p, l->position[j], 0.5), a[4], b[4];
+                qm_vec middle = qm_vec_mix(p, l->position[j], 0.5), a[4], own = sum, other = sum;
                 cell_corners(sum, q, n, middle, size, a);
-                cell_corners(l->origin[j], l->cross[j], g->normal[j], middle, size, b);
-                int best = 0;
                 double least = INFINITY;
-                for (int c = 0; c < 16; c++) {
-                    double d = qm_vec_norm2(qm_vec_sub(a[c & 3], b[c >> 2]));
-                    if (d < least) least = d, best = c;
+                for (int c = 0; c < 4; c++) {
+                    qm_vec b = nearest_corner(l->origin[j], l->cross[j], g->normal[j], a[c], size);
+                    double d = qm_vec_norm2(qm_vec_sub(a[c], b));
+                    if (d < least) least = d, own = a[c], other = b;
                 }
                 double link_weight = l->kind[j] == QM_TRIMESH_FREE ? 1.0 : 2.0;
-                sum = qm_vec_mix(a[best & 3], b[best >> 2], link_weight / (weight + link_weight));
+                sum = qm_vec_mix(own, other, link_weight / (weight + link_weight));
                 weight += link_weight;
                 sum = hold(l, i, sum);
             }

@@ -29,9 +29,15 @@
 #include "core/heap.h"
 
 #define FOLD_COST 12.0 /* of a path: for each face that it turns upside down */
-#define LONG_COST 4.0  /* for a step beyond 1 */
+#define LONG_COST 2.0  /* for a step beyond 1 */
 #define STEP_COST 0.1  /* of any change: less would let paths wander */
 #define MIN_COST 0.05
+/* A path is applied if it costs no more than so much for the cheapest of both ends: those that are none of the cheapest save
+ * rounds, and a round visits the whole mesh. */
+#define NEAR_FACTOR 1.5
+#define NEAR_COST 0.5
+#define FIRST_REACH 2.0 /* of the paths, half of their cost: doubled where few are joined by it */
+#define REACH_COST 1.0  /* beyond half of its cheapest path an excess is searched no further than this */
 #define FOLLOW_ROUNDS 3
 #define REPAIR_ROUNDS 12
 
@@ -70,6 +76,8 @@ typedef struct steps_work {
     uint32_t growing; /* the source whose paths are being lengthened */
     path_meeting *meeting;
     size_t meeting_count, meeting_capacity;
+    double reach; /* paths grow no longer in this search */
+    bool is_cut;  /* one would have */
     qm_heap heap;
 } steps_work;
 
@@ -340,7 +348,8 @@ static qm_status move_excess(steps_work *w, uint32_t face, int axis, bool *is_do
 
 /*
  * Paths grow from all excesses at once, each into what is nearer to it than to the others. Where two meet whose excesses
- * cancel, there is a path between them; those that are the cheapest of both their ends are applied, and the rest starts anew.
+ * cancel, there is a path between them; those that are among the cheapest of both their ends are applied, and the rest starts
+ * anew.
  */
 
 static bool add_meeting(steps_work *w, path_meeting met)
@@ -408,6 +417,7 @@ static qm_status grow_paths(steps_work *w)
 {
     w->stamp++;
     w->heap.count = w->meeting_count = 0;
+    w->is_cut = false;
     memset(w->arrival, 0xff, 4 * w->m->face_count * sizeof *w->arrival);
     for (uint32_t i = 0; i < w->source_count; i++) {
         const path_source *s = &w->source[i];
@@ -424,7 +434,11 @@ static qm_status grow_paths(steps_work *w)
         if (item.key > w->node[node].distance) continue;
         w->growing = w->node[node].source;
         /* the other end of a cheaper path would have come half of the way */
-        if (item.key > 0.5 * w->source[w->growing].best + LONG_COST) continue;
+        if (item.key > 0.5 * w->source[w->growing].best + REACH_COST) continue;
+        if (item.key > w->reach) {
+            w->is_cut = true;
+            break;
+        }
         int axis = node >> 1 & 1, sign = node & 1 ? 1 : -1;
         if (w->m->twin[h] == QM_NO_INDEX) {
             const path_meeting met = {item.key, {node, QM_NO_INDEX}, {w->growing, QM_NO_INDEX}};
@@ -448,20 +462,20 @@ static int compare_meetings(const void *a, const void *b)
     return (x->end[1] > y->end[1]) - (x->end[1] < y->end[1]);
 }
 
-/** Applies the paths that are the cheapest of both ends; returns their number. */
+/** Applies the paths that are among the cheapest of both ends; returns their number. */
 static size_t join_sources(steps_work *w)
 {
     size_t joined = 0;
     if (w->meeting_count > 0) qsort(w->meeting, w->meeting_count, sizeof *w->meeting, compare_meetings);
     for (size_t i = 0; i < w->meeting_count; i++) {
         const path_meeting *met = &w->meeting[i];
-        bool is_cheapest = true;
+        bool is_near = true;
         for (int k = 0; k < 2; k++) {
             if (met->source[k] == QM_NO_INDEX) continue;
             const path_source *s = &w->source[met->source[k]];
-            is_cheapest = is_cheapest && !s->is_joined && s->best == met->cost;
+            is_near = is_near && !s->is_joined && met->cost <= NEAR_FACTOR * s->best + NEAR_COST;
         }
-        if (!is_cheapest) continue;
+        if (!is_near) continue;
         joined++;
         for (int k = 0; k < 2; k++) {
             if (met->source[k] == QM_NO_INDEX) continue;
@@ -486,11 +500,12 @@ static qm_status close_faces(steps_work *w, qm_quads_record *record)
         record->steps_inconsistent += w->excess[f][0] != 0 || w->excess[f][1] != 0;
     }
     size_t joined = 1;
-    while (joined > 0) {
+    for (w->reach = FIRST_REACH; joined > 0 || w->is_cut;) {
         qm_status status = list_sources(w);
         if (status == QM_OK) status = grow_paths(w);
         if (status != QM_OK) return status;
         joined = join_sources(w);
+        if (8 * joined < w->source_count) w->reach *= 2.0;
     }
     for (uint32_t f = 0; f < m->face_count; f++) {
         for (int axis = 0; axis < 2; axis++) {

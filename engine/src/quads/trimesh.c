@@ -255,6 +255,23 @@ qm_status qm_trimesh_build(qm_context *ctx, const double *positions, size_t vert
     return has_memory ? QM_OK : QM_E_NO_MEMORY;
 }
 
+qm_status qm_trimesh_copy(qm_context *ctx, const qm_trimesh *m, qm_trimesh *out)
+{
+    size_t count = m->vertex_count, halves = 3 * m->face_count;
+    *out = (qm_trimesh){0};
+    if (!reserve_faces(ctx, out, m->face_count + 1) || !reserve_vertices(ctx, out, count + 1))
+        return QM_E_NO_MEMORY;
+    memcpy(out->position, m->position, count * sizeof *m->position);
+    memcpy(out->out, m->out, count * sizeof *m->out);
+    memcpy(out->is_fixed, m->is_fixed, count * sizeof *m->is_fixed);
+    memcpy(out->from, m->from, halves * sizeof *m->from);
+    memcpy(out->twin, m->twin, halves * sizeof *m->twin);
+    memcpy(out->is_feature, m->is_feature, halves * sizeof *m->is_feature);
+    memcpy(out->step, m->step, halves * sizeof *m->step);
+    out->vertex_count = count, out->face_count = m->face_count;
+    return QM_OK;
+}
+
 /*
  * Edits.
  */
@@ -354,6 +371,57 @@ qm_status qm_trimesh_split_face(qm_context *ctx, qm_trimesh *m, uint32_t face, u
         memset(m->step + h, 0, 3 * sizeof *m->step);
     }
     *vertex = middle;
+    return QM_OK;
+}
+
+/** The boundary edge after one. */
+static uint32_t next_boundary(const qm_trimesh *m, uint32_t h)
+{
+    return qm_trimesh_first(m, qm_trimesh_to(m, h));
+}
+
+static void fill_hole(qm_trimesh *m, uint32_t first, size_t count, qm_vec centre)
+{
+    uint32_t middle = new_vertex(m, centre), before = QM_NO_INDEX, start = (uint32_t)(3 * m->face_count);
+    for (size_t i = 0; i < count; i++) {
+        /* the face at the first edge hides it from the last one */
+        uint32_t next = i + 1 < count ? next_boundary(m, first) : first;
+        uint32_t face = (uint32_t)m->face_count++, k = 3 * face;
+        set_face(m, face, qm_trimesh_to(m, first), m->from[first], middle);
+        memset(m->step + k, 0, 3 * sizeof *m->step);
+        memset(m->is_feature + k, 0, 3);
+        m->is_feature[first] = false;
+        m->twin[k + 1] = m->twin[k + 2] = QM_NO_INDEX;
+        link_twins(m, k, first);
+        link_twins(m, k + 1, before);
+        before = k + 2;
+        first = next;
+    }
+    link_twins(m, start + 1, before);
+}
+
+qm_status qm_trimesh_fill_holes(qm_context *ctx, qm_trimesh *m, double longest)
+{
+    size_t halves = 3 * m->face_count;
+    for (uint32_t first = 0; first < halves; first++) {
+        if (m->twin[first] != QM_NO_INDEX) continue;
+        double length = 0.0;
+        size_t count = 0;
+        qm_vec sum = {0, 0, 0};
+        uint32_t h = first;
+        do {
+            length += qm_vec_norm(qm_trimesh_edge(m, h));
+            sum = qm_vec_add(sum, m->position[m->from[h]]);
+            count++;
+            h = next_boundary(m, h);
+        } while (h != first && length <= longest && count < halves);
+        if (h != first || !(length <= longest) || count < 3) continue;
+        size_t faces = m->face_count + count;
+        if ((faces > m->face_capacity && !reserve_faces(ctx, m, faces + faces / 8)) ||
+            (m->vertex_count + 1 > m->vertex_capacity && !reserve_vertices(ctx, m, m->vertex_count + 16)))
+            return QM_E_NO_MEMORY;
+        fill_hole(m, first, count, qm_vec_scale(1.0 / (double)count, sum));
+    }
     return QM_OK;
 }
 

@@ -86,12 +86,18 @@ qm_status qm_trimesh_build(qm_context *ctx, const double *positions, size_t vert
                            const uint32_t (*corner)[3], size_t face_count, qm_trimesh *out);
 void qm_trimesh_reset(qm_context *ctx, qm_trimesh *m);
 
+/** Copies a mesh. Returns and owns as qm_trimesh_build does. */
+qm_status qm_trimesh_copy(qm_context *ctx, const qm_trimesh *m, qm_trimesh *out);
+
 /** Inserts a vertex into an edge; its two halves are features as the edge was; the steps are the caller's to set. *vertex
  * receives the new one. Returns QM_OK; QM_E_NO_MEMORY. */
 qm_status qm_trimesh_split(qm_context *ctx, qm_trimesh *m, uint32_t h, qm_vec position, uint32_t *vertex);
 
 /** Inserts a vertex at the centroid of a face, which becomes three. Returns QM_OK; QM_E_NO_MEMORY. */
 qm_status qm_trimesh_split_face(qm_context *ctx, qm_trimesh *m, uint32_t face, uint32_t *vertex);
+
+/** Closes boundaries that are no longer than longest, each by a fan round a new vertex. Returns QM_OK; QM_E_NO_MEMORY. */
+qm_status qm_trimesh_fill_holes(qm_context *ctx, qm_trimesh *m, double longest);
 
 /** True if the edge can be contracted without a change of topology. */
 bool qm_trimesh_can_collapse(qm_trimesh *m, uint32_t h);

@@ -1,0 +1,229 @@
+/**
+ * quads_fit.c: the quads come nearer to the surface. Vertices that lie on a curved surface leave all of it on one side of the quads:
+ * least squares over points of the surface lift them by about two thirds of the sagitta, and draw them out to tips that
+ * were cut off. Points that are farther away count for more, so that the greatest distance falls too.
+ *
+ * Vertices of features stay where they are, and no vertex moves so far that a quad becomes bad.
+ */
+#include <string.h>
+
+#include "mesh/quad_shape.h"
+#include "qm/project.h"
+#include "quads/quads_sides.h"
+
+#define ROUNDS 4
+#define POINTS 4.0      /* of the surface, for each quad */
+#define MOST_VERTICES 8 /* of the surface, for each quad: of more, every second and so on is taken */
+#define LEAST_SINE 0.4  /* of quads after a move, unless they were worse before it */
+#define FAR_WEIGHT 4.0  /* that a point has at most more than a near one */
+#define FAR_SHARE 16.0  /* of the mean square of distances, at which it has it */
+
+typedef struct fit {
+    qm_context *ctx;
+    qm_quads_sides sides;
+    const qm_mesh *surface;
+    size_t count; /* of points */
+    double *point, *nearest, *uv;
+    qm_vec *normal; /* of the surface, at each point; 0: none */
+    uint32_t *face;
+    qm_vec *pull; /* of each vertex: sum of weight times way */
+    double *weight;
+    int thread_count;
+} fit;
+
+static void surface_corners(const qm_mesh *m, size_t face, int part, qm_vec out[3])
+{
+    const uint32_t *c = m->faces + 4 * face;
+    const uint32_t corner[3] = {c[0], c[1 + part], c[2 + part]};
+    for (int k = 0; k < 3; k++)
+        out[k] = qm_vec_load(m->positions + 3 * (size_t)corner[k]);
+}
+
+/** Adds a point for each share of area; returns the number of points. Nothing is written where point is NULL. */
+static size_t sample_faces(const qm_mesh *m, double share, double *point, qm_vec *normal)
+{
+    size_t count = 0;
+    double sum = 0.5 * share;
+    for (size_t f = 0; f < m->face_count; f++) {
+        int parts = m->faces[4 * f + 3] == QM_NO_INDEX ? 1 : 2;
+        for (int part = 0; part < parts; part++) {
+            qm_vec p[3];
+            surface_corners(m, f, part, p);
+            qm_vec n = qm_vec_cross(qm_vec_sub(p[1], p[0]), qm_vec_sub(p[2], p[0]));
+            double length = qm_vec_norm(n);
+            for (sum += 0.5 * length; sum >= share; sum -= share, count++) {
+                if (!point) continue;
+                /* an additive recurrence of low discrepancy in the unit square, folded onto the triangle */
+                double a = fmod(0.5 + 0.7548776662466927 * (double)count, 1.0),
+                       b = fmod(0.5 + 0.5698402909980532 * (double)count, 1.0);
+                if (a + b > 1.0) a = 1.0 - a, b = 1.0 - b;
+                qm_vec at =
+                    qm_vec_axpy(qm_vec_axpy(p[0], a, qm_vec_sub(p[1], p[0])), b, qm_vec_sub(p[2], p[0]));
+                qm_vec_store(point + 3 * count, at);
+                normal[count] = qm_vec_scale(1.0 / length, n);
+            }
+        }
+    }
+    return count;
+}
+
+static double area_of(const qm_mesh *m)
+{
+    double sum = 0.0;
+    for (size_t f = 0; f < m->face_count; f++) {
+        for (int part = 0; part < (m->faces[4 * f + 3] == QM_NO_INDEX ? 1 : 2); part++) {
+            qm_vec p[3];
+            surface_corners(m, f, part, p);
+            sum += 0.5 * qm_vec_norm(qm_vec_cross(qm_vec_sub(p[1], p[0]), qm_vec_sub(p[2], p[0])));
+        }
+    }
+    return sum;
+}
+
+/** Points of the faces by area, then vertices: a tip is one of these. */
+static qm_status choose_points(fit *w)
+{
+    const qm_mesh *m = w->surface;
+    double quads = (double)w->sides.face_count, share = area_of(m) / (POINTS * quads);
+    size_t inner = sample_faces(m, share, NULL, NULL), most = MOST_VERTICES * w->sides.face_count;
+    size_t stride = 1 + m->vertex_count / (most + 1), corners = (m->vertex_count + stride - 1) / stride;
+    w->count = inner + corners;
+    w->point = qm_context_alloc(w->ctx, w->count, 3 * sizeof *w->point);
+    w->nearest = qm_context_alloc(w->ctx, w->count, 3 * sizeof *w->nearest);
+    w->uv = qm_context_alloc(w->ctx, w->count, 2 * sizeof *w->uv);
+    w->normal = qm_context_alloc(w->ctx, w->count, sizeof *w->normal);
+    w->face = qm_context_alloc(w->ctx, w->count, sizeof *w->face);
+    w->pull = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->pull);
+    w->weight = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->weight);
+    if (!(w->point && w->nearest && w->uv && w->normal && w->face && w->pull && w->weight))
+        return QM_E_NO_MEMORY;
+    sample_faces(m, share, w->point, w->normal);
+    for (size_t i = 0; i < corners; i++) {
+        memcpy(w->point + 3 * (inner + i), m->positions + 3 * (i * stride), 3 * sizeof *w->point);
+        w->normal[inner + i] = (qm_vec){0, 0, 0};
+    }
+    return QM_OK;
+}
+
+static qm_status find_feet(fit *w)
+{
+    qm_bvh *bvh = NULL;
+    const qm_projection out = {.position = w->nearest, .face = w->face, .uv = w->uv};
+    qm_status status = qm_bvh_build(w->ctx, &w->sides.r->mesh, QM_BVH_TARGET, w->thread_count, &bvh);
+    if (status == QM_OK)
+        status =
+            qm_project_points(w->ctx, bvh, QM_QUADS_TRIANGLES, w->point, w->count, w->thread_count, &out);
+    qm_bvh_destroy(w->ctx, bvh);
+    return status;
+}
+
+static qm_vec way_of(const fit *w, size_t i)
+{
+    return qm_vec_sub(qm_vec_load(w->point + 3 * i), qm_vec_load(w->nearest + 3 * i));
+}
+
+/** False for a point on the other side of a thin part. */
+static bool is_matched(const fit *w, size_t i)
+{
+    const qm_quads_sides *t = &w->sides;
+    qm_vec corner[4];
+    for (uint32_t k = 0; k < 4; k++)
+        corner[k] = qm_quads_at(t, qm_quads_from(t, 4 * w->face[i] + k));
+    return qm_vec_dot(qm_quad_normal(corner), w->normal[i]) >= 0.0;
+}
+
+static void sum_pulls(fit *w)
+{
+    const qm_quads_sides *t = &w->sides;
+    double mean = 0.0;
+    memset(w->pull, 0, t->vertex_count * sizeof *w->pull);
+    memset(w->weight, 0, t->vertex_count * sizeof *w->weight);
+    for (size_t i = 0; i < w->count; i++)
+        mean += qm_vec_norm2(way_of(w, i)) / (double)w->count;
+    for (size_t i = 0; i < w->count; i++) {
+        if (!is_matched(w, i)) continue;
+        qm_vec way = way_of(w, i);
+        double u = w->uv[2 * i], v = w->uv[2 * i + 1], share = mean > 0.0 ? qm_vec_norm2(way) / mean : 0.0;
+        double own = 1.0 + FAR_WEIGHT * qm_min(share / FAR_SHARE, 1.0);
+        /* the triangles are c0 c1 c2 and c0 c2 c3 */
+        const double weight[4] = {1.0 - qm_max(u, v), qm_max(u - v, 0.0), qm_min(u, v), qm_max(v - u, 0.0)};
+        for (uint32_t k = 0; k < 4; k++) {
+            uint32_t vertex = qm_quads_from(t, 4 * w->face[i] + k);
+            w->pull[vertex] = qm_vec_axpy(w->pull[vertex], own * weight[k], way);
+            w->weight[vertex] += own * weight[k];
+        }
+    }
+}
+
+/** Of the quads round a vertex. */
+typedef struct ring_state {
+    double sine;   /* the least scaled Jacobian */
+    double facing; /* the least of those where one that looks away from the others counts as folded */
+} ring_state;
+
+static ring_state look_at_ring(const qm_quads_sides *t, uint32_t v)
+{
+    qm_vec sum = {0, 0, 0};
+    uint32_t first = qm_quads_first_side(t, v), s;
+    ring_state least = {1.0, 1.0};
+    for (int pass = 0; pass < 2; pass++) {
+        s = first;
+        do {
+            qm_vec corner[4];
+            for (uint32_t k = 0; k < 4; k++)
+                corner[k] = qm_quads_at(t, qm_quads_from(t, s / 4 * 4 + k));
+            qm_vec normal = qm_quad_normal(corner);
+            if (pass == 0) {
+                sum = qm_vec_add(sum, normal);
+            } else {
+                double sine = qm_quad_min_sine(corner);
+                least.sine = qm_min(least.sine, sine);
+                least.facing = qm_min(least.facing, qm_vec_dot(normal, sum) < 0.0 ? -fabs(sine) : sine);
+            }
+            s = qm_quads_around(t, s);
+        } while (s != QM_NO_INDEX && s != first);
+    }
+    return least;
+}
+
+static void move_vertices(fit *w)
+{
+    qm_quads_sides *t = &w->sides;
+    for (uint32_t v = 0; v < t->vertex_count; v++) {
+        if (t->kind[v] != QM_TRIMESH_FREE || !(w->weight[v] > 0.0)) continue;
+        double *here = t->r->mesh.positions + 3 * (size_t)v;
+        ring_state before = look_at_ring(t, v);
+        qm_vec start = qm_vec_load(here);
+        for (double share = 1.0; share > 0.2; share /= 2.0) {
+            qm_vec_store(here, qm_vec_axpy(start, share / w->weight[v], w->pull[v]));
+            ring_state after = look_at_ring(t, v);
+            if (after.sine >= qm_min(before.sine, LEAST_SINE) &&
+                after.facing >= qm_min(before.facing, LEAST_SINE))
+                break;
+            qm_vec_store(here, start);
+        }
+    }
+}
+
+qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count)
+{
+    fit w = {.ctx = ctx, .surface = qm_bvh_mesh(surface), .thread_count = thread_count};
+    qm_status status = qm_quads_sides_build(ctx, r, &w.sides);
+    size_t vertices = w.sides.vertex_count;
+    if (status == QM_OK) status = choose_points(&w);
+    for (int round = 0; round < ROUNDS && status == QM_OK; round++) {
+        status = find_feet(&w);
+        if (status != QM_OK) break;
+        sum_pulls(&w);
+        move_vertices(&w);
+    }
+    qm_context_free(ctx, w.point, w.count, 3 * sizeof *w.point);
+    qm_context_free(ctx, w.nearest, w.count, 3 * sizeof *w.nearest);
+    qm_context_free(ctx, w.uv, w.count, 2 * sizeof *w.uv);
+    qm_context_free(ctx, w.normal, w.count, sizeof *w.normal);
+    qm_context_free(ctx, w.face, w.count, sizeof *w.face);
+    qm_context_free(ctx, w.pull, vertices, sizeof *w.pull);
+    qm_context_free(ctx, w.weight, vertices, sizeof *w.weight);
+    qm_quads_sides_reset(&w.sides);
+    return status;
+}
