@@ -89,22 +89,37 @@ static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, cons
     return status == QM_OK ? measure(ctx, surface, options, out) : status;
 }
 
+/** A layout without crossings, if there is one among some numbers of patches. */
+static qm_status make_layout(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
+                             qm_layout *layout)
+{
+    qm_quads_options quads = options->quads;
+    if (quads.quads > LAYOUT_QUADS) quads.quads = LAYOUT_QUADS;
+    size_t wanted = options->quads.quads / QUADS_A_PATCH;
+    if (wanted > LAYOUT_PATCHES) wanted = LAYOUT_PATCHES;
+    const size_t patches[] = {wanted, 0, 2 * wanted};
+    qm_status status = QM_OK;
+    for (size_t i = 0; i < sizeof patches / sizeof *patches && status == QM_OK; i++) {
+        qm_layout_issues issues;
+        qm_quad_layout_options how = qm_quad_layout_options_default();
+        how.patches = patches[i];
+        qm_layout_reset(ctx, layout);
+        status = qm_quad_layout_make_of_surface(ctx, surface, &quads, &how, layout, &issues, NULL);
+        bool is_good = issues.count == 0;
+        qm_layout_issues_reset(ctx, &issues);
+        if (is_good) break;
+    }
+    return status;
+}
+
 static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surface,
                                    const qm_remesh_options *options, qm_remesh_result *out)
 {
-    qm_layout layout;
-    qm_layout_issues issues;
-    qm_quad_layout_options how = qm_quad_layout_options_default();
-    qm_quads_options quads = options->quads;
-    if (quads.quads > LAYOUT_QUADS) quads.quads = LAYOUT_QUADS;
-    how.patches = options->quads.quads / QUADS_A_PATCH;
-    if (how.patches > LAYOUT_PATCHES) how.patches = LAYOUT_PATCHES;
-    qm_status status = qm_quad_layout_make_of_surface(ctx, surface, &quads, &how, &layout, &issues, NULL);
-    if (status != QM_OK) return status;
+    qm_layout layout = {0};
+    qm_status status = make_layout(ctx, surface, options, &layout);
     out->patches = layout.patch_count;
-    status = take_steps(ctx, surface, options, &layout, out);
+    if (status == QM_OK) status = take_steps(ctx, surface, options, &layout, out);
     qm_layout_reset(ctx, &layout);
-    qm_layout_issues_reset(ctx, &issues);
     return status;
 }
 
