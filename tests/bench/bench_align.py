@@ -8,7 +8,7 @@ import measuring
 import tables
 
 MOTIONS = 67  # of each case, 201 of each model
-PEER_MOTIONS = 10  # the first of them: an alignment of a peer takes up to ten seconds
+PEER_MOTIONS = 4  # the first of them: an alignment of a peer takes up to ten seconds
 NOISE, PART = 0.002, 0.6
 CASES = {"whole": {}, "noisy": {"noise": NOISE}, "part": {"part": PART, "noise": NOISE}}
 MODELS = 10
@@ -86,7 +86,7 @@ def run(settings, programs, pairs, say):
           "the model ends that was not moved before: one answer, wherever it lay. ms: the median of an alignment, one thread, trees "
           "and samples of the fixed model not counted. This engine knows no start and draws nothing at random; `open3d align` "
           "is point to plane from the centroids, `open3d search` the same after features and RANSAC; CloudCompare's is point to "
-          "point from the centroids, reading not counted. The peers have the first ten of the motions, CloudCompare five. Last: this "
+          "point from the centroids, reading not counted. The peers have the first four of the motions, CloudCompare two. Last: this "
           "engine's rms and that of the second best placement, as shares of the diagonal; near each other, the model is nearly symmetric.\n")
     print(tables.table(["model", "triangles:", "case", *titles, "rms, second:"], [describe(row, names, count) for row in rows]))
     return rows, [f"{row['model']}, {row['case']}: this engine failed: {row['answers']['ours']['failed']}"

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Times this engine and its peers side by side on this machine, and checks that they agree.
 
-    make bench                                   everything; an hour
+    make bench                                   everything; four hours, two of them alignments
     make bench BENCH="--quick"                   one run of a few pairs, to see that it works
     make bench BENCH="--only hausdorff --pairs dragon"
     make bench BENCH="--only hausdorff --wide --draw 30 --seed 7"

@@ -1,6 +1,6 @@
 """CloudCompare's command line: iterative closest points of a mesh's samples, from its centroid on that of the other one.
 
-peer_cloudcompare.py align A B MOTIONS   A, moved by each of the first five motions, onto B
+peer_cloudcompare.py align A B MOTIONS   A, moved by each of the first two motions, onto B
 peer_cloudcompare.py version
 """
 import os
@@ -15,7 +15,7 @@ import numpy
 
 import measure
 
-MOTIONS = 5  # an alignment takes seconds
+MOTIONS = 2  # an alignment takes up to a minute
 POINTS = 16384
 NEAR, EXACT = 1e-2, 1e-6
 PROGRAM = "CloudCompare"
