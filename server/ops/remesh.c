@@ -9,7 +9,7 @@
 #include "qm/quad_layout.h"
 #include "refine.h"
 
-#define TOLERANCE 1e-5      /* of the measured distance, a fraction of the diagonal */
+#define TOLERANCE 1e-6      /* of the measured distance, a fraction of the diagonal */
 #define GOAL_TOLERANCE 0.05 /* the same of the distance that is wanted, if that is smaller */
 #define DEADLINE_MS 20000.0 /* of one measurement; its bounds are valid when it ends early */
 #define LEAST_GROWTH 1.5    /* of the number of quads from one mesh to the next */
