@@ -15,10 +15,13 @@
 #define LEAST_GROWTH 1.5    /* of the number of quads from one mesh to the next */
 #define MOST_GROWTH 8.0
 #define LAYOUT_QUADS 5000 /* of which a layout is made, or fewer where the limit is lower */
-/* A layout of few patches is divided into so many, or fewer where a patch would have less than QUADS_A_PATCH at the end:
- * a large patch may miss an ear. */
+/* Layouts are divided into about LAYOUT_PATCHES, then MORE_PATCHES times as many, up to MOST_PATCHES and one for each
+ * QUADS_A_PATCH quads, until the mesh is no farther than PLAIN_RATIO times one of LAYOUT_QUADS quads without a layout. */
 #define LAYOUT_PATCHES 250
-#define QUADS_A_PATCH 16
+#define MORE_PATCHES 2
+#define MOST_PATCHES 1000
+#define QUADS_A_PATCH 6
+#define PLAIN_RATIO 2.0
 
 static qm_status measure(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
                          qm_remesh_result *out)
@@ -89,38 +92,61 @@ static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, cons
     return status == QM_OK ? measure(ctx, surface, options, out) : status;
 }
 
-/** A layout without crossings, if there is one among some numbers of patches. */
-static qm_status make_layout(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                             qm_layout *layout)
+/** The upper bound of the distance of as many quads without a layout. */
+static qm_status measure_plain(qm_context *ctx, const qm_ref_surface *surface,
+                               const qm_remesh_options *options, double *distance)
 {
-    qm_quads_options quads = options->quads;
-    if (quads.quads > LAYOUT_QUADS) quads.quads = LAYOUT_QUADS;
-    size_t wanted = options->quads.quads / QUADS_A_PATCH;
-    if (wanted > LAYOUT_PATCHES) wanted = LAYOUT_PATCHES;
-    const size_t patches[] = {wanted, 0, 2 * wanted};
-    qm_status status = QM_OK;
-    for (size_t i = 0; i < sizeof patches / sizeof *patches && status == QM_OK; i++) {
-        qm_layout_issues issues;
-        qm_quad_layout_options how = qm_quad_layout_options_default();
-        how.patches = patches[i];
-        qm_layout_reset(ctx, layout);
-        status = qm_quad_layout_make_of_surface(ctx, surface, &quads, &how, layout, &issues, NULL);
-        bool is_good = issues.count == 0;
-        qm_layout_issues_reset(ctx, &issues);
-        if (is_good) break;
-    }
+    qm_remesh_options plain = *options;
+    qm_remesh_result result = {0};
+    plain.distance = 0.0;
+    if (plain.quads.quads > LAYOUT_QUADS) plain.quads.quads = LAYOUT_QUADS;
+    qm_status status = make_quads(ctx, surface, &plain, &result);
+    *distance = result.upper;
+    qm_mesh_reset(ctx, &result.mesh);
     return status;
 }
 
+/** Makes the mesh by a layout of about so many patches. One whose curves cross is an error of qm_reconstruction_create. */
+static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
+                                 const qm_remesh_options *options, size_t patches, qm_remesh_result *out)
+{
+    qm_quads_options quads = options->quads;
+    if (quads.quads > LAYOUT_QUADS) quads.quads = LAYOUT_QUADS;
+    qm_quad_layout_options how = qm_quad_layout_options_default();
+    how.patches = patches;
+    qm_layout layout;
+    qm_layout_issues issues;
+    qm_status status = qm_quad_layout_make_of_surface(ctx, surface, &quads, &how, &layout, &issues, NULL);
+    if (status != QM_OK) return status;
+    out->patches = layout.patch_count;
+    status = take_steps(ctx, surface, options, &layout, out);
+    qm_layout_reset(ctx, &layout);
+    qm_layout_issues_reset(ctx, &issues);
+    return status;
+}
+
+/** Tries more and more patches until the mesh is about as near as one without a layout: large patches may miss an ear. */
 static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surface,
                                    const qm_remesh_options *options, qm_remesh_result *out)
 {
-    qm_layout layout = {0};
-    qm_status status = make_layout(ctx, surface, options, &layout);
-    out->patches = layout.patch_count;
-    if (status == QM_OK) status = take_steps(ctx, surface, options, &layout, out);
-    qm_layout_reset(ctx, &layout);
-    return status;
+    double plain;
+    qm_status status = measure_plain(ctx, surface, options, &plain), last = status;
+    size_t most = options->quads.quads / QUADS_A_PATCH;
+    for (size_t patches = LAYOUT_PATCHES; status == QM_OK; patches *= MORE_PATCHES) {
+        qm_remesh_result now = {0};
+        bool is_last = patches >= most || patches >= MOST_PATCHES;
+        last = make_by_patches(ctx, surface, options, patches < most ? patches : most, &now);
+        if (last != QM_OK && last != QM_E_LAYOUT) status = last;
+        bool is_better = last == QM_OK && (out->mesh.face_count == 0 || now.upper < out->upper);
+        if (is_better) {
+            qm_remesh_result worse = *out;
+            *out = now;
+            now = worse;
+        }
+        qm_mesh_reset(ctx, &now.mesh);
+        if (is_last || (out->mesh.face_count > 0 && out->upper <= PLAIN_RATIO * plain)) break;
+    }
+    return out->mesh.face_count > 0 || status != QM_OK ? status : last;
 }
 
 qm_status qm_remesh(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
