@@ -286,6 +286,13 @@ static bool reply_again(qm_request *request, const qm_store_idempotency *idempot
     return true;
 }
 
+bool qm_handle_layout_computes(const qm_request *request)
+{
+    size_t size;
+    const char *body = qm_request_body(request, &size);
+    return body && (memmem(body, size, "\"auto\"", 6) || memmem(body, size, "\"quads\"", 7));
+}
+
 void qm_handle_layout_create(qm_request *request)
 {
     qm_store_idempotency idempotency;

@@ -30,6 +30,8 @@ void qm_handle_job_events(qm_request *request);
 void qm_handle_job_result(qm_request *request);
 void qm_handle_job_report(qm_request *request);
 
+/** Whether a layout is made, which takes seconds, and not given: by the names of its members, as only the lane depends on it. */
+bool qm_handle_layout_computes(const qm_request *request);
 void qm_handle_layout_create(qm_request *request);
 void qm_handle_layout_list(qm_request *request);
 void qm_handle_layout_get(qm_request *request);

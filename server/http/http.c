@@ -6,6 +6,7 @@
  * is known before the body is received is the reply at once where the library allows it, else after the body
  * was read and discarded.
  */
+#include "handlers.h"
 #include "http_internal.h"
 
 #include <math.h>
@@ -94,13 +95,17 @@ static void run_on_pool(void *data)
     hand_back(request);
 }
 
-/** A query or download of a mesh that is not in memory decodes it first, and does so in the lane of decoders. */
+/**
+ * A query or download of a mesh that is not in memory decodes it first, and does so in the lane of decoders. A layout that
+ * is made takes seconds, and goes there too.
+ */
 static qm_lane choose_lane(const qm_request *request)
 {
     qm_lane lane = request->route->lane;
     bool loads = (lane == QM_LANE_QUERY || lane == QM_LANE_DOWNLOAD) &&
                  !qm_meshes_has_loaded(request->app->meshes, request->ids[0]);
-    return loads ? QM_LANE_DECODE : lane;
+    bool computes = request->route->handle == qm_handle_layout_create && qm_handle_layout_computes(request);
+    return loads || computes ? QM_LANE_DECODE : lane;
 }
 
 static enum MHD_Result handle(qm_request *request)

@@ -85,7 +85,7 @@ static const qm_route routes[] = {
      format_query},
     {"GET", "/v1/jobs/{id}/report", QM_SCOPE_READ, qm_handle_job_report, pages, QM_BODY_NONE, QM_LANE_DECODE,
      report_query},
-    {"POST", "/v1/layouts", QM_SCOPE_WRITE, qm_handle_layout_create, json, QM_BODY_MEMORY, QM_LANE_DECODE,
+    {"POST", "/v1/layouts", QM_SCOPE_WRITE, qm_handle_layout_create, json, QM_BODY_MEMORY, QM_LANE_EDIT,
      no_query},
     {"GET", "/v1/layouts", QM_SCOPE_READ, qm_handle_layout_list, json, QM_BODY_NONE, QM_LANE_SHORT,
      list_query},
