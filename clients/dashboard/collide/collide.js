@@ -4,8 +4,8 @@
 import { choiceKey, meshChoice } from "../core/choice.js";
 import { NUMBER, h, numberOf, select } from "../core/dom.js";
 import { run } from "../core/messages.js";
-import { keepPose, moved, poseOfA } from "../core/pose.js";
-import { parameter, setParameters, setPoseParameter } from "../core/route.js";
+import { keepPose, moved, poseOfA, setPoseParameter } from "../core/pose.js";
+import { parameter, setParameters } from "../core/route.js";
 import { meshOf, on, state } from "../core/state.js";
 import { forgetEye, hasEye, keepLook, placeEye } from "../view/link.js";
 import { drawTools } from "../view/tools.js";

@@ -2,8 +2,8 @@
 
 import { h } from "../core/dom.js";
 import { run } from "../core/messages.js";
-import { isMoved, keepPose, poseOfA } from "../core/pose.js";
-import { parameter, setParameters, setPoseParameter } from "../core/route.js";
+import { isMoved, keepPose, poseOfA, setPoseParameter } from "../core/pose.js";
+import { parameter, setParameters } from "../core/route.js";
 import { changed, meshOf, on, state } from "../core/state.js";
 import { forgetEye, hasEye, keepLook, placeEye } from "../view/link.js";
 import { drawTools, toggle } from "../view/tools.js";

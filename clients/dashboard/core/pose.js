@@ -1,5 +1,6 @@
 // How A is moved, on the screen and in all that is asked of it.
 
+import { setParameters } from "./route.js";
 import { state } from "./state.js";
 
 /** @import { MeshName, Transform } from "../../js/types.js" */
@@ -7,25 +8,25 @@ import { state } from "./state.js";
 /** Of a matrix, all but the last row. */
 const ROWS = [0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14];
 
-/** @type {{ transform: Transform | null, mesh: string | null }} of which mesh, since another A lies where it is */
-const kept = { transform: null, mesh: null };
-
 /** @param {Transform} transform for a link */
 export const textOfPose = (transform) => ROWS.map((place) => transform[place]).join();
 
-/** How A is moved; null: it lies where its file has it. */
-export const poseOfA = () => (kept.mesh === state.a ? kept.transform : null);
+/** How A is moved; null: it lies where its file has it. Another A lies where it is. @returns {Transform | null} */
+export function poseOfA() {
+  const numbers = (state.pose?.mesh === state.a && state.pose?.text || "").split(",").map(Number);
+  if (numbers.length !== ROWS.length || !numbers.every(Number.isFinite)) return null;
+  return [0, 1, 2, 3].flatMap((column) => [...numbers.slice(3 * column, 3 * column + 3), column === 3 ? 1 : 0]);
+}
 
 /** @param {Transform | null} transform */
 export function keepPose(transform) {
-  Object.assign(kept, { transform, mesh: state.a });
+  state.pose = { mesh: state.a, text: transform && textOfPose(transform) };
 }
 
-/** Takes up what an address says. @param {string | null} text */
-export function readPose(text) {
-  const numbers = (text ?? "").split(",").map(Number);
-  const isPose = numbers.length === ROWS.length && numbers.every(Number.isFinite);
-  keepPose(isPose ? [0, 1, 2, 3].flatMap((column) => [...numbers.slice(3 * column, 3 * column + 3), column === 3 ? 1 : 0]) : null);
+/** Says in the address how A is moved. */
+export function setPoseParameter() {
+  const transform = poseOfA();
+  setParameters({ pose: transform && textOfPose(transform) });
 }
 
 /** A as a request names it. @returns {MeshName} */

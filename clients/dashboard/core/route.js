@@ -1,6 +1,5 @@
-// The page and its choices in the address: #compare?a=m_1&b=m_2. A link brings somebody else to the same view.
+// The page and its choices in the address: #compare?a=m_1&b=m_2.
 
-import { poseOfA, readPose, textOfPose } from "./pose.js";
 import { changed, state } from "./state.js";
 
 /** @type {URLSearchParams} of the address when the page was entered */
@@ -17,12 +16,12 @@ export function readAddress(pages, hash) {
   parameters = new URLSearchParams(query);
   state.a = parameters.get("a") ?? state.a;
   state.b = parameters.get("b") ?? state.b;
-  if (parameters.has("a") || parameters.has("pose")) readPose(parameters.get("pose")); // else A is as it was left
+  if (parameters.has("a") || parameters.has("pose")) state.pose = { mesh: state.a, text: parameters.get("pose") };
   state.shown = parameters.get("mesh") ?? state.shown;
   changed("page", "choice");
 }
 
-/** A choice that came with the address. @param {string} name */
+/** @param {string} name */
 export const parameter = (name) => parameters.get(name);
 
 /**
@@ -37,13 +36,6 @@ export function setParameters(choices) {
   history.replaceState(null, "", address());
 }
 
-/** Says in the address how A is moved. */
-export function setPoseParameter() {
-  const transform = poseOfA();
-  setParameters({ pose: transform && textOfPose(transform) });
-}
-
-/** The address of what is on the page now. */
 function address() {
   const query = parameters.toString().replaceAll("%2C", ",");
   return `${location.pathname}#${state.page}${query ? `?${query}` : ""}`;

@@ -12,6 +12,8 @@ export const state = {
   info: null,
   /** The mesh whose facts are shown. @type {string | null} */
   shown: null,
+  /** How A is moved. @type {{ mesh: string | null, text: string | null } | null} */
+  pose: null,
   /** @type {string | null} */
   a: null,
   /** @type {string | null} */
