@@ -66,6 +66,12 @@ static inline qm_vec qm_vec_cross(qm_vec a, qm_vec b)
     return (qm_vec){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
+/** A vector at a right angle to one of length 1; its own length is from 0.6 to 1. */
+static inline qm_vec qm_vec_perpendicular(qm_vec unit)
+{
+    return qm_vec_cross(unit, fabs(unit.x) < 0.6 ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0});
+}
+
 static inline double qm_vec_norm2(qm_vec a)
 {
     return qm_vec_dot(a, a);

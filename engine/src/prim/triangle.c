@@ -4,8 +4,7 @@
 
 static qm_vec any_perpendicular(qm_vec x)
 {
-    qm_vec axis = fabs(x.x) < 0.6 ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
-    qm_vec y = qm_vec_cross(x, axis);
+    qm_vec y = qm_vec_perpendicular(x);
     return qm_vec_scale(1.0 / qm_vec_norm(y), y);
 }
 

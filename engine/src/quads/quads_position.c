@@ -99,8 +99,7 @@ static void restrict_nodes(const grid_nodes *fine, const grid_nodes *coarse)
     }
     for (uint32_t p = 0; p < count; p++) {
         if (qm_vec_norm2(coarse->cross[p]) > 0.0) continue;
-        qm_vec n = coarse->graph->normal[p], axis = fabs(n.x) < 0.6 ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
-        qm_vec q = qm_vec_cross(n, axis);
+        qm_vec q = qm_vec_perpendicular(coarse->graph->normal[p]);
         coarse->cross[p] = qm_vec_scale(1.0 / qm_vec_norm(q), q);
     }
 }
@@ -162,7 +161,7 @@ static void spread_crosses(const qm_trimesh *m, const qm_vec *face_cross, const 
         sum = qm_vec_axpy(sum, -qm_vec_dot(n, sum), n);
         double length = qm_vec_norm(sum);
         if (!(length > 0.0)) {
-            sum = qm_vec_cross(n, fabs(n.x) < 0.6 ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0});
+            sum = qm_vec_perpendicular(n);
             length = qm_vec_norm(sum);
         }
         l->cross[v] = qm_vec_scale(1.0 / length, sum);

@@ -136,7 +136,7 @@ static int find_directions(const untangle *u, uint32_t v, qm_vec out[2])
         double height = qm_vec_norm(normal);
         if (!(height > 1e-3)) return 0;
         normal = qm_vec_scale(1.0 / height, normal);
-        qm_vec a = qm_vec_cross(normal, fabs(normal.x) < 0.6 ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0});
+        qm_vec a = qm_vec_perpendicular(normal);
         out[0] = qm_vec_scale(1.0 / qm_vec_norm(a), a);
         out[1] = qm_vec_cross(normal, out[0]);
         return 2;

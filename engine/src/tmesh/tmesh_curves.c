@@ -637,14 +637,6 @@ static double edge_at(const curve_drawer *d, uint32_t index)
     return count > 0 ? sum / count : 0;
 }
 
-static qm_vec perpendicular(qm_vec normal)
-{
-    qm_vec axis = fabs(normal.x) < 0.6 ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0},
-           across = qm_vec_cross(normal, axis);
-    double length = qm_vec_norm(across);
-    return length > 0 ? qm_vec_scale(1 / length, across) : axis;
-}
-
 /** Puts a fixed point elsewhere on its chain. False if that is beyond its ends. */
 static bool slide(const curve_drawer *d, lattice_point *point, double by)
 {
@@ -670,8 +662,9 @@ static bool untangle_point(curve_drawer *d, uint32_t index)
             if (point->is_fixed) {
                 is_on = slide(d, point, way == 0 ? reach : -reach);
             } else {
-                qm_vec normal = qm_vec_load(point->normal), right = perpendicular(normal);
-                double angle = 360.0 * QM_DEGREE * way / TRIAL_WAYS;
+                qm_vec normal = qm_vec_load(point->normal), across = qm_vec_perpendicular(normal);
+                double length = qm_vec_norm(across), angle = 360.0 * QM_DEGREE * way / TRIAL_WAYS;
+                qm_vec right = length > 0 ? qm_vec_scale(1 / length, across) : (qm_vec){1, 0, 0};
                 qm_vec along =
                     qm_vec_axpy(qm_vec_scale(cos(angle), right), sin(angle), qm_vec_cross(normal, right));
                 point->at = qm_vec_axpy(point->at, reach, along);

@@ -37,8 +37,8 @@
 #define START_SHARE 12
 #define FEWEST_TRIALS 24
 #define SIDE_WORTH 0.3
-/* One of so many faulty classes is spread at a time. */
 #define MOST_RINGS 3 /* of classes round a fault, in which arcs are lengthened too */
+/* One of so many faulty classes is spread at a time. */
 #define SPREAD_PART 6
 #define SPREAD_EFFORT 200
 /* Faults that are looked at together, and the part of them that is mended then: a walk often mends several. */
