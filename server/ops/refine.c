@@ -29,22 +29,28 @@ const char *qm_refine_stop_name(qm_refine_stop stop)
     return names[stop];
 }
 
-static qm_status measure(const refinement *r, const qm_bvh *mesh, qm_direction direction, double *lower,
-                         double *upper)
+qm_status qm_refine_measure(qm_context *ctx, const qm_ref_surface *source, const qm_bvh *mesh,
+                            qm_direction direction, double tolerance, const qm_refine_goal *goal,
+                            double *lower, double *upper)
 {
     qm_hausdorff_options options = qm_hausdorff_options_default();
     options.direction = direction;
-    options.tolerance = TOLERANCE * r->source->diagonal;
-    if (r->goal->hausdorff > 0.0)
-        options.tolerance = fmin(options.tolerance, GOAL_TOLERANCE * r->goal->hausdorff);
+    options.tolerance = tolerance * source->diagonal;
+    if (goal->hausdorff > 0.0) options.tolerance = fmin(options.tolerance, GOAL_TOLERANCE * goal->hausdorff);
     options.deadline_ms = DEADLINE_MS;
-    options.thread_count = r->goal->thread_count;
+    options.thread_count = goal->thread_count;
     qm_hausdorff_result result;
-    qm_status status = qm_hausdorff_measure(r->ctx, r->source->bvh, mesh, &options, &result);
+    qm_status status = qm_hausdorff_measure(ctx, source->bvh, mesh, &options, &result);
     QM_ASSERT(status != QM_OK || result.lower <= result.upper);
     *lower = result.lower;
     *upper = result.upper;
     return status;
+}
+
+static qm_status measure(const refinement *r, const qm_bvh *mesh, qm_direction direction, double *lower,
+                         double *upper)
+{
+    return qm_refine_measure(r->ctx, r->source, mesh, direction, TOLERANCE, r->goal, lower, upper);
 }
 
 /** Projections of points onto the mesh of a step. */

@@ -51,6 +51,18 @@ typedef enum qm_refine_stop {
 } qm_refine_stop;
 const char *qm_refine_stop_name(qm_refine_stop stop);
 
+/**
+ * Measures the Hausdorff distance between the source, A, and a mesh, B, until its bounds are within a fraction of the
+ * diagonal, and of the goal's distance where there is one; for 20 s at most.
+ *
+ * mesh  with QM_BVH_TARGET
+ *
+ * Returns as qm_hausdorff_measure; the bounds hold also when the time ended it.
+ */
+qm_status qm_refine_measure(qm_context *ctx, const qm_ref_surface *source, const qm_bvh *mesh,
+                            qm_direction direction, double tolerance, const qm_refine_goal *goal,
+                            double *lower, double *upper);
+
 /** Called after each complete step; the reconstruction then holds its mesh. */
 typedef void qm_refine_fn(void *user, const qm_refine_record *record);
 

@@ -5,14 +5,11 @@
 
 #include <math.h>
 
-#include "qm/hausdorff.h"
 #include "qm/quad_layout.h"
 #include "refine.h"
 
-#define TOLERANCE 1e-6      /* of the measured distance, a fraction of the diagonal */
-#define GOAL_TOLERANCE 0.05 /* the same of the distance that is wanted, if that is smaller */
-#define DEADLINE_MS 20000.0 /* of one measurement; its bounds are valid when it ends early */
-#define LEAST_GROWTH 1.5    /* of the number of quads from one mesh to the next */
+#define TOLERANCE 1e-6   /* of the measured distance, a fraction of the diagonal */
+#define LEAST_GROWTH 1.5 /* of the number of quads from one mesh to the next */
 #define MOST_GROWTH 8.0
 #define LAYOUT_QUADS 5000 /* of which a layout is made, or fewer where the limit is lower */
 /* Layouts are divided into about LAYOUT_PATCHES, then MORE_PATCHES times as many, up to MOST_PATCHES and one for each
@@ -23,23 +20,23 @@
 #define QUADS_A_PATCH 6
 #define PLAIN_RATIO 2.0
 
+static qm_refine_goal goal_of(const qm_remesh_options *options)
+{
+    return (qm_refine_goal){.max_quads = options->quads.quads,
+                            .hausdorff = options->distance,
+                            .thread_count = options->quads.thread_count};
+}
+
 static qm_status measure(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
                          qm_remesh_result *out)
 {
+    const qm_refine_goal goal = goal_of(options);
     qm_bvh *tree = NULL;
-    qm_status status = qm_bvh_build(ctx, &out->mesh, QM_BVH_TARGET, options->quads.thread_count, &tree);
-    if (status != QM_OK) return status;
-    qm_hausdorff_options how = qm_hausdorff_options_default();
-    how.direction = QM_TWO_SIDED;
-    how.tolerance = TOLERANCE * surface->diagonal;
-    if (options->distance > 0.0) how.tolerance = fmin(how.tolerance, GOAL_TOLERANCE * options->distance);
-    how.deadline_ms = DEADLINE_MS;
-    how.thread_count = options->quads.thread_count;
-    qm_hausdorff_result result;
-    status = qm_hausdorff_measure(ctx, surface->bvh, tree, &how, &result);
+    qm_status status = qm_bvh_build(ctx, &out->mesh, QM_BVH_TARGET, goal.thread_count, &tree);
+    if (status == QM_OK)
+        status =
+            qm_refine_measure(ctx, surface, tree, QM_TWO_SIDED, TOLERANCE, &goal, &out->lower, &out->upper);
     qm_bvh_destroy(ctx, tree);
-    out->lower = result.lower;
-    out->upper = result.upper;
     return status;
 }
 
@@ -80,9 +77,7 @@ static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, cons
     qm_reconstruction *r;
     qm_status status = qm_reconstruction_create(ctx, surface, layout, &how, &r);
     if (status != QM_OK) return status;
-    const qm_refine_goal goal = {.max_quads = options->quads.quads,
-                                 .hausdorff = options->distance,
-                                 .thread_count = options->quads.thread_count};
+    const qm_refine_goal goal = goal_of(options);
     qm_refine_stop stop;
     status = qm_refine(ctx, r, surface, &goal, count_step, out, &stop);
     if (status == QM_OK && stop == QM_REFINE_CANCELED)
@@ -92,14 +87,20 @@ static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, cons
     return status == QM_OK ? measure(ctx, surface, options, out) : status;
 }
 
-/** The upper bound of the distance of as many quads without a layout. */
+/** The quads of which a layout is made. */
+static qm_quads_options quads_of_layout(const qm_remesh_options *options)
+{
+    qm_quads_options quads = options->quads;
+    if (quads.quads > LAYOUT_QUADS) quads.quads = LAYOUT_QUADS;
+    return quads;
+}
+
+/** The upper bound of the distance of these quads themselves. */
 static qm_status measure_plain(qm_context *ctx, const qm_ref_surface *surface,
                                const qm_remesh_options *options, double *distance)
 {
-    qm_remesh_options plain = *options;
+    const qm_remesh_options plain = {.quads = quads_of_layout(options)};
     qm_remesh_result result = {0};
-    plain.distance = 0.0;
-    if (plain.quads.quads > LAYOUT_QUADS) plain.quads.quads = LAYOUT_QUADS;
     qm_status status = make_quads(ctx, surface, &plain, &result);
     *distance = result.upper;
     qm_mesh_reset(ctx, &result.mesh);
@@ -110,8 +111,7 @@ static qm_status measure_plain(qm_context *ctx, const qm_ref_surface *surface,
 static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
                                  const qm_remesh_options *options, size_t patches, qm_remesh_result *out)
 {
-    qm_quads_options quads = options->quads;
-    if (quads.quads > LAYOUT_QUADS) quads.quads = LAYOUT_QUADS;
+    const qm_quads_options quads = quads_of_layout(options);
     qm_quad_layout_options how = qm_quad_layout_options_default();
     how.patches = patches;
     qm_layout layout;
