@@ -17,7 +17,7 @@ typedef struct remesh_options {
     bool as_json;
 } remesh_options;
 
-/** What is told of the result. */
+/** Figures of the result, besides its distance. */
 typedef struct remesh_facts {
     qm_mesh_facts mesh;
     qm_quality quality;

@@ -329,11 +329,11 @@ static void read_mesh(const qm_json *json, const char *mesh, char id[QM_ID_SIZE]
 }
 
 /**
- * Finds the mesh that an upload of these bytes would give, without sending them; none that was deformed or expires.
- * Returns 200 when there is one, 404 else, or 0 after a report.
+ * Finds the mesh that an upload of these bytes would give, without sending them; none that was deformed or expires. A file
+ * that names its unit is found only where the notes name it too. *is_down is set after a report: no answer came.
  */
-static long find_uploaded(cli_session *session, const char *name, const uint8_t *bytes, size_t size,
-                          const qm_notes *notes, char id[QM_ID_SIZE], double *diagonal)
+static bool find_uploaded(cli_session *session, const char *name, const uint8_t *bytes, size_t size,
+                          const qm_notes *notes, char id[QM_ID_SIZE], double *diagonal, bool *is_down)
 {
     char target[1024], hash[QM_HASH_SIZE], mesh[MEMBER_SIZE / 2];
     uint8_t digest[QM_DIGEST_SIZE];
@@ -341,7 +341,7 @@ static long find_uploaded(cli_session *session, const char *name, const uint8_t 
     qm_id_hash_print(digest, hash);
     snprintf(target, sizeof target, "/v1/meshes?content_hash=%s&name=%.900s", hash, name);
     long status = transfer(session, target, NULL, 0, "Accept: application/json", NULL);
-    if (status == 0) return 0;
+    *is_down = status == 0;
     bool is_found = false;
     qm_json *page = status == 200 ? qm_json_parse(session->body.data) : NULL;
     for (size_t i = 0; !is_found; i++) {
@@ -353,7 +353,31 @@ static long find_uploaded(cli_session *session, const char *name, const uint8_t 
         if (is_found) read_mesh(page, mesh, id, diagonal);
     }
     qm_json_free(page);
-    return is_found ? 200 : 404;
+    return is_found;
+}
+
+/** Uploads bytes; false after a report, which names the file at path. */
+static bool send_mesh(cli_session *session, const char *path, const char *name, const uint8_t *bytes,
+                      size_t size, const qm_notes *notes, char id[QM_ID_SIZE], double *diagonal)
+{
+    char target[1024], number[QM_NUMBER_SIZE];
+    size_t used = (size_t)snprintf(target, sizeof target, "/v1/meshes?name=%.900s", name);
+    if (notes->unit[0])
+        used += (size_t)snprintf(target + used, sizeof target - used, "&unit=%s", notes->unit);
+    if (notes->uncertainty > 0.0)
+        snprintf(target + used, sizeof target - used, "&uncertainty=%s",
+                 qm_text_number(notes->uncertainty, number));
+    long status = transfer(session, target, bytes, size, "Accept: application/json",
+                           "Content-Type: application/octet-stream");
+    bool is_stored = status == 200 || status == 201;
+    if (is_stored) {
+        qm_json *mesh = qm_json_parse(session->body.data);
+        read_mesh(mesh, "", id, diagonal);
+        qm_json_free(mesh);
+    } else if (status != 0) {
+        report_document(session, path, session->body.data, status);
+    }
+    return is_stored;
 }
 
 bool cli_session_upload(cli_session *session, const char *path, const qm_notes *notes, char id[QM_ID_SIZE],
@@ -366,32 +390,13 @@ bool cli_session_upload(cli_session *session, const char *path, const qm_notes *
         tell(session, path, &problem);
         return false;
     }
-    char target[1024];
-    char *name = session->curl->easy_escape(session->handle, cli_base_name(path), 0);
-    long status = 404;
-    if (size >= HASHED_FROM)
-        status = find_uploaded(session, name ? name : "", bytes, size, notes, id, diagonal);
-    bool is_stored = status == 200;
-    if (status == 404) {
-        size_t used = (size_t)snprintf(target, sizeof target, "/v1/meshes?name=%.900s", name ? name : "");
-        char number[QM_NUMBER_SIZE];
-        if (notes->unit[0])
-            used += (size_t)snprintf(target + used, sizeof target - used, "&unit=%s", notes->unit);
-        if (notes->uncertainty > 0.0)
-            snprintf(target + used, sizeof target - used, "&uncertainty=%s",
-                     qm_text_number(notes->uncertainty, number));
-        status = transfer(session, target, bytes, size, "Accept: application/json",
-                          "Content-Type: application/octet-stream");
-        is_stored = status == 200 || status == 201;
-        if (is_stored) {
-            qm_json *mesh = qm_json_parse(session->body.data);
-            read_mesh(mesh, "", id, diagonal);
-            qm_json_free(mesh);
-        } else if (status != 0) {
-            report_document(session, path, session->body.data, status);
-        }
-    }
-    session->curl->free(name);
+    char *escaped = session->curl->easy_escape(session->handle, cli_base_name(path), 0);
+    const char *name = escaped ? escaped : "";
+    bool is_down = false;
+    bool is_stored =
+        size >= HASHED_FROM && find_uploaded(session, name, bytes, size, notes, id, diagonal, &is_down);
+    if (!is_stored && !is_down) is_stored = send_mesh(session, path, name, bytes, size, notes, id, diagonal);
+    session->curl->free(escaped);
     free(bytes);
     return is_stored;
 }
