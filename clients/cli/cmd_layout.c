@@ -142,7 +142,11 @@ static int run(int argc, char **argv)
              "edges whose faces differ by more are creases, and become curves; 0: none (default; with --auto "
              "40)"},
         CLI_OPTION_THREADS(&o.quads.thread_count),
-        CLI_OPTION_JSON(&o.as_json)};
+        {.name = "json",
+         .letter = 'j',
+         .type = CLI_FLAG,
+         .target = &o.as_json,
+         .help = "counts and issues as JSON, or the problem document"}};
     int status;
     if (!cli_read_options(&cmd_layout, options, sizeof options / sizeof *options, argc, argv, &o.path,
                           &status))
