@@ -13,7 +13,8 @@ export const textOfPose = (transform) => ROWS.map((place) => transform[place]).j
 
 /** How A is moved; null: it lies where its file has it. Another A lies where it is. @returns {Transform | null} */
 export function poseOfA() {
-  const numbers = (state.pose?.mesh === state.a && state.pose?.text || "").split(",").map(Number);
+  if (!state.pose?.text || state.pose.mesh !== state.a) return null;
+  const numbers = state.pose.text.split(",").map(Number);
   if (numbers.length !== ROWS.length || !numbers.every(Number.isFinite)) return null;
   return [0, 1, 2, 3].flatMap((column) => [...numbers.slice(3 * column, 3 * column + 3), column === 3 ? 1 : 0]);
 }
