@@ -40,8 +40,8 @@ async function showPage() {
   leave();
   leave = () => {};
   isShown = false;
-  const show = await page.fetch().catch(() => { throw new Error(`The view “${page.words}” could not be fetched; it will be when the daemon is back.`); });
-  if (mine !== turn) return;
+  const show = await page.fetch().catch(() => { if (mine === turn) throw new Error(`The view “${page.words}” could not be fetched; it will be when the daemon is back.`); });
+  if (!show || mine !== turn) return;
   document.body.dataset.page = page.name;
   document.body.toggleAttribute("data-wide", Boolean(page.isWide));
   const panel = byId("panel");

@@ -145,8 +145,12 @@ test("a daemon that went away is found again", () => withDaemon([], async (daemo
   await page.locator(".connection.open").waitFor();
   await daemon.stop();
   await page.locator(".connection.lost").waitFor();
-  await page.getByRole("link", { name: "Collide" }).click(); // a view that was not fetched yet
-  await page.getByText("it will be when the daemon is back").waitFor();
+  await page.evaluate(() => { // two views that were not fetched yet, the first left at once
+    location.hash = "#sketch";
+    location.hash = "#collide";
+  });
+  await page.getByText("The view “Collide” could not be fetched; it will be when the daemon is back").waitFor();
+  assert.equal(await page.getByText("it will be when the daemon is back").count(), 1);
   await daemon.start();
   await page.locator(".connection.open").waitFor();
   await page.getByRole("button", { name: "Find collisions" }).waitFor();
