@@ -141,8 +141,8 @@ static bool read_made_layout(const cJSON *object, const char *const *names, doub
     if (!qm_json_check_members(object, names, problem) ||
         !qm_json_read_id(object, "mesh", out->mesh, problem))
         return false;
-    if (patches && !qm_json_read_count(patches, 1, 1e9, &out->options.patches))
-        return qm_json_reject(problem, "must be an integer of 1 or more", "/patches", 0, 0);
+    if (patches && !qm_json_read_count(patches, 1, 1e5, &out->options.patches))
+        return qm_json_reject(problem, "must be an integer from 1 to 100000", "/patches", 0, 0);
     if (angle && !(qm_json_read_number(angle, crease_angle) && *crease_angle >= 0 && *crease_angle <= 180))
         return qm_json_reject(problem, "must be a number from 0 to 180", "/crease_angle", 0, 0);
     return true;
@@ -164,8 +164,8 @@ static bool read_auto_layout(const cJSON *object, qm_json_quad_layout *out, qm_p
     if (!read_made_layout(object, names, &out->make_quads.crease_angle, out, problem)) return false;
     if (!cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(object, "auto")))
         return qm_json_reject(problem, "must be true", "/auto", 0, 0);
-    if (count && !qm_json_read_count(count, 1, 1e7, &out->make_quads.quads))
-        return qm_json_reject(problem, "must be an integer from 1 to 10000000", "/quad_count", 0, 0);
+    if (count && !qm_json_read_count(count, 1, 1e5, &out->make_quads.quads))
+        return qm_json_reject(problem, "must be an integer from 1 to 100000", "/quad_count", 0, 0);
     return true;
 }
 

@@ -5,6 +5,7 @@
 #include "ground.h"
 #include "layouts.h"
 #include "qm/layout_edit.h"
+#include "random.h"
 
 #include <math.h>
 #include <string.h>
@@ -148,6 +149,57 @@ static void crossing_curves_are_named(void **state)
     assert_int_equal(qm_layout_validate(&ctx, &layout, 1.4, NULL), QM_E_LAYOUT);
     assert_non_null(strstr(ctx.message, "curve 0 crosses itself"));
     qm_layout_free(&layout);
+}
+
+static int64_t turn_of(const int p[2], const int q[2], const int r[2])
+{
+    int64_t turn = (int64_t)(q[0] - p[0]) * (r[1] - p[1]) - (int64_t)(q[1] - p[1]) * (r[0] - p[0]);
+    return (turn > 0) - (turn < 0);
+}
+
+/** Segments with small integer coordinates in planes across each axis, against exact tests of all pairs. */
+static void crossings_are_those_of_all_pairs(void **state)
+{
+    (void)state;
+    enum { LINES = 60, SIDE = 20 };
+    for (int axis = 0; axis < 3; axis++) {
+        qm_random random = qm_random_make(qm_check_seed(), (uint64_t)axis);
+        qm_context ctx = qm_context_make();
+        qm_layout layout = {0};
+        int end[LINES][2][2];
+        for (uint32_t c = 0; c < LINES; c++) {
+            double line[2][3];
+            do {
+                for (int i = 0; i < 4; i++)
+                    end[c][i / 2][i % 2] = (int)qm_random_below(&random, SIDE + 1);
+            } while (end[c][0][0] == end[c][1][0] && end[c][0][1] == end[c][1][1]);
+            for (int k = 0; k < 2; k++) {
+                line[k][axis] = c % 2 ? 100.0 : 0.0;
+                line[k][(axis + 1) % 3] = end[c][k][0];
+                line[k][(axis + 2) % 3] = end[c][k][1];
+                assert_int_equal(qm_layout_add_node(&ctx, &layout, line[k]), QM_OK);
+            }
+            assert_int_equal(qm_layout_add_curve(&ctx, &layout, 2 * c, 2 * c + 1, line[0], 2), QM_OK);
+        }
+        bool is_expected[LINES][LINES] = {{false}};
+        size_t expected = 0;
+        for (int a = 0; a < LINES; a++)
+            for (int b = a + 2; b < LINES; b += 2) {
+                const int *p = end[a][0], *q = end[a][1], *r = end[b][0], *t = end[b][1];
+                is_expected[a][b] =
+                    turn_of(p, q, r) * turn_of(p, q, t) < 0 && turn_of(r, t, p) * turn_of(r, t, q) < 0;
+                expected += is_expected[a][b];
+            }
+        assert_true(expected > LINES);
+        qm_layout_issues issues = {0};
+        assert_int_equal(qm_layout_find_crossings(&ctx, &layout, NULL, &issues), QM_OK);
+        for (size_t i = 0; i < issues.count; i++)
+            QM_CHECK(is_expected[issues.items[i].curve[0]][issues.items[i].curve[1]], "axis %d: %u and %u",
+                     axis, issues.items[i].curve[0], issues.items[i].curve[1]);
+        assert_int_equal(issues.count, expected);
+        qm_layout_issues_reset(&ctx, &issues);
+        qm_layout_free(&layout);
+    }
 }
 
 static void bad_layouts_are_refused_by_name(void **state)
@@ -357,6 +409,7 @@ int main(void)
         cmocka_unit_test(patches_are_found_at_sharp_corners),
         cmocka_unit_test(cells_that_are_no_patch_are_explained),
         cmocka_unit_test(crossing_curves_are_named),
+        cmocka_unit_test(crossings_are_those_of_all_pairs),
         cmocka_unit_test(bad_layouts_are_refused_by_name),
         cmocka_unit_test(split_and_merge_undo_one_another),
         cmocka_unit_test(strokes_snap_merge_and_split),

@@ -112,6 +112,9 @@ qm_status qm_layout_copy(qm_context *ctx, const qm_layout *layout, qm_layout *ou
 
 uint32_t qm_layout_find_curve(const qm_layout *layout, uint32_t id)
 {
+    /* Layouts that were made number their curves in order: the place is known without a search. */
+    size_t guess = layout->curve_count > 0 ? id - (size_t)layout->curves[0].id : 0;
+    if (guess < layout->curve_count && layout->curves[guess].id == id) return (uint32_t)guess;
     for (size_t i = 0; i < layout->curve_count; i++)
         if (layout->curves[i].id == id) return (uint32_t)i;
     return QM_NO_INDEX;

@@ -2,7 +2,9 @@
  * layout_crossings.c: curves that cross without a node.
  *
  * Two segments cross if the nearest points of their lines lie inside both and are much nearer to each other
- * than the segments are long, unless they lie on two walls of the surface. A sweep along x compares segments whose ranges of x overlap, and no others.
+ * than the segments are long, unless they lie on two walls of the surface. A sweep compares segments whose
+ * ranges along two directions overlap, and no others. The directions are oblique, as the curves of a part lie
+ * in planes parallel to the axes, often thousands in one, which a sweep along an axis would meet all at once.
  */
 #include "layout_internal.h"
 
@@ -11,18 +13,35 @@
 #define END_TOLERANCE 1e-9 /* of a segment's length */
 #define HAND_JITTER 0.1    /* of a curve's points: a loop over fewer of its segments is hand jitter */
 
+/* Of length 1 or a little less, nearly at right angles, and oblique to the axes and to their diagonals. */
+static const qm_vec direction[2] = {{0.7573, 0.5411, 0.3656}, {-0.6214, 0.7693, 0.1482}};
+
 typedef struct segment {
-    double low, high; /* range of x */
+    double low[2], high[2]; /* its range along each direction, enlarged by NEAR of its length */
     uint32_t curve, index;
 } segment;
 
-static double x_at(const qm_curve *curve, uint32_t index)
+static segment segment_make(const qm_curve *curve, uint32_t curve_index, uint32_t index)
 {
-    return curve->points[3 * (size_t)index];
+    qm_vec from = qm_vec_load(curve->points + 3 * (size_t)index),
+           to = qm_vec_load(curve->points + 3 * (size_t)(index + 1));
+    double reach = NEAR * qm_vec_distance(from, to);
+    segment made = {.curve = curve_index, .index = index};
+    for (int k = 0; k < 2; k++) {
+        double a = qm_vec_dot(from, direction[k]), b = qm_vec_dot(to, direction[k]);
+        made.low[k] = fmin(a, b) - reach;
+        made.high[k] = fmax(a, b) + reach;
+    }
+    return made;
+}
+
+static bool segments_overlap(const segment *a, const segment *b, int k)
+{
+    return a->low[k] <= b->high[k] && b->low[k] <= a->high[k];
 }
 
 /**
- * Sorts segments by the start of their range of x: a Shell sort, which needs no memory. The order that it
+ * Sorts segments by the start of their first range: a Shell sort, which needs no memory. The order that it
  * leaves equal segments in is part of the results, as it decides which of two crossings is found first.
  */
 static void sort_segments(segment *segments, size_t count)
@@ -31,7 +50,7 @@ static void sort_segments(segment *segments, size_t count)
         for (size_t i = gap; i < count; i++) {
             segment moved = segments[i];
             size_t k = i;
-            for (; k >= gap && segments[k - gap].low > moved.low; k -= gap)
+            for (; k >= gap && segments[k - gap].low[0] > moved.low[0]; k -= gap)
                 segments[k] = segments[k - gap];
             segments[k] = moved;
         }
@@ -117,18 +136,16 @@ qm_status qm_layout_find_crossings(qm_context *ctx, const qm_layout *layout, con
     segment *segments = qm_context_alloc(ctx, total, sizeof *segments);
     if (!segments) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the curves");
     size_t count = 0;
-    for (size_t c = 0; c < layout->curve_count; c++) {
-        for (uint32_t i = 0; i + 1 < layout->curves[c].point_count; i++) {
-            double a = x_at(&layout->curves[c], i), b = x_at(&layout->curves[c], i + 1);
-            segments[count++] = (segment){fmin(a, b), fmax(a, b), (uint32_t)c, i};
-        }
-    }
+    for (size_t c = 0; c < layout->curve_count; c++)
+        for (uint32_t i = 0; i + 1 < layout->curves[c].point_count; i++)
+            segments[count++] = segment_make(&layout->curves[c], (uint32_t)c, i);
     QM_ASSERT(count == total);
     sort_segments(segments, count);
     qm_status status = QM_OK;
     for (size_t i = 0; i < total && status == QM_OK; i++)
-        for (size_t k = i + 1; k < total && segments[k].low <= segments[i].high && status == QM_OK; k++)
-            status = test_pair(ctx, layout, surface, &segments[i], &segments[k], out);
+        for (size_t k = i + 1; k < total && segments[k].low[0] <= segments[i].high[0] && status == QM_OK; k++)
+            if (segments_overlap(&segments[i], &segments[k], 1))
+                status = test_pair(ctx, layout, surface, &segments[i], &segments[k], out);
     qm_context_free(ctx, segments, total, sizeof *segments);
     return status;
 }

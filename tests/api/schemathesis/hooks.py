@@ -38,6 +38,10 @@ def map_body(context, body):
         for place in (body, body.get("engine")):
             if isinstance(place, dict) and isinstance(place.get("pieces"), (int, float)) and place["pieces"] > 10000:
                 place["pieces"] = 10000
+    if path == "/v1/layouts" and isinstance(body, dict):
+        for name in ("quad_count", "patches"):  # the checked build takes a minute for the most that is allowed
+            if isinstance(body.get(name), int) and body[name] > 3000:
+                body[name] = 3000
     return body
 
 
