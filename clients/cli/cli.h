@@ -116,6 +116,8 @@ typedef struct cli_bar {
 } cli_bar;
 cli_bar cli_bar_make(double tolerance, bool is_forced);
 void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations);
+/** Shows in its place what a remeshing does, of how many quads, and the distance of the last mesh, 0 before it is known. */
+void cli_bar_tell(const cli_bar *bar, const char *work, double quads, double upper);
 void cli_bar_clear(const cli_bar *bar);
 
 /* ---- jobs (jobs.c) ---- */
