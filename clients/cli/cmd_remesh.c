@@ -8,6 +8,12 @@
 #include "base/json.h"
 #include "options.h"
 
+/** The file to write. */
+typedef struct mesh_file {
+    const char *path;
+    bool has_uv;
+} mesh_file;
+
 static void print_text(FILE *file, const qm_json *result)
 {
     char bound[CLI_BOUND_SIZE], patches[40] = "";
@@ -25,13 +31,13 @@ static void print_text(FILE *file, const qm_json *result)
 }
 
 /** Fetches the mesh that a job on a daemon has made; false after a report. */
-static bool fetch_mesh(cli_session *session, const char *server, const char *path, const char *id,
+static bool fetch_mesh(cli_session *session, const char *server, const mesh_file *made, const char *id,
                        bool as_json)
 {
     char target[128];
-    qm_format format = qm_format_from_path(path);
-    snprintf(target, sizeof target, "/v1/meshes/%s/content?format=%s", id,
-             qm_format_name(format == QM_FORMAT_UNKNOWN ? QM_FORMAT_PLY : format));
+    const char *path = made->path;
+    snprintf(target, sizeof target, "/v1/meshes/%s/content?format=%s%s", id,
+             qm_format_name(cli_format_of(path)), made->has_uv ? "&uv=patches" : "");
     FILE *file = strcmp(path, "-") == 0 ? stdout : fopen(path, "wb");
     bool is_fetched = file && cli_session_fetch(session, target, NULL, 0, "*/*", server, file);
     bool is_written = file && !ferror(file) && (file == stdout || fclose(file) == 0);
@@ -41,16 +47,17 @@ static bool fetch_mesh(cli_session *session, const char *server, const char *pat
 
 static int finish(const void *user, const cli_job *job, const cli_job_output *output)
 {
-    const char *const *path = user;
+    const mesh_file *made = user;
     qm_context ctx = qm_host_context();
     qm_json *result = qm_json_parse(output->json);
     const char *id = qm_json_get_string(result, "mesh");
-    bool is_written = output->result
-                          ? cli_write_mesh(&ctx, *path, &output->result->remesh.mesh, job->as_json)
-                          : fetch_mesh(output->session, job->server, *path, id ? id : "", job->as_json);
+    bool is_written =
+        output->result
+            ? cli_write_mesh(&ctx, made->path, &output->result->remesh.mesh, made->has_uv, job->as_json)
+            : fetch_mesh(output->session, job->server, made, id ? id : "", job->as_json);
     if (is_written && job->as_json) puts(output->json);
     /* Standard output holds either the mesh or what is said of it. */
-    if (is_written && !job->as_json) print_text(strcmp(*path, "-") == 0 ? stderr : stdout, result);
+    if (is_written && !job->as_json) print_text(strcmp(made->path, "-") == 0 ? stderr : stdout, result);
     bool is_near = !qm_json_has(result, "reached") || qm_json_is_true(result, "reached");
     qm_json_free(result);
     return !is_written ? EXIT_BAD_INPUT : is_near ? EXIT_OK : EXIT_NOT_CONVERGED;
@@ -60,14 +67,14 @@ static int run(int argc, char **argv)
 {
     cli_job job = cli_job_make(QM_JOB_REMESH);
     qm_job_request *request = &job.request;
-    const char *output = NULL;
+    mesh_file made = {NULL, false};
     const cli_option options[] = {
         {.name = "output",
          .letter = 'o',
          .value = "OUT",
          .type = CLI_TEXT,
          .is_required = true,
-         .target = &output,
+         .target = &made.path,
          .help = "the mesh, in the format of its name, else PLY; - is standard output"},
         {.name = "quads",
          .value = "N",
@@ -92,6 +99,7 @@ static int run(int argc, char **argv)
          .type = CLI_NUMBER,
          .target = &request->remesh.quads.crease_angle,
          .help = "edges whose faces differ by more are creases, and stay edges (default 40); 0: none"},
+        CLI_OPTION_UV(&made.has_uv),
         CLI_OPTION_THREADS(&request->threads),
         CLI_OPTION_JSON(&job.as_json),
         CLI_OPTION_PROGRESS(&job.shows_progress),
@@ -100,10 +108,11 @@ static int run(int argc, char **argv)
     if (!cli_read_options(&cmd_remesh, options, sizeof options / sizeof *options, argc, argv, job.path,
                           &status))
         return status;
-    if (!cli_check_one_document(&output, 1, job.as_json)) return EXIT_USAGE;
-    if (!cli_check_writable(output, job.as_json)) return EXIT_BAD_INPUT;
+    if (!cli_check_one_document(&made.path, 1, job.as_json)) return EXIT_USAGE;
+    if (made.has_uv && !cli_check_uv(made.path)) return EXIT_USAGE;
+    if (!cli_check_writable(made.path, job.as_json)) return EXIT_BAD_INPUT;
     if (!job.server) request->threads = cli_count_threads(request->threads);
-    return cli_run_job(&job, finish, &output);
+    return cli_run_job(&job, finish, &made);
 }
 
 const cli_command cmd_remesh = {

@@ -979,7 +979,7 @@ static bool write_file(qm_meshes *meshes, qm_context *ctx, const qm_mesh *mesh, 
                        qm_blob_writer **out, qm_problem *problem)
 {
     qm_encoder *encoder = NULL;
-    qm_status status = qm_encoder_create(ctx, mesh, facts, QM_FORMAT_PLY, 0, &encoder);
+    qm_status status = qm_encoder_create(ctx, mesh, facts, QM_FORMAT_PLY, 0, NULL, &encoder);
     if (status != QM_OK) {
         *problem = qm_problem_from_status(status, ctx->message);
         return false;

@@ -4,6 +4,8 @@ import signal
 import subprocess
 import time
 
+import pytest
+
 from conftest import write_torus
 
 
@@ -41,6 +43,25 @@ def test_here_and_there_make_the_same_mesh(quadmesh, server, tmp_path):
         assert run.returncode == 0 and "quads: 300 quads\n" in run.stderr and "measure: " in run.stderr
         assert (tmp_path / name).read_bytes() == (tmp_path / ("there" + name[4:])).read_bytes()
     assert "measure: " in quadmesh("remesh", torus, "-o", "here.obj", "--quads", "300", "--progress").stderr
+
+
+@pytest.mark.parametrize("name", ["out.obj", "out.ply", "out.glb"])
+def test_texture_coordinates(quadmesh, tmp_path, where, name):
+    torus = write_torus(tmp_path / "torus.obj", 80, 40, 0.3)
+    run = quadmesh("remesh", torus, "-o", name, "--quads", "1000", "--semi-regular", "--uv", "--json", *where)
+    assert run.returncode == 0, run.stderr
+    result, facts = json.loads(run.stdout), json.loads(quadmesh("info", name, "--json").stdout)
+    assert facts["faces"]["quads"] == result["quads"]
+    assert facts["components"] == (1 if name == "out.obj" else result["patches"])
+    content = (tmp_path / name).read_bytes()
+    assert {"out.obj": b"\nvt ", "out.ply": b"\nproperty float t\n", "out.glb": b"TEXCOORD_0"}[name] in content
+
+
+def test_texture_coordinates_go_with_some_formats(quadmesh, tmp_path):
+    torus = write_torus(tmp_path / "torus.obj", 8, 8, 0.3)
+    for command in (["remesh", torus], ["reconstruct", torus, "layout.json"]):
+        run = quadmesh(*command, "-o", "out.off", "--uv")
+        assert run.returncode == 2 and "not with off" in run.stderr and not (tmp_path / "out.off").exists()
 
 
 def test_faults_of_a_daemon_are_told(quadmesh, server, tmp_path):
