@@ -162,8 +162,9 @@
 
 /** @typedef {{ id: number, from: number, to: number, points: Point[] }} Curve */
 /** @typedef {{ mesh: string, nodes?: Point[], curves?: Curve[], patches?: number[][] }} LayoutRequest */
-/** @typedef {{ mesh: string, quads: string, patches?: number, crease_angle?: number }} QuadLayoutRequest */
-/** @typedef {{ mesh: string, auto: true, quad_count?: number, patches?: number, crease_angle?: number }} AutoLayoutRequest */
+/** @typedef {{ mesh: string, quads: string, patches?: number, crease_angle?: number, deadline_ms?: number }} QuadLayoutRequest */
+/** @typedef {{ mesh: string, auto: true, quad_count?: number, patches?: number, crease_angle?: number,
+ *   deadline_ms?: number }} AutoLayoutRequest */
 /** @typedef {{ id: string, mesh: string, revision: number, can_undo: boolean, can_redo: boolean, complete: boolean,
  *   created: string }} LayoutBrief */
 /** @typedef {{ kind: "dangling_end" | "cell_sides" | "crossing", curve: number, other_curve?: number, node?: number,
