@@ -108,7 +108,7 @@ export class Meshes {
    * @param {string} id
    * @param {{ format?: Format, quantization?: number, uv?: "patches", signal?: AbortSignal }} [options]
    * @returns {Promise<{ bytes: ArrayBuffer, name: string, displacement: number, cutFaces: number,
-   *   leftOutVertices: number }>} with what the format could not keep
+   *   leftOutVertices: number }>} with what the format lost
    */
   async content(id, { format, quantization, uv, signal } = {}) {
     const response = await this.transport.send(`${pathOf(id)}/content`, { query: { format, quantization, uv }, signal });
