@@ -240,7 +240,7 @@ typedef struct qm_job_request {
     double hausdorff_relative;
     const qm_job_refinement *refining;
 
-    /* remesh; 0 quads: as qm_remesh_usual_quads says; who is told of its stages is set by the caller of qm_job_execute */
+    /* remesh; 0 quads: none are named; who is told of its stages is set by the caller of qm_job_execute */
     qm_remesh_options remesh; /* its distance is computed from the fraction below when the job runs */
     double distance_relative;
 } qm_job_request;

@@ -29,7 +29,8 @@ static qm_refine_goal goal_of(const qm_remesh_options *options)
 
 const char *const qm_remesh_work_names[] = {"quads", "layout", "steps", "measure", NULL};
 
-size_t qm_remesh_usual_quads(const qm_remesh_options *options)
+/** How many quads options mean that name no number. */
+static size_t usual_quads(const qm_remesh_options *options)
 {
     if (options->quads.quads > 0) return options->quads.quads;
     if (!(options->distance > 0.0)) return qm_quads_options_default().quads;
@@ -194,7 +195,7 @@ qm_status qm_remesh(qm_context *ctx, const qm_ref_surface *surface, const qm_rem
 {
     *out = (qm_remesh_result){0};
     qm_remesh_options settled = *options;
-    settled.quads.quads = qm_remesh_usual_quads(options);
+    settled.quads.quads = usual_quads(options);
     qm_status status = settled.is_semi_regular ? make_semi_regular(ctx, surface, &settled, out)
                                                : make_quads(ctx, surface, &settled, out);
     if (status != QM_OK) qm_mesh_reset(ctx, &out->mesh);

@@ -46,12 +46,10 @@ typedef struct qm_remesh_result {
     size_t patches;           /* of the layout; 0 without */
 } qm_remesh_result;
 
-/** How many quads a request means that names no number (0): some to start from, or as many as it takes, or as usual. */
-size_t qm_remesh_usual_quads(const qm_remesh_options *options);
-
 /**
- * Makes the mesh. With a distance more and more quads are tried until the upper bound is within it, or the next mesh would
- * have more than QM_REMESH_MOST_QUADS; the last one is the result then.
+ * Makes the mesh. Where no number of quads is named (0), it is that of qm_quads_options_default; with a distance
+ * QM_REMESH_FIRST_QUADS to begin with, or no limit of a semi-regular mesh. With a distance more and more quads are tried until the
+ * upper bound is within it, or the next mesh would have more than QM_REMESH_MOST_QUADS; the last one is the result then.
  *
  * surface  of a mesh, its tree with QM_BVH_TARGET
  *
