@@ -16,7 +16,7 @@
 /* Estimates. */
 #define LEVEL_SHIFT 44 /* a level is the exponent of a double and eight bits of its mantissa */
 #define LEVELS (32 << (52 - LEVEL_SHIFT)) /* 32 powers of two below the greatest distance */
-#define CELLS 4                           /* along an edge of a piece, in whose place the edges of its cells count: */
+#define CELLS 4 /* along an edge of a piece, in whose place the edges of its cells count: */
 #define POINTS (3 * CELLS * (CELLS + 1) / 2)
 /* How far from an estimate the first samples are: of the estimated width, which it is good for where pieces are
  * many; and at least of the range of the survey. */
@@ -81,8 +81,8 @@ static qm_interval distance_at(const qm_deviation_bounds *piece, const double op
 }
 
 /** Adds an area in parts at some distances, less of it to those before the middle by a share, and more to the others. */
-static void add_shifted(const distribution *d, int bound, double area, double middle, double shift, const double *at,
-                        const double *part)
+static void add_shifted(const distribution *d, int bound, double area, double middle, double shift,
+                        const double *at, const double *part)
 {
     double before = 0.0;
     for (int i = 0; i < POINTS; i++)
