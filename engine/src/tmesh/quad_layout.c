@@ -11,7 +11,7 @@
 
 /* Of the quads that are wanted, those of each trial to make a layout of a surface without crossings: a few quads more or
  * less move the irregular vertices. */
-static const double trial_shares[] = {1.0, 1.2, 0.8};
+static const double trial_shares[] = {1.0, 1.2, 0.8, 1.5};
 
 qm_quad_layout_options qm_quad_layout_options_default(void)
 {

@@ -14,14 +14,15 @@
 #include "tmesh/tmesh.h"
 
 #define STEPS 4
-/* Rounds of sweeps, until no cell is folded. A required vertex is pulled to its place by PULL of the way, and by SLACKEN times
- * less after each round in which it is a corner of a folded face. */
-#define REACH 0.1 /* of the diagonal: how far from the surface a lattice may be */
+/* Rounds of sweeps, until no cell is folded. A point is pulled to its place by LEAST_PULL of the way: a lattice round an ear
+ * would come off it otherwise. A required vertex is pulled by PULL, and by SLACKEN times less after each round in
+ * which it is a corner of a folded face. */
 #define ROUNDS 12
-#define LOCAL_ROUNDS 4 /* of folded faces alone, then with those round them */
 #define SWEEPS 6
 #define PULL 0.3
 #define SLACKEN 0.5
+#define LEAST_PULL 0.03
+#define REACH 0.1 /* of the diagonal: how far from the surface a lattice may be */
 /* Folds that sweeps do not take out: rounds over their points, each of which tries places in TRIAL_WAYS directions at
  * TRIAL_SIZES distances, from half the mean edge on by halves, until all sines round it are GOOD_SINE. From farther places
  * cells may wind round a point twice, which no sine tells. */
@@ -528,20 +529,18 @@ static bool list_cells(curve_drawer *d)
 }
 
 /**
- * The surface's normal under a cell: the mean of those at its corners, so that a cell round the edge of a blade is seen along the
- * blade. On a crease a point has the normals of both sides, and does not count where another does.
+ * The surface's normal at a corner of a cell. On a crease it has those of both sides, so that a point there takes the
+ * cell's other points' normals.
  */
-static qm_vec cell_normal(const curve_drawer *d, const lattice_cell *cell)
+static qm_vec corner_normal(const curve_drawer *d, const lattice_cell *cell, uint32_t i)
 {
-    qm_vec sum = {0}, fixed = {0};
-    for (uint32_t k = 0; k < 4; k++) {
-        const lattice_point *point = &d->points[cell->corner[k]];
-        qm_vec *to = point->is_fixed ? &fixed : &sum;
-        *to = qm_vec_add(*to, point->normal);
-    }
-    if (!(qm_vec_norm2(sum) > 0)) sum = fixed;
+    const lattice_point *point = &d->points[cell->corner[i]];
+    if (!point->is_fixed) return point->normal;
+    qm_vec sum = {0};
+    for (uint32_t k = 0; k < 4; k++)
+        if (!d->points[cell->corner[k]].is_fixed) sum = qm_vec_add(sum, d->points[cell->corner[k]].normal);
     double length = qm_vec_norm(sum);
-    return length > 0 ? qm_vec_scale(1 / length, sum) : sum;
+    return length > 0 ? qm_vec_scale(1 / length, sum) : point->normal;
 }
 
 /** Twice the area of the triangle at a corner of a cell, about the surface's normal. */
@@ -550,7 +549,7 @@ static double corner_area(const curve_drawer *d, const lattice_cell *cell, uint3
     qm_vec at = d->points[cell->corner[i]].at;
     return cell->sign * qm_vec_dot(qm_vec_cross(qm_vec_sub(d->points[cell->corner[(i + 1) & 3]].at, at),
                                                 qm_vec_sub(d->points[cell->corner[(i + 3) & 3]].at, at)),
-                                   cell_normal(d, cell));
+                                   corner_normal(d, cell, i));
 }
 
 /** The side on which most of each patch lies. */
@@ -574,25 +573,13 @@ static void find_signs(curve_drawer *d)
 }
 
 /** Lets all points of a face move. */
-static void loosen_face(curve_drawer *d, const lattice_cell *cell, bool pulls_less)
+static void loosen_face(curve_drawer *d, const lattice_cell *cell)
 {
     for (uint32_t i = 0; i <= STEPS; i++)
         for (uint32_t j = 0; j <= STEPS; j++) {
             lattice_point *at = &d->points[d->grid[cell->face + (size_t)i * cell->stride + j]];
             at->is_loose = true;
-            if (pulls_less && i % STEPS == 0 && j % STEPS == 0) at->pull *= SLACKEN;
-        }
-}
-
-/** Lets the points of the faces move that meet those of folded cells. */
-static void loosen_round_folds(curve_drawer *d)
-{
-    for (size_t c = 0; c < d->cell_count; c++)
-        for (uint32_t i = 0; i < 4 && d->cells[c].is_folded; i++) {
-            const lattice_cell *cell = &d->cells[c];
-            uint32_t corner = d->grid[cell->face + (size_t)(i / 2) * STEPS * cell->stride + i % 2 * STEPS];
-            for (uint32_t k = d->first_at[corner]; k < d->first_at[corner + 1]; k++)
-                loosen_face(d, &d->cells[d->at[k] / 4], false);
+            if (i % STEPS == 0 && j % STEPS == 0) at->pull = fmax(LEAST_PULL, SLACKEN * at->pull);
         }
 }
 
@@ -607,7 +594,7 @@ static size_t count_folds(curve_drawer *d)
             cell->is_folded |= corner_area(d, cell, i) <= 0;
         if (!cell->is_folded) continue;
         folds++;
-        loosen_face(d, cell, true);
+        loosen_face(d, cell);
     }
     return folds;
 }
@@ -636,7 +623,8 @@ static void place_on_surface(curve_drawer *d)
     for (size_t i = 0; i < d->point_count; i++) {
         lattice_point *point = &d->points[i];
         project(d, point);
-        point->pull = point->is_pinned ? PULL : 0;
+        if (!point->is_pinned) point->pin = point->at;
+        point->pull = point->is_pinned ? PULL : LEAST_PULL;
     }
 }
 
@@ -752,7 +740,6 @@ static qm_status relax(curve_drawer *d, size_t *folds)
             }
         }
         size_t now = count_folds(d);
-        if (now > 0 && round >= LOCAL_ROUNDS) loosen_round_folds(d);
         if (now >= least) continue;
         least = now;
         memcpy(best, d->points, d->point_count * sizeof *best);
