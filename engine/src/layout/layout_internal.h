@@ -62,4 +62,37 @@ qm_status qm_layout_join_curves(qm_context *ctx, qm_layout *layout, uint32_t fir
 qm_status qm_layout_find_snap_node(qm_context *ctx, qm_layout *layout, const double near[3], double radius,
                                    uint32_t except_node, uint32_t except_curve, uint32_t *node);
 
+/* ---- cells ---- */
+
+/** A cell of the arrangement that the curves make on the surface: what lies left of a closed walk over darts. Dart 2 c
+ * runs along the curve of index c, 2 c + 1 against it. */
+typedef struct qm_cell {
+    size_t first; /* of its darts in qm_cells.dart, in order round it */
+    uint32_t sides;
+    bool is_outside;       /* it encloses a drawing from outside */
+    bool is_on_both_sides; /* of some curve */
+} qm_cell;
+
+typedef struct qm_cells {
+    qm_cell *cells;
+    size_t count;
+    uint32_t *dart;    /* dart_count: cell by cell */
+    uint32_t *of_dart; /* dart_count: the cell left of each */
+    double *corner;    /* dart_count: the cell's angle at the start of each, in radians */
+    size_t dart_count;
+} qm_cells;
+
+static inline bool qm_cell_is_patch(const qm_cell *cell)
+{
+    return cell->sides == 4 && !cell->is_outside && !cell->is_on_both_sides;
+}
+
+/** The node that a dart starts at. */
+uint32_t qm_layout_dart_start(const qm_layout *layout, uint32_t dart);
+
+/** Finds the cells of a layout with curves. QM_OK, and *out is the caller's; or QM_E_NO_MEMORY. */
+qm_status qm_layout_find_cells(qm_context *ctx, const qm_ref_surface *surface, const qm_layout *layout,
+                               qm_cells *out);
+void qm_layout_cells_reset(qm_context *ctx, qm_cells *cells);
+
 #endif

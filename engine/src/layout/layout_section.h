@@ -1,0 +1,43 @@
+/**
+ * layout_section.h: curves where a plane cuts the surface: rings round a limb, and curves between two places.
+ */
+#ifndef QM_LAYOUT_SECTION_H
+#define QM_LAYOUT_SECTION_H
+
+#include "core/vec.h"
+#include "qm/source.h"
+
+/** A polyline that grows. All zero is an empty one. */
+typedef struct qm_line {
+    double *points; /* rows of x y z */
+    size_t count, capacity;
+} qm_line;
+
+void qm_line_reset(qm_context *ctx, qm_line *line);
+qm_status qm_line_add(qm_context *ctx, qm_line *line, qm_vec point);
+double qm_line_length(const qm_line *line);
+
+/** The place at an arc length from the start, or the end of a shorter line. */
+qm_vec qm_line_at(const qm_line *line, double length);
+
+/**
+ * Cuts the surface with a plane and follows the cut from a place of it until it returns. The last point equals the first.
+ * Empty when the cut does not return, as on an open mesh.
+ *
+ * through  on the surface
+ * normal   of length 1
+ */
+qm_status qm_section_ring(qm_context *ctx, const qm_ref_surface *surface, qm_vec through, qm_vec normal,
+                          qm_line *out);
+
+/**
+ * Draws a curve on the surface between two places of it, in the plane that both span with the surface's normals there and
+ * with `inward`. On a limb's end, round which both places lie, their normals cancel out, and inward leads over its tip.
+ * Where the cut does not connect them the straight line is projected.
+ *
+ * inward  mean direction into the region that the curve runs in, of length 1 or less; 0 where it is flat
+ */
+qm_status qm_section_between(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
+                             qm_vec inward, qm_line *out);
+
+#endif
