@@ -11,7 +11,8 @@
 
 #include "layout_internal.h"
 
-#define OBTUSE (-0.85)  /* cosine of the angle between two curves below which one continues the other */
+#define OBTUSE (-0.85) /* cosine of the angle between two curves below which one continues the other */
+#define RING_PARTS 4
 #define MAX_CROSSED 256 /* splits of one stroke; further crossings stay without a node */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
@@ -126,17 +127,6 @@ qm_status qm_layout_snap_end(qm_context *ctx, qm_layout *layout, uint32_t id, in
     return qm_layout_finish_edit(ctx, layout, &copy, snap(ctx, &copy, index, end, near, radius));
 }
 
-/** Unit vector in which a curve leaves a node: to its first point that differs from the node. */
-static qm_vec leaving_direction(const qm_curve *curve, bool from_end)
-{
-    size_t last = curve->point_count - 1;
-    qm_vec start = qm_vec_load(curve->points + 3 * (from_end ? last : 0)), d = {0, 0, 0};
-    for (size_t k = 1; k <= last && qm_vec_norm2(d) == 0.0; k++)
-        d = qm_vec_sub(qm_vec_load(curve->points + 3 * (from_end ? last - k : k)), start);
-    double length = qm_vec_norm(d);
-    return length > 0.0 ? qm_vec_scale(1.0 / length, d) : d;
-}
-
 /**
  * Joins a curve to the only other one at a node if it continues that one; *id becomes that of the joined
  * curve.
@@ -149,8 +139,8 @@ static qm_status continue_curve(qm_context *ctx, qm_layout *layout, uint32_t *id
     for (uint32_t i = 0; i < layout->curve_count; i++) {
         const qm_curve *other = &layout->curves[i];
         if (i == own || (other->from != node && other->to != node)) continue;
-        double cosine = qm_vec_dot(leaving_direction(curve, curve->to == node),
-                                   leaving_direction(other, other->to == node));
+        double cosine = qm_vec_dot(qm_layout_leaving_direction(curve, curve->to == node),
+                                   qm_layout_leaving_direction(other, other->to == node));
         if (cosine >= OBTUSE) return QM_OK;
         *id = other->id;
         return qm_layout_join_curves(ctx, layout, i, own, node);
@@ -268,6 +258,21 @@ static qm_status split_crossings(qm_context *ctx, qm_layout *layout, const qm_re
     return status;
 }
 
+/** A closed stroke that met nothing is cut into four; where it met something its first node goes, which nobody asked for. */
+static qm_status finish_ring(qm_context *ctx, qm_layout *layout, uint32_t id, uint32_t node, double radius)
+{
+    uint32_t index = qm_layout_find_curve(layout, id), nodes[RING_PARTS + 1];
+    if (qm_layout_node_degree(layout, node) != 2) return QM_OK;
+    if (layout->curves[index].from == layout->curves[index].to)
+        return qm_layout_curve_length(&layout->curves[index]) > RING_PARTS * radius
+                   ? qm_layout_cut_curve(ctx, layout, index, RING_PARTS, nodes)
+                   : QM_OK;
+    for (uint32_t i = 0; i < layout->curve_count; i++)
+        if (i != index && (layout->curves[i].from == node || layout->curves[i].to == node))
+            return qm_layout_join_curves(ctx, layout, index, i, node);
+    return QM_OK;
+}
+
 static qm_status add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
                             const double *points, size_t count, double radius, uint32_t *id)
 {
@@ -284,12 +289,14 @@ static qm_status add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_sur
             status = clear_end(ctx, &layout->curves[layout->curve_count - 1], end == 1, radius);
     if (status != QM_OK) return status;
     *id = layout->next_id - 1;
+    bool is_closed = from == to;
     size_t nodes = layout->node_count;
     status = continue_curve(ctx, layout, id, from);
     /* Joining two curves removes their node, and the nodes after it move up. */
     if (layout->node_count < nodes && to > from) to--;
-    if (status == QM_OK && from != to) status = continue_curve(ctx, layout, id, to);
-    return status == QM_OK ? split_crossings(ctx, layout, surface, *id, radius) : status;
+    if (status == QM_OK && !is_closed) status = continue_curve(ctx, layout, id, to);
+    if (status == QM_OK) status = split_crossings(ctx, layout, surface, *id, radius);
+    return status == QM_OK && is_closed ? finish_ring(ctx, layout, *id, from, radius) : status;
 }
 
 qm_status qm_layout_add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,

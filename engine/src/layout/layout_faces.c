@@ -251,14 +251,15 @@ static void find_cells(arrangement *arr, qm_cells *out)
             out->cells[out->of_dart[dart]].is_on_both_sides = true;
 }
 
-static bool alloc_cells(qm_context *ctx, size_t darts, qm_cells *out)
+static bool alloc_cells(qm_context *ctx, size_t darts, size_t nodes, qm_cells *out)
 {
-    *out = (qm_cells){.dart_count = darts};
+    *out = (qm_cells){.dart_count = darts, .node_count = nodes};
     out->cells = qm_context_alloc(ctx, darts, sizeof *out->cells);
     out->dart = qm_context_alloc(ctx, darts, sizeof *out->dart);
     out->of_dart = qm_context_alloc(ctx, darts, sizeof *out->of_dart);
     out->corner = qm_context_alloc(ctx, darts, sizeof *out->corner);
-    return out->cells && out->dart && out->of_dart && out->corner;
+    out->normal = qm_context_alloc(ctx, nodes, sizeof *out->normal);
+    return out->cells && out->dart && out->of_dart && out->corner && out->normal;
 }
 
 void qm_layout_cells_reset(qm_context *ctx, qm_cells *cells)
@@ -267,6 +268,7 @@ void qm_layout_cells_reset(qm_context *ctx, qm_cells *cells)
     qm_context_free(ctx, cells->dart, cells->dart_count, sizeof *cells->dart);
     qm_context_free(ctx, cells->of_dart, cells->dart_count, sizeof *cells->of_dart);
     qm_context_free(ctx, cells->corner, cells->dart_count, sizeof *cells->corner);
+    qm_context_free(ctx, cells->normal, cells->node_count, sizeof *cells->normal);
     *cells = (qm_cells){0};
 }
 
@@ -276,16 +278,16 @@ qm_status qm_layout_find_cells(qm_context *ctx, const qm_ref_surface *surface, c
     QM_ASSERT(ctx && surface && layout && out && layout->curve_count > 0);
     size_t nodes = layout->node_count, darts = 2 * layout->curve_count;
     arrangement arr = {.surface = surface, .layout = layout, .dart_count = darts};
-    arr.normal = qm_context_alloc(ctx, nodes, sizeof *arr.normal);
     arr.queue = qm_context_alloc(ctx, nodes, sizeof *arr.queue);
     arr.angle = qm_context_alloc(ctx, darts, sizeof *arr.angle);
     arr.next = qm_context_alloc(ctx, darts, sizeof *arr.next);
     qm_status status = QM_OK;
-    if (alloc_cells(ctx, darts, out) && arr.normal && arr.queue && arr.angle && arr.next)
+    bool has_cells = alloc_cells(ctx, darts, nodes, out);
+    arr.normal = out->normal;
+    if (has_cells && arr.queue && arr.angle && arr.next)
         find_cells(&arr, out);
     else
         status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the arrangement of the layout");
-    qm_context_free(ctx, arr.normal, nodes, sizeof *arr.normal);
     qm_context_free(ctx, arr.queue, nodes, sizeof *arr.queue);
     qm_context_free(ctx, arr.angle, darts, sizeof *arr.angle);
     qm_context_free(ctx, arr.next, darts, sizeof *arr.next);

@@ -51,6 +51,14 @@ bool qm_layout_is_inside(const qm_curve *curve, const qm_curve_position *at);
  */
 qm_status qm_layout_split_at(qm_context *ctx, qm_layout *layout, uint32_t index, const qm_curve_position *at);
 
+/** Cuts a curve into parts of equal length. nodes gets those along it, parts + 1 of them. QM_E_ARGUMENT if it is too
+ * short. */
+qm_status qm_layout_cut_curve(qm_context *ctx, qm_layout *layout, uint32_t index, uint32_t parts,
+                              uint32_t *nodes);
+
+/** Unit vector in which a curve leaves a node: to its first point that differs from the node. */
+qm_vec qm_layout_leaving_direction(const qm_curve *curve, bool from_end);
+
 /** Appends the second curve to the first at a node where both end, and removes the second and the node. */
 qm_status qm_layout_join_curves(qm_context *ctx, qm_layout *layout, uint32_t first, uint32_t second,
                                 uint32_t node);
@@ -79,7 +87,8 @@ typedef struct qm_cells {
     uint32_t *dart;    /* dart_count: cell by cell */
     uint32_t *of_dart; /* dart_count: the cell left of each */
     double *corner;    /* dart_count: the cell's angle at the start of each, in radians */
-    size_t dart_count;
+    qm_vec *normal;    /* node_count: of the surface at each node, consistent along the curves */
+    size_t dart_count, node_count;
 } qm_cells;
 
 static inline bool qm_cell_is_patch(const qm_cell *cell)

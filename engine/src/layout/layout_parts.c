@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "layout_internal.h"
+#include "layout_section.h"
 
 #define MIN_END_GAP 1e-6 /* of a curve's length: a position nearer to an end counts as the end */
 
@@ -226,4 +227,45 @@ qm_status qm_layout_find_snap_node(qm_context *ctx, qm_layout *layout, const dou
     if (curve == QM_NO_INDEX) return QM_OK;
     *node = (uint32_t)layout->node_count;
     return qm_layout_split_at(ctx, layout, curve, &best);
+}
+
+qm_status qm_layout_cut_curve(qm_context *ctx, qm_layout *layout, uint32_t index, uint32_t parts,
+                              uint32_t *nodes)
+{
+    double length = qm_layout_curve_length(&layout->curves[index]) / parts;
+    uint32_t rest = index;
+    nodes[0] = layout->curves[index].from;
+    nodes[parts] = layout->curves[index].to;
+    for (uint32_t k = 1; k < parts; k++) {
+        const qm_curve *curve = &layout->curves[rest];
+        const qm_line line = {curve->points, curve->point_count, curve->point_count};
+        double near[3];
+        qm_curve_position at = {.along = 0.0};
+        qm_vec_store(near, qm_line_at(&line, length));
+        /* The first segment that reaches the length, as qm_line_at finds it: a curve may come near itself elsewhere. */
+        for (double before = 0.0; at.segment + 2 < curve->point_count; at.segment++) {
+            before += qm_vec_distance(qm_vec_load(curve->points + 3 * at.segment),
+                                      qm_vec_load(curve->points + 3 * at.segment + 3));
+            if (before >= length) break;
+        }
+        at.along = length;
+        memcpy(at.position, near, sizeof near);
+        if (!qm_layout_is_inside(curve, &at))
+            return qm_context_fail(ctx, QM_E_ARGUMENT, "curve %u is too short to be cut", curve->id);
+        qm_status status = qm_layout_split_at(ctx, layout, rest, &at);
+        if (status != QM_OK) return status;
+        nodes[k] = (uint32_t)layout->node_count - 1;
+        rest = (uint32_t)layout->curve_count - 1;
+    }
+    return QM_OK;
+}
+
+qm_vec qm_layout_leaving_direction(const qm_curve *curve, bool from_end)
+{
+    size_t last = curve->point_count - 1;
+    qm_vec start = qm_vec_load(curve->points + 3 * (from_end ? last : 0)), d = {0, 0, 0};
+    for (size_t k = 1; k <= last && qm_vec_norm2(d) == 0.0; k++)
+        d = qm_vec_sub(qm_vec_load(curve->points + 3 * (from_end ? last - k : k)), start);
+    double length = qm_vec_norm(d);
+    return length > 0.0 ? qm_vec_scale(1.0 / length, d) : d;
 }
