@@ -161,7 +161,7 @@
 /** @typedef {{ mesh: string, auto: true, quad_count?: number, patches?: number, crease_angle?: number }} AutoLayoutRequest */
 /** @typedef {{ id: string, mesh: string, revision: number, can_undo: boolean, can_redo: boolean, complete: boolean,
  *   created: string }} LayoutBrief */
-/** @typedef {{ kind: "dangling_end" | "cell_sides" | "crossing", curve: number, other_curve?: number, node?: number,
+/** @typedef {{ kind: "dangling_end" | "cell_sides" | "apart" | "crossing", curve: number, other_curve?: number, node?: number,
  *   sides?: number, point: Point, detail: string }} LayoutIssue */
 /** @typedef {LayoutBrief & { nodes: Point[], curves: Curve[], patches: number[][], issues: LayoutIssue[] }} Layout */
 /** @typedef {Layout & { changed: { added_curves: number[], changed_curves: number[], removed_curves: number[] },

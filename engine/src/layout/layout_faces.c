@@ -6,6 +6,7 @@
  * a node are ordered anticlockwise about the surface's normal. A face (cell) lies to the left of its darts; at the
  * end of a dart it continues with the dart that is next clockwise after the reversed one.
  */
+#include "bvh/bvh_tree.h"
 #include "layout_internal.h"
 
 #include <string.h>
@@ -190,7 +191,9 @@ static void trace_cell(const arrangement *arr, uint32_t first, qm_cells *out)
         out->corner[next] = angle;
         dart = next;
     } while (dart != first);
-    cell->is_outside = sum > 0.5 * FULL_TURN * cell->sides;
+    /* Corners sum to (sides - 2) times a straight angle and the curvature of the cell (Gauss, Bonnet): the end of a limb has
+       half that of a whole closed surface, the outside of a small drawing nearly all of it. Three quarters decide. */
+    cell->is_outside = sum > 0.5 * FULL_TURN * (cell->sides + 1.0);
     out->count++;
 }
 
@@ -230,6 +233,111 @@ static qm_status report_dangling(qm_context *ctx, const qm_layout *layout, qm_la
         if (status != QM_OK) return status;
     }
     return QM_OK;
+}
+
+static uint32_t find_root(uint32_t *parent, uint32_t i)
+{
+    while (parent[i] != i)
+        i = parent[i] = parent[parent[i]];
+    return i;
+}
+
+static void join_roots(uint32_t *parent, uint32_t a, uint32_t b)
+{
+    a = find_root(parent, a);
+    b = find_root(parent, b);
+    parent[a > b ? a : b] = a > b ? b : a;
+}
+
+/** The component of the mesh that a place lies on, by its lowest vertex: that of the nearest vertex. */
+static uint32_t component_at(const qm_mesh *mesh, uint32_t *parent, const double p[3])
+{
+    double best = INFINITY;
+    uint32_t found = 0;
+    for (size_t i = 0; i < 4 * mesh->face_count; i++) {
+        uint32_t vertex = mesh->faces[i];
+        if (vertex == QM_NO_INDEX) continue;
+        double away = qm_vec_distance(qm_vec_load(p), qm_vec_load(mesh->positions + 3 * (size_t)vertex));
+        if (away >= best) continue;
+        best = away;
+        found = vertex;
+    }
+    return find_root(parent, found);
+}
+
+/** Joins the vertices of each face. */
+static void join_faces(const qm_mesh *mesh, uint32_t *parent)
+{
+    for (uint32_t i = 0; i < mesh->vertex_count; i++)
+        parent[i] = i;
+    for (size_t i = 0; i < 4 * mesh->face_count; i++)
+        if (mesh->faces[i] != QM_NO_INDEX) join_roots(parent, mesh->faces[i & ~(size_t)3], mesh->faces[i]);
+}
+
+/** True if the faces have several components. */
+static bool has_several(const qm_mesh *mesh, uint32_t *parent)
+{
+    uint32_t first = QM_NO_INDEX;
+    for (size_t i = 0; i < mesh->face_count; i++) {
+        uint32_t root = find_root(parent, mesh->faces[4 * i]);
+        if (first != QM_NO_INDEX && root != first) return true;
+        first = root;
+    }
+    return false;
+}
+
+/**
+ * Reports each part of the drawing that no curve connects with another one on the same component of a mesh: the cell between
+ * them has two borders, and is none of those that were traced. On a point set, whose components nobody knows, it reports
+ * nothing.
+ */
+static qm_status report_apart(qm_context *ctx, const qm_ref_surface *surface, const qm_layout *layout,
+                              qm_layout_issues *out)
+{
+    const qm_mesh *mesh = &surface->bvh->mesh;
+    size_t nodes = layout->node_count, parts = 0;
+    uint32_t *parent = qm_context_alloc(ctx, nodes, sizeof *parent);
+    uint32_t *vertex = NULL;
+    if (!parent) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the parts of the layout");
+    for (uint32_t i = 0; i < nodes; i++)
+        parent[i] = i;
+    for (size_t i = 0; i < layout->curve_count; i++)
+        join_roots(parent, layout->curves[i].from, layout->curves[i].to);
+    for (uint32_t i = 0; i < nodes; i++)
+        parts += find_root(parent, i) == i;
+    qm_status status = QM_OK;
+    if (parts > 1 && !surface->is_cloud) {
+        vertex = qm_context_alloc(ctx, mesh->vertex_count, sizeof *vertex);
+        if (vertex)
+            join_faces(mesh, vertex);
+        else
+            status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the components of the surface");
+    }
+    uint32_t *own =
+        qm_context_alloc(ctx, nodes, sizeof *own); /* the component under each part's first node */
+    if (!own) status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the parts of the layout");
+    bool has_components = vertex && has_several(mesh, vertex);
+    for (uint32_t i = 0; vertex && i < nodes && status == QM_OK; i++) {
+        if (find_root(parent, i) != i) continue;
+        own[i] = has_components ? component_at(mesh, vertex, layout->nodes + 3 * (size_t)i) : 0;
+        uint32_t other = 0;
+        while (other < i && (find_root(parent, other) != other || own[other] != own[i]))
+            other++;
+        size_t curve = 0;
+        while (curve < layout->curve_count && layout->curves[curve].from != i &&
+               layout->curves[curve].to != i)
+            curve++;
+        if (other == i || curve == layout->curve_count)
+            continue; /* the first there, or a node without curves */
+        qm_layout_issue issue = {
+            .fault = QM_LAYOUT_APART, .curve = {layout->curves[curve].id, QM_NO_INDEX}, .node = i};
+        memcpy(issue.position, layout->nodes + 3 * (size_t)i, POINT_SIZE);
+        status = qm_layout_add_issue(ctx, out, &issue);
+    }
+    qm_context_free(ctx, own, nodes, sizeof *own);
+    qm_context_free(ctx, parent, nodes, sizeof *parent);
+    qm_context_free(ctx, vertex, mesh->vertex_count, sizeof *vertex);
+    return status;
 }
 
 static void find_cells(arrangement *arr, qm_cells *out)
@@ -306,6 +414,7 @@ qm_status qm_layout_find_patches(qm_context *ctx, const qm_ref_surface *surface,
     qm_status status = qm_layout_find_cells(ctx, surface, layout, &cells);
     if (status != QM_OK) return status;
     status = report_dangling(ctx, layout, out);
+    if (status == QM_OK) status = report_apart(ctx, surface, layout, out);
     for (size_t i = 0; i < cells.count && status == QM_OK; i++)
         status = store_cell(ctx, layout, &cells, &cells.cells[i], out);
     qm_layout_cells_reset(ctx, &cells);

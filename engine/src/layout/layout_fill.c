@@ -426,17 +426,12 @@ static qm_vec cell_inward(const filling *f, const qm_cell *cell)
 
 static qm_status draw_between(filling *f, uint32_t from, uint32_t to, qm_vec inward, qm_line *line)
 {
-    return qm_section_between(f->ctx, f->surface, node_at(f, from), node_at(f, to), inward, line);
+    return qm_section_between(f->ctx, f->surface, node_at(f, from), node_at(f, to), inward, 0.0, line);
 }
 
 static qm_status add_between(filling *f, uint32_t from, uint32_t to, qm_vec inward)
 {
-    qm_line line;
-    qm_status status = draw_between(f, from, to, inward, &line);
-    if (status != QM_OK) return status;
-    status = qm_layout_add_curve(f->ctx, f->layout, from, to, line.points, line.count);
-    qm_line_reset(f->ctx, &line);
-    return status;
+    return qm_layout_draw_curve(f->ctx, f->layout, f->surface, from, to, inward);
 }
 
 /** Draws row r of a patch between its left and right sides, cut where the columns pass. */
@@ -451,12 +446,8 @@ static qm_status draw_row(filling *f, uint32_t from, uint32_t to, qm_vec inward,
     nodes[columns] = to;
     for (uint32_t c = 1; c < columns && status == QM_OK; c++)
         status = add_node(f, qm_line_at(&line, length * c / columns), &nodes[c]);
-    if (columns == 1 && status == QM_OK) {
-        status = qm_layout_add_curve(f->ctx, f->layout, from, to, line.points, line.count);
-    } else {
-        for (uint32_t c = 0; c < columns && status == QM_OK; c++)
-            status = add_between(f, nodes[c], nodes[c + 1], inward);
-    }
+    for (uint32_t c = 0; c < columns && status == QM_OK; c++)
+        status = add_between(f, nodes[c], nodes[c + 1], inward);
     qm_line_reset(f->ctx, &line);
     return status;
 }

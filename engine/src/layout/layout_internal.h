@@ -104,4 +104,9 @@ qm_status qm_layout_find_cells(qm_context *ctx, const qm_ref_surface *surface, c
                                qm_cells *out);
 void qm_layout_cells_reset(qm_context *ctx, qm_cells *cells);
 
+/** Adds a curve along the surface between two nodes, which crosses other curves as little as planes through both allow.
+ * inward as for qm_section_between. */
+qm_status qm_layout_draw_curve(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                               uint32_t from, uint32_t to, qm_vec inward);
+
 #endif

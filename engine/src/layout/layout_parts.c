@@ -6,7 +6,10 @@
 #include "layout_internal.h"
 #include "layout_section.h"
 
-#define MIN_END_GAP 1e-6 /* of a curve's length: a position nearer to an end counts as the end */
+#define DETOUR                                                                                               \
+    1.6 /* of the straight distance: a curve that is shorter, and crosses nothing, is taken at once */
+#define CROSSING_COST 100.0 /* of the length of a curve */
+#define MIN_END_GAP 1e-6    /* of a curve's length: a position nearer to an end counts as the end */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
 
@@ -268,4 +271,61 @@ qm_vec qm_layout_leaving_direction(const qm_curve *curve, bool from_end)
         d = qm_vec_sub(qm_vec_load(curve->points + 3 * (from_end ? last - k : k)), start);
     double length = qm_vec_norm(d);
     return length > 0.0 ? qm_vec_scale(1.0 / length, d) : d;
+}
+
+/** How often the last curve crosses others, or itself. */
+static qm_status count_crossings(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
+                                 size_t *count)
+{
+    qm_layout_issues issues = {0};
+    uint32_t own = layout->curves[layout->curve_count - 1].id;
+    qm_status status = qm_layout_find_crossings(ctx, layout, surface, &issues);
+    *count = 0;
+    for (size_t i = 0; i < issues.count; i++)
+        *count += issues.items[i].curve[0] == own || issues.items[i].curve[1] == own;
+    qm_layout_issues_reset(ctx, &issues);
+    return status;
+}
+
+/** Gives the last curve the points of a line, and finds what it costs: its length, many times as much where it crosses. */
+static qm_status try_line(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                          const qm_line *line, double *cost)
+{
+    size_t crossings = 0;
+    qm_curve *curve = &layout->curves[layout->curve_count - 1];
+    qm_status status = qm_layout_set_points(ctx, curve, line->points, line->count);
+    if (status == QM_OK) status = count_crossings(ctx, layout, surface, &crossings);
+    *cost = qm_line_length(line) * (1.0 + CROSSING_COST * (double)crossings);
+    return status;
+}
+
+qm_status qm_layout_draw_curve(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                               uint32_t from, uint32_t to, qm_vec inward)
+{
+    static const double tilts[] = {0.0, 0.3, -0.3, 0.6, -0.6, 0.9, -0.9, 1.2, -1.2};
+    qm_vec start = qm_vec_load(layout->nodes + 3 * (size_t)from),
+           end = qm_vec_load(layout->nodes + 3 * (size_t)to);
+    double straight[6], best = INFINITY;
+    qm_vec_store(straight, start);
+    qm_vec_store(straight + 3, end);
+    qm_line found = {0};
+    qm_status status = qm_layout_add_curve(ctx, layout, from, to, straight, 2);
+    for (size_t i = 0; i < sizeof tilts / sizeof *tilts && status == QM_OK; i++) {
+        qm_line line;
+        double cost = INFINITY;
+        status = qm_section_between(ctx, surface, start, end, inward, tilts[i], &line);
+        if (status == QM_OK) status = try_line(ctx, layout, surface, &line, &cost);
+        bool is_better = status == QM_OK && cost < best;
+        qm_line_reset(ctx, is_better ? &found : &line);
+        if (is_better) {
+            found = line;
+            best = cost;
+        }
+        if (best <= DETOUR * qm_vec_distance(start, end)) break;
+    }
+    if (status == QM_OK)
+        status =
+            qm_layout_set_points(ctx, &layout->curves[layout->curve_count - 1], found.points, found.count);
+    qm_line_reset(ctx, &found);
+    return status;
 }

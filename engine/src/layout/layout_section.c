@@ -386,7 +386,7 @@ static qm_status project_line(qm_context *ctx, const qm_ref_surface *surface, qm
 }
 
 qm_status qm_section_between(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
-                             qm_vec inward, qm_line *out)
+                             qm_vec inward, double tilt, qm_line *out)
 {
     *out = (qm_line){0};
     qm_vec normal[2], along = qm_vec_sub(to, from);
@@ -402,6 +402,7 @@ qm_status qm_section_between(qm_context *ctx, const qm_ref_surface *surface, qm_
         double size = qm_vec_norm(plane);
         if (size > 1e-3) {
             plane = qm_vec_scale(1.0 / size, plane);
+            plane = qm_vec_axpy(qm_vec_scale(cos(tilt), plane), sin(tilt), qm_vec_cross(along, plane));
             status = surface->is_cloud ? follow_points(ctx, surface, start, end, plane, toward,
                                                        distance / STEPS_BETWEEN, out)
                                        : between_on_mesh(ctx, surface, start, end, plane, toward, out);

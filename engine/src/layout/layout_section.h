@@ -36,8 +36,9 @@ qm_status qm_section_ring(qm_context *ctx, const qm_ref_surface *surface, qm_vec
  * Where the cut does not connect them the straight line is projected.
  *
  * inward  mean direction into the region that the curve runs in, of length 1 or less; 0 where it is flat
+ * tilt    by which the plane is turned about the straight line between the places, in radians
  */
 qm_status qm_section_between(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
-                             qm_vec inward, qm_line *out);
+                             qm_vec inward, double tilt, qm_line *out);
 
 #endif

@@ -116,33 +116,66 @@ static qm_vec node_at(const qm_layout *layout, uint32_t node)
     return qm_vec_load(layout->nodes + 3 * (size_t)node);
 }
 
-static qm_status add_tube(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
-                          const uint32_t *first, const uint32_t *second, uint32_t count)
+/** A closed walk over curves, by its nodes. */
+typedef struct loop {
+    uint32_t node[MAX_RING], count;
+} loop;
+
+/** The walks that a curve is part of: the ring that it goes on straight along, and the borders of the cells on both sides.
+ * Returns their number. */
+static int find_loops(const qm_layout *layout, const qm_cells *cells, uint32_t index, loop found[3])
 {
-    double best = INFINITY;
-    uint32_t shift = 0;
-    bool is_reversed = false;
-    for (uint32_t turn = 0; turn < 2 * count; turn++) {
-        double sum = 0.0;
-        for (uint32_t i = 0; i < count; i++) {
-            uint32_t k = (turn % 2 ? turn / 2 + count - i : turn / 2 + i) % count;
-            double length = qm_vec_distance(node_at(layout, first[i]), node_at(layout, second[k]));
-            sum += length * length;
-        }
-        if (sum >= best) continue;
-        best = sum;
-        shift = turn / 2;
-        is_reversed = turn % 2;
+    int count = 0;
+    found[0].count = ring_nodes(layout, index, found[0].node);
+    count += found[0].count >= 2;
+    for (uint32_t side = 0; side < 2; side++) {
+        const qm_cell *cell = &cells->cells[cells->of_dart[2 * index + side]];
+        if (cell->sides < 2 || cell->sides > MAX_RING || cell->is_on_both_sides) continue;
+        for (uint32_t k = 0; k < cell->sides; k++)
+            found[count].node[k] = qm_layout_dart_start(layout, cells->dart[cell->first + k]);
+        found[count++].count = cell->sides;
     }
+    return count;
+}
+
+/** A pairing of the nodes of two loops of equal length: node i of the first with node shift + i, or shift - i, of the second. */
+typedef struct pairing {
+    const loop *first, *second;
+    uint32_t shift;
+    bool is_reversed;
+    double sum; /* of the squared distances */
+} pairing;
+
+static uint32_t partner_of(const pairing *p, uint32_t i)
+{
+    uint32_t count = p->first->count;
+    return p->second->node[(p->is_reversed ? p->shift + count - i : p->shift + i) % count];
+}
+
+/** Replaces the pairing by a better one of two loops, which have no node in common. */
+static void pair_loops(const qm_layout *layout, const loop *first, const loop *second, pairing *best)
+{
+    if (first->count != second->count) return;
+    for (uint32_t i = 0; i < first->count; i++)
+        for (uint32_t k = 0; k < second->count; k++)
+            if (first->node[i] == second->node[k]) return;
+    for (uint32_t turn = 0; turn < 2 * first->count; turn++) {
+        pairing tried = {first, second, turn / 2, turn % 2, 0.0};
+        for (uint32_t i = 0; i < first->count; i++) {
+            double length =
+                qm_vec_distance(node_at(layout, first->node[i]), node_at(layout, partner_of(&tried, i)));
+            tried.sum += length * length;
+        }
+        if (tried.sum < best->sum) *best = tried;
+    }
+}
+
+static qm_status add_tube(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface, const pairing *p)
+{
     qm_status status = QM_OK;
-    for (uint32_t i = 0; i < count && status == QM_OK; i++) {
-        uint32_t from = first[i], to = second[(is_reversed ? shift + count - i : shift + i) % count];
-        qm_line line;
-        status = qm_section_between(ctx, surface, node_at(layout, from), node_at(layout, to),
-                                    (qm_vec){0, 0, 0}, &line);
-        if (status != QM_OK) return status;
-        status = qm_layout_add_curve(ctx, layout, from, to, line.points, line.count);
-        qm_line_reset(ctx, &line);
+    for (uint32_t i = 0; i < p->first->count && status == QM_OK; i++) {
+        status = qm_layout_draw_curve(ctx, layout, surface, p->first->node[i], partner_of(p, i),
+                                      (qm_vec){0, 0, 0});
     }
     return status;
 }
@@ -152,30 +185,34 @@ qm_status qm_layout_add_tube(qm_context *ctx, qm_layout *layout, const qm_ref_su
 {
     QM_ASSERT(ctx && layout && surface);
     const uint32_t id[2] = {first, second};
-    uint32_t node[2][MAX_RING], count[2];
+    loop loops[2][3];
+    int count[2];
+    uint32_t index[2];
     for (int k = 0; k < 2; k++) {
-        uint32_t index = qm_layout_find_curve(layout, id[k]);
-        if (index == QM_NO_INDEX) return qm_context_fail(ctx, QM_E_ARGUMENT, "there is no curve %u", id[k]);
-        count[k] = ring_nodes(layout, index, node[k]);
-        if (count[k] < 2)
-            return qm_context_fail(ctx, QM_E_ARGUMENT, "curve %u is not part of a ring of two nodes or more",
-                                   id[k]);
+        index[k] = qm_layout_find_curve(layout, id[k]);
+        if (index[k] == QM_NO_INDEX)
+            return qm_context_fail(ctx, QM_E_ARGUMENT, "there is no curve %u", id[k]);
     }
-    if (count[0] != count[1])
-        return qm_context_fail(ctx, QM_E_ARGUMENT,
-                               "the ring of curve %u has %u nodes, that of curve %u has %u", first, count[0],
-                               second, count[1]);
-    for (uint32_t i = 0; i < count[0]; i++)
-        for (uint32_t k = 0; k < count[1]; k++)
-            if (node[0][i] == node[1][k])
-                return qm_context_fail(ctx, QM_E_ARGUMENT,
-                                       "curves %u and %u belong to rings that meet at node %u", first, second,
-                                       node[0][i]);
-    qm_layout copy;
-    qm_status status = qm_layout_copy(ctx, layout, &copy);
+    qm_cells cells;
+    qm_status status = qm_layout_find_cells(ctx, surface, layout, &cells);
     if (status != QM_OK) return status;
-    return qm_layout_finish_edit(ctx, layout, &copy,
-                                 add_tube(ctx, &copy, surface, node[0], node[1], count[0]));
+    for (int k = 0; k < 2; k++)
+        count[k] = find_loops(layout, &cells, index[k], loops[k]);
+    qm_layout_cells_reset(ctx, &cells);
+    pairing best = {.sum = INFINITY};
+    for (int a = 0; a < count[0]; a++)
+        for (int b = 0; b < count[1]; b++)
+            pair_loops(layout, &loops[0][a], &loops[1][b], &best);
+    if (!best.first)
+        return qm_context_fail(
+            ctx, QM_E_ARGUMENT,
+            "curves %u and %u belong to no rings or cells with equally many nodes, none of them in "
+            "common",
+            first, second);
+    qm_layout copy;
+    status = qm_layout_copy(ctx, layout, &copy);
+    if (status != QM_OK) return status;
+    return qm_layout_finish_edit(ctx, layout, &copy, add_tube(ctx, &copy, surface, &best));
 }
 
 /* ---- mirror ---- */
