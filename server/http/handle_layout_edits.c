@@ -218,6 +218,15 @@ static bool apply_merge_nodes(qm_layout_session *s, const qm_layout_edit *edit, 
         s, qm_layout_merge_nodes(&s->ctx, &s->layout, &s->source, edit->first, edit->second), problem);
 }
 
+static bool apply_link(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,
+                       qm_problem *problem)
+{
+    (void)subject;
+    (void)more;
+    return qm_layout_session_outcome(
+        s, qm_layout_add_link(&s->ctx, &s->layout, &s->source, edit->first, edit->second), problem);
+}
+
 /** The first and last places of an edit by points in space or in the window. */
 static bool read_places(qm_layout_session *s, const qm_layout_edit *edit, double from[3], double to[3],
                         qm_problem *problem)
@@ -384,4 +393,9 @@ void qm_handle_curve_slide(qm_request *request)
 void qm_handle_chord_split(qm_request *request)
 {
     edit_by_body(request, QM_EDIT_SPLIT_CHORD, OF_CURVE, apply_split_chord);
+}
+
+void qm_handle_layout_link(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_MERGE, OF_LAYOUT, apply_link);
 }

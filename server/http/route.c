@@ -97,6 +97,8 @@ static const qm_route routes[] = {
      QM_LANE_EDIT, no_query},
     {"POST", "/v1/layouts/{id}/rings", QM_SCOPE_WRITE, qm_handle_layout_ring, json, QM_BODY_MEMORY,
      QM_LANE_EDIT, no_query},
+    {"POST", "/v1/layouts/{id}/links", QM_SCOPE_WRITE, qm_handle_layout_link, json, QM_BODY_MEMORY,
+     QM_LANE_EDIT, no_query},
     {"POST", "/v1/layouts/{id}/tubes", QM_SCOPE_WRITE, qm_handle_layout_tube, json, QM_BODY_MEMORY,
      QM_LANE_EDIT, no_query},
     {"POST", "/v1/layouts/{id}/fill", QM_SCOPE_WRITE, qm_handle_layout_fill, json, QM_BODY_MEMORY,

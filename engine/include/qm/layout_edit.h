@@ -88,7 +88,12 @@ qm_status qm_layout_merge_nodes(qm_context *ctx, qm_layout *layout, const qm_ref
 qm_status qm_layout_add_ring(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
                              const double through[3], const double *plane, double radius, uint32_t *id);
 
-/** Joins the nodes of two rings, given by a curve of each, by curves along the surface. The rings have equally many nodes. */
+/** Draws a curve along the surface from one node to another, round other curves where a plane through both allows. */
+qm_status qm_layout_add_link(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface, uint32_t from,
+                             uint32_t to);
+
+/** Joins the nodes of two rings, given by a curve of each, by curves along the surface. A ring goes on straight along the
+ * curve, or is the border of a cell beside it; of those with equally many nodes the nearest two are taken. */
 qm_status qm_layout_add_tube(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
                              uint32_t first, uint32_t second);
 

@@ -424,9 +424,13 @@ static qm_vec cell_inward(const filling *f, const qm_cell *cell)
     return total > 0.0 ? qm_vec_scale(1.0 / total, sum) : sum;
 }
 
-static qm_status draw_between(filling *f, uint32_t from, uint32_t to, qm_vec inward, qm_line *line)
+/** The line that a curve between two nodes would follow if there were no others. */
+static qm_status find_line(filling *f, uint32_t from, uint32_t to, qm_vec inward, qm_line *line)
 {
-    return qm_section_between(f->ctx, f->surface, node_at(f, from), node_at(f, to), inward, 0.0, line);
+    qm_vec start = node_at(f, from), end = node_at(f, to);
+    qm_status status = qm_section_between(f->ctx, f->surface, start, end, inward, 0.0, line);
+    if (status == QM_OK && line->count < 2) status = qm_section_project(f->ctx, f->surface, start, end, line);
+    return status;
 }
 
 static qm_status add_between(filling *f, uint32_t from, uint32_t to, qm_vec inward)
@@ -439,7 +443,7 @@ static qm_status draw_row(filling *f, uint32_t from, uint32_t to, qm_vec inward,
                           uint32_t *nodes)
 {
     qm_line line;
-    qm_status status = draw_between(f, from, to, inward, &line);
+    qm_status status = find_line(f, from, to, inward, &line);
     if (status != QM_OK) return status;
     double length = qm_line_length(&line);
     nodes[0] = from;
@@ -489,7 +493,7 @@ static qm_status add_inner_node(filling *f, const plan *p, size_t inner, qm_vec 
     for (int s = 0; s < p->span_count[inner]; s++) {
         qm_line line;
         qm_status status =
-            draw_between(f, nodes[p->span[inner][s][0]], nodes[p->span[inner][s][1]], inward, &line);
+            find_line(f, nodes[p->span[inner][s][0]], nodes[p->span[inner][s][1]], inward, &line);
         if (status != QM_OK) return status;
         sum = qm_vec_add(sum, qm_line_at(&line, 0.5 * qm_line_length(&line)));
         qm_line_reset(f->ctx, &line);

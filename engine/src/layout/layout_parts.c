@@ -302,7 +302,7 @@ static qm_status try_line(qm_context *ctx, qm_layout *layout, const qm_ref_surfa
 qm_status qm_layout_draw_curve(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
                                uint32_t from, uint32_t to, qm_vec inward)
 {
-    static const double tilts[] = {0.0, 0.3, -0.3, 0.6, -0.6, 0.9, -0.9, 1.2, -1.2};
+    static const double tilts[] = {0.0, 0.3, -0.3, 0.6, -0.6, 0.9, -0.9, 1.2, -1.2, 1.5};
     qm_vec start = qm_vec_load(layout->nodes + 3 * (size_t)from),
            end = qm_vec_load(layout->nodes + 3 * (size_t)to);
     double straight[6], best = INFINITY;
@@ -314,7 +314,7 @@ qm_status qm_layout_draw_curve(qm_context *ctx, qm_layout *layout, const qm_ref_
         qm_line line;
         double cost = INFINITY;
         status = qm_section_between(ctx, surface, start, end, inward, tilts[i], &line);
-        if (status == QM_OK) status = try_line(ctx, layout, surface, &line, &cost);
+        if (status == QM_OK && line.count >= 2) status = try_line(ctx, layout, surface, &line, &cost);
         bool is_better = status == QM_OK && cost < best;
         qm_line_reset(ctx, is_better ? &found : &line);
         if (is_better) {

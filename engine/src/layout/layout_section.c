@@ -373,18 +373,6 @@ qm_status qm_section_ring(qm_context *ctx, const qm_ref_surface *surface, qm_vec
     return status;
 }
 
-static qm_status project_line(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
-                              qm_line *out)
-{
-    qm_status status = QM_OK;
-    for (int k = 0; k < PROJECTED_POINTS && status == QM_OK; k++) {
-        double t = (double)k / (PROJECTED_POINTS - 1);
-        qm_vec p = qm_vec_mix(from, to, t), normal;
-        status = qm_line_add(ctx, out, k == 0 || t == 1.0 ? p : project(surface, p, &normal));
-    }
-    return status;
-}
-
 qm_status qm_section_between(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
                              qm_vec inward, double tilt, qm_line *out)
 {
@@ -399,20 +387,32 @@ qm_status qm_section_between(qm_context *ctx, const qm_ref_surface *surface, qm_
                           qm_vec_norm2(inward) < 0.25; /* normals without orientation */
         qm_vec up = qm_vec_axpy(qm_vec_axpy(normal[0], is_flipped ? -1.0 : 1.0, normal[1]), 2.0, inward);
         qm_vec plane = qm_vec_cross(along, up), toward = qm_vec_axpy(along, 2.0, inward);
-        double size = qm_vec_norm(plane);
-        if (size > 1e-3) {
-            plane = qm_vec_scale(1.0 / size, plane);
-            plane = qm_vec_axpy(qm_vec_scale(cos(tilt), plane), sin(tilt), qm_vec_cross(along, plane));
-            status = surface->is_cloud ? follow_points(ctx, surface, start, end, plane, toward,
-                                                       distance / STEPS_BETWEEN, out)
-                                       : between_on_mesh(ctx, surface, start, end, plane, toward, out);
-        }
+        /* Where the normals are opposed along the line, as on the insides of two legs, no plane is better than another. */
+        if (!(qm_vec_norm(plane) > 1e-3)) plane = qm_vec_perpendicular(along);
+        plane = qm_vec_scale(1.0 / qm_vec_norm(plane), plane);
+        plane = qm_vec_axpy(qm_vec_scale(cos(tilt), plane), sin(tilt), qm_vec_cross(along, plane));
+        status = surface->is_cloud ? follow_points(ctx, surface, start, end, plane, toward,
+                                                   distance / STEPS_BETWEEN, out)
+                                   : between_on_mesh(ctx, surface, start, end, plane, toward, out);
     }
-    if (status == QM_OK && out->count < 2) status = project_line(ctx, surface, from, to, out);
-    if (status == QM_OK) {
+    if (status == QM_OK && out->count >= 2) {
         qm_vec_store(out->points, from);
         qm_vec_store(out->points + 3 * (out->count - 1), to);
         status = simplify(ctx, surface->diagonal, out);
+    }
+    if (status != QM_OK) qm_line_reset(ctx, out);
+    return status;
+}
+
+qm_status qm_section_project(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
+                             qm_line *out)
+{
+    *out = (qm_line){0};
+    qm_status status = QM_OK;
+    for (int k = 0; k < PROJECTED_POINTS && status == QM_OK; k++) {
+        double t = (double)k / (PROJECTED_POINTS - 1);
+        qm_vec p = qm_vec_mix(from, to, t), normal;
+        status = qm_line_add(ctx, out, k == 0 || t == 1.0 ? p : project(surface, p, &normal));
     }
     if (status != QM_OK) qm_line_reset(ctx, out);
     return status;

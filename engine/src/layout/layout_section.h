@@ -33,12 +33,16 @@ qm_status qm_section_ring(qm_context *ctx, const qm_ref_surface *surface, qm_vec
 /**
  * Draws a curve on the surface between two places of it, in the plane that both span with the surface's normals there and
  * with `inward`. On a limb's end, round which both places lie, their normals cancel out, and inward leads over its tip.
- * Where the cut does not connect them the straight line is projected.
+ * Empty where the cut does not connect them.
  *
  * inward  mean direction into the region that the curve runs in, of length 1 or less; 0 where it is flat
  * tilt    by which the plane is turned about the straight line between the places, in radians
  */
 qm_status qm_section_between(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
                              qm_vec inward, double tilt, qm_line *out);
+
+/** Projects the straight line between two places onto the surface, as a last resort: it may jump. */
+qm_status qm_section_project(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
+                             qm_line *out);
 
 #endif

@@ -215,6 +215,21 @@ qm_status qm_layout_add_tube(qm_context *ctx, qm_layout *layout, const qm_ref_su
     return qm_layout_finish_edit(ctx, layout, &copy, add_tube(ctx, &copy, surface, &best));
 }
 
+qm_status qm_layout_add_link(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface, uint32_t from,
+                             uint32_t to)
+{
+    QM_ASSERT(ctx && layout && surface);
+    if (from == to) return qm_context_fail(ctx, QM_E_ARGUMENT, "node %u cannot be linked with itself", from);
+    if (from >= layout->node_count || to >= layout->node_count)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "there is no node %u: the layout has %zu",
+                               from > to ? from : to, layout->node_count);
+    qm_layout copy;
+    qm_status status = qm_layout_copy(ctx, layout, &copy);
+    if (status != QM_OK) return status;
+    status = qm_layout_draw_curve(ctx, &copy, surface, from, to, (qm_vec){0, 0, 0});
+    return qm_layout_finish_edit(ctx, layout, &copy, status);
+}
+
 /* ---- mirror ---- */
 
 typedef struct mirror {
