@@ -302,7 +302,8 @@ static qm_status try_line(qm_context *ctx, qm_layout *layout, const qm_ref_surfa
 qm_status qm_layout_draw_curve(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
                                uint32_t from, uint32_t to, qm_vec inward)
 {
-    static const double tilts[] = {0.0, 0.3, -0.3, 0.6, -0.6, 0.9, -0.9, 1.2, -1.2, 1.5};
+    static const double tilts[] = {0.0,  0.2, -0.2, 0.4, -0.4, 0.6, -0.6, 0.8,
+                                   -0.8, 1.0, -1.0, 1.2, -1.2, 1.4, -1.4, 1.5707963};
     qm_vec start = qm_vec_load(layout->nodes + 3 * (size_t)from),
            end = qm_vec_load(layout->nodes + 3 * (size_t)to);
     double straight[6], best = INFINITY;
