@@ -32,6 +32,8 @@
 #define WORST_CORNER 19 /* cost of a corner of 0 or 180 degrees or more, in patches */
 #define IRREGULAR 0.5   /* cost of a node of three curves, in patches */
 #define SIDE_SAMPLES 8  /* of a side, for the direction into its cell */
+#define COONS_PIECES 12 /* of a curve that divides a patch */
+#define MAX_FLAT 0.6    /* length of the mean direction into a cell from which it is the end of a limb */
 #define MAX_MOVES 4096  /* of the search */
 
 enum { MAX_EDGES = MAX_POLYGON, MAX_INNER = 2, MAX_SPANS = 3 };
@@ -67,6 +69,7 @@ typedef struct plan {
 typedef struct filling {
     qm_context *ctx;
     const qm_ref_surface *surface;
+    const qm_layout *before; /* as it was, with curves that are not cut */
     qm_layout *layout;
     qm_cells cells;
     size_t curve_count;
@@ -456,6 +459,81 @@ static qm_status draw_row(filling *f, uint32_t from, uint32_t to, qm_vec inward,
     return status;
 }
 
+/** The place at a share of a dart's length, as it was before it was cut. */
+static qm_vec dart_at(const filling *f, uint32_t dart, double share)
+{
+    const qm_curve *curve = &f->before->curves[dart / 2];
+    const qm_line line = {curve->points, curve->point_count, curve->point_count};
+    return qm_line_at(&line, qm_line_length(&line) * (dart % 2 ? 1.0 - share : share));
+}
+
+/** The Coons patch of the sides of a patch, u along the first one and v along the second (Coons 1967). */
+static qm_vec coons_at(const filling *f, const qm_cell *cell, double u, double v)
+{
+    qm_vec bottom = dart_at(f, cell_dart(f, cell, 0), u), right = dart_at(f, cell_dart(f, cell, 1), v),
+           top = dart_at(f, cell_dart(f, cell, 2), 1.0 - u),
+           left = dart_at(f, cell_dart(f, cell, 3), 1.0 - v);
+    qm_vec corner[4];
+    for (uint32_t k = 0; k < 4; k++)
+        corner[k] = dart_at(f, cell_dart(f, cell, k), 0.0);
+    qm_vec bilinear = qm_vec_mix(qm_vec_mix(corner[0], corner[1], u), qm_vec_mix(corner[3], corner[2], u), v);
+    return qm_vec_sub(qm_vec_add(qm_vec_mix(bottom, top, v), qm_vec_mix(left, right, u)), bilinear);
+}
+
+/** Adds the curve of the Coons patch between two nodes of the lattice, on the wall that the first one lies on. */
+static qm_status add_coons_curve(filling *f, const qm_cell *cell, const uint32_t node[2],
+                                 const double from[2], const double to[2])
+{
+    double points[3 * (COONS_PIECES + 1)];
+    qm_ref_surface_point at;
+    qm_ref_surface_project(f->surface, f->layout->nodes + 3 * (size_t)node[0], &at);
+    const double normal[3] = {at.normal[0], at.normal[1], at.normal[2]};
+    double reach = qm_vec_distance(node_at(f, node[0]), node_at(f, node[1]));
+    bool has_wall = reach > 0.0 && qm_vec_norm2(qm_vec_load(normal)) > 0.0;
+    for (int k = 0; k <= COONS_PIECES; k++) {
+        double t = (double)k / COONS_PIECES, place[3];
+        qm_vec_store(place,
+                     coons_at(f, cell, (1.0 - t) * from[0] + t * to[0], (1.0 - t) * from[1] + t * to[1]));
+        if (has_wall)
+            qm_ref_surface_project_toward(f->surface, place, normal, reach, &at);
+        else
+            qm_ref_surface_project(f->surface, place, &at);
+        memcpy(points + 3 * k, at.position, sizeof at.position);
+    }
+    return qm_layout_add_curve(f->ctx, f->layout, node[0], node[1], points, COONS_PIECES + 1);
+}
+
+/** Divides a patch that is not the end of a limb along the lines of its Coons patch, which follow its sides. */
+static qm_status divide_coons_patch(filling *f, const qm_cell *cell, uint32_t columns, uint32_t rows,
+                                    uint32_t *nodes)
+{
+    uint32_t *below = nodes, *here = nodes + columns + 1;
+    qm_status status = QM_OK;
+    for (uint32_t r = 1; r <= rows && status == QM_OK; r++) {
+        double v = (double)r / rows, lower = (r - 1.0) / rows;
+        here[0] = dart_node(f, cell_dart(f, cell, 3), rows - r);
+        here[columns] = dart_node(f, cell_dart(f, cell, 1), r);
+        for (uint32_t c = 1; c < columns && status == QM_OK; c++) {
+            if (r == rows)
+                here[c] = dart_node(f, cell_dart(f, cell, 2), columns - c);
+            else
+                status = add_node(f, coons_at(f, cell, (double)c / columns, v), &here[c]);
+        }
+        for (uint32_t c = 0; c < columns && status == QM_OK; c++) {
+            double left = (double)c / columns, right = (c + 1.0) / columns;
+            const uint32_t along[2] = {here[c], here[c + 1]}, up[2] = {below[c], here[c]};
+            if (r < rows)
+                status =
+                    add_coons_curve(f, cell, along, (const double[]){left, v}, (const double[]){right, v});
+            if (c > 0 && status == QM_OK)
+                status =
+                    add_coons_curve(f, cell, up, (const double[]){left, lower}, (const double[]){left, v});
+        }
+        memcpy(below, here, (columns + 1) * sizeof *below);
+    }
+    return status;
+}
+
 /** Draws the rows and columns of a patch whose sides were cut. */
 static qm_status divide_patch(filling *f, const qm_cell *cell)
 {
@@ -471,6 +549,10 @@ static qm_status divide_patch(filling *f, const qm_cell *cell)
     qm_status status = QM_OK;
     for (uint32_t c = 0; c <= columns; c++)
         below[c] = dart_node(f, bottom, c);
+    if (qm_vec_norm(inward) < MAX_FLAT) {
+        status = divide_coons_patch(f, cell, columns, rows, nodes);
+        rows = 0;
+    }
     for (uint32_t r = 1; r <= rows && status == QM_OK; r++) {
         if (r == rows)
             for (uint32_t c = 0; c <= columns; c++)
@@ -542,10 +624,11 @@ static void filling_reset(filling *f)
 }
 
 /** Prepares a filling of a layout with curves. filling_reset frees it, also after an error. */
-static qm_status filling_init(qm_context *ctx, const qm_ref_surface *surface, qm_layout *layout, filling *f)
+static qm_status filling_init(qm_context *ctx, const qm_ref_surface *surface, const qm_layout *before,
+                              qm_layout *layout, filling *f)
 {
     size_t count = layout->curve_count;
-    *f = (filling){.ctx = ctx, .surface = surface, .layout = layout, .curve_count = count};
+    *f = (filling){.ctx = ctx, .surface = surface, .before = before, .layout = layout, .curve_count = count};
     f->chord = qm_context_alloc(ctx, count, sizeof *f->chord);
     f->parts = qm_context_alloc(ctx, count, sizeof *f->parts);
     f->crossed = qm_context_alloc(ctx, count, sizeof *f->crossed);
@@ -648,7 +731,7 @@ qm_status qm_layout_fill(qm_context *ctx, qm_layout *layout, const qm_ref_surfac
     qm_status status = qm_layout_copy(ctx, layout, &copy);
     if (status != QM_OK) return status;
     filling f;
-    status = filling_init(ctx, surface, &copy, &f);
+    status = filling_init(ctx, surface, layout, &copy, &f);
     if (status == QM_OK) status = fill(&f, near, filled);
     filling_reset(&f);
     return qm_layout_finish_edit(ctx, layout, &copy, status);
@@ -667,7 +750,7 @@ qm_status qm_layout_split_chord(qm_context *ctx, qm_layout *layout, const qm_ref
     qm_status status = qm_layout_copy(ctx, layout, &copy);
     if (status != QM_OK) return status;
     filling f;
-    status = filling_init(ctx, surface, &copy, &f);
+    status = filling_init(ctx, surface, layout, &copy, &f);
     if (status == QM_OK) {
         f.parts[f.chord[index]] = parts;
         status = cut_curves(&f);

@@ -391,9 +391,9 @@ qm_status qm_section_between(qm_context *ctx, const qm_ref_surface *surface, qm_
         if (!(qm_vec_norm(plane) > 1e-3)) plane = qm_vec_perpendicular(along);
         plane = qm_vec_scale(1.0 / qm_vec_norm(plane), plane);
         plane = qm_vec_axpy(qm_vec_scale(cos(tilt), plane), sin(tilt), qm_vec_cross(along, plane));
-        status = surface->is_cloud ? follow_points(ctx, surface, start, end, plane, toward,
-                                                   distance / STEPS_BETWEEN, out)
-                                   : between_on_mesh(ctx, surface, start, end, plane, toward, out);
+        status = surface->is_cloud
+                     ? follow_points(ctx, surface, start, end, plane, toward, distance / STEPS_BETWEEN, out)
+                     : between_on_mesh(ctx, surface, start, end, plane, toward, out);
     }
     if (status == QM_OK && out->count >= 2) {
         qm_vec_store(out->points, from);
