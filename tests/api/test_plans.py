@@ -57,13 +57,19 @@ def spot(s):
 
 def corrected(s):
     """An automatic layout, corrected: a row of patches is divided, a node moved, a curve bent."""
-    curve = s.layout["curves"][0]
-    s.edit(f"curves/{curve['id']}/split-chord")
+    for curve in s.layout["curves"]:
+        # Most chords of such a layout pass through most of its patches: a short one is looked for.
+        divided = s.edit(f"curves/{curve['id']}/split-chord")
+        if divided["complete"] and len(divided["changed"]["added_curves"]) < 50:
+            break
+        s.layout = s.client.post(f"/v1/layouts/{s.layout['id']}/undo").json()
+        s.actions -= 1
     node = s.layout["nodes"][0]
     s.edit("nodes/0/move", point=[node[0] + 0.01, node[1] + 0.01, node[2]])
     longest = max(s.layout["curves"], key=lambda each: len(each["points"]))
     middle = longest["points"][len(longest["points"]) // 2]
-    s.edit(f"curves/{longest['id']}/slide", **{"from": middle, "to": [middle[0] + 0.01, middle[1], middle[2] + 0.01]})
+    s.edit(f"curves/{longest['id']}/slide", **{"from": middle, "to": [middle[0] + 0.005, middle[1], middle[2] + 0.005]})
+    assert s.actions == 3
 
 
 @pytest.fixture(scope="module", params=["bunny", "spot"])
@@ -103,7 +109,8 @@ def test_an_automatic_layout_is_corrected(client, model):
     sketch = Sketcher(client, made.json())
     assert sketch.layout["complete"]
     patches = len(sketch.layout["patches"])
+    _, without = grow(client, sketch.layout)
     corrected(sketch)
     assert sketch.layout["issues"] == [] and len(sketch.layout["patches"]) > patches
     quads, distance = grow(client, sketch.layout)
-    assert quads <= 2000 and distance <= 5e-2, (quads, distance)
+    assert quads <= 2000 and distance <= 1.3 * without, (quads, distance, without)

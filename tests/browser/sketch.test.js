@@ -333,7 +333,7 @@ test("rings, tubes, rows, links, fills and mirrors are drawn by mouse, pen and f
 
   // One row more, and back.
   await page.mouse.click(...one);
-  await page.getByRole("button", { name: "Split row" }).click();
+  await page.getByRole("button", { name: "Add row" }).click();
   await did(page, "is divided");
   await page.locator("#sketch", { hasText: "every cell is closed" }).waitFor();
   await page.keyboard.press("Control+z");
@@ -376,6 +376,7 @@ test("rings, tubes, rows, links, fills and mirrors are drawn by mouse, pen and f
   await did(page, "is new");
   await page.locator(".issues li", { hasText: "3 sides, not four" }).first().waitFor();
   await page.keyboard.press("Control+z");
+  await did(page, "Undone");
 
   // Rings are mirrored as they are drawn; one side becomes the image of the other.
   await page.locator("select[name=layout]").selectOption("");

@@ -34,7 +34,7 @@ export class Tools {
       type: "button", title, "aria-pressed": String(kind === this.kind), onclick: () => this.take(kind) }, words));
     this.fill = button("Fill", () => this.fillAll(), "Divide all cells that have not four sides into patches");
     this.tube = button("Tube", () => this.makeTube(), "Join the rings, or cells, of the two chosen curves");
-    this.row = button("Split row", () => this.splitRow(), "Divide all patches across the chosen curve");
+    this.row = button("Add row", () => this.splitRow(), "Divide all patches across the chosen curve");
     this.axis = select("mirror", [["", "none"], ["x", "x"], ["y", "y"], ["z", "z"]], "");
     this.axis.addEventListener("change", () => this.update());
     this.image = button("Mirror", () => this.mirrorAll(), "Replace one half by the image of the other, which is kept");

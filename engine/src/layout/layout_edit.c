@@ -13,6 +13,7 @@
 
 #define OBTUSE (-0.85) /* cosine of the angle between two curves below which one continues the other */
 #define RING_PARTS 4
+#define THROUGH 0.05    /* of the snap radius: a curve that is nearer to a node passes through it */
 #define MAX_CROSSED 256 /* splits of one stroke; further crossings stay without a node */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
@@ -229,6 +230,24 @@ static bool contains(const uint32_t *ids, size_t count, uint32_t id)
     return false;
 }
 
+/** Splits a curve at the nodes that it passes through: other curves only end there, which is no crossing. */
+static qm_status split_at_nodes(qm_context *ctx, qm_layout *layout, double radius, uint32_t *own,
+                                size_t *count)
+{
+    for (uint32_t node = 0; node < layout->node_count; node++)
+        for (size_t i = 0; i < *count && *count <= MAX_CROSSED; i++) {
+            uint32_t index = qm_layout_find_curve(layout, own[i]);
+            const qm_curve *curve = &layout->curves[index];
+            qm_curve_position at = qm_layout_nearest_position(curve, layout->nodes + 3 * (size_t)node);
+            if (curve->from == node || curve->to == node || at.distance > THROUGH * radius) continue;
+            bool was_split;
+            qm_status status = split_at_node(ctx, layout, index, node, radius, &was_split);
+            if (status != QM_OK) return status;
+            if (was_split) own[(*count)++] = layout->next_id - 1;
+        }
+    return QM_OK;
+}
+
 /**
  * Splits a curve and the curves that it crosses, with a common node each. Its part up to the first keeps its
  * id.
@@ -237,9 +256,10 @@ static qm_status split_crossings(qm_context *ctx, qm_layout *layout, const qm_re
                                  uint32_t id, double radius)
 {
     uint32_t own[MAX_CROSSED + 1] = {id};
-    qm_status status = QM_OK;
+    size_t count = 1;
+    qm_status status = split_at_nodes(ctx, layout, radius, own, &count);
     bool was_split = true;
-    for (size_t count = 1; status == QM_OK && was_split && count <= MAX_CROSSED; count++) {
+    for (; status == QM_OK && was_split && count <= MAX_CROSSED; count++) {
         qm_layout_issues found = {0};
         was_split = false;
         status = qm_layout_find_crossings(ctx, layout, surface, &found);

@@ -171,11 +171,46 @@ static uint32_t next_clockwise(const arrangement *arr, uint32_t dart)
     return before != dart ? before : last;
 }
 
-/** Traces the cell left of a dart, and appends it. */
-static void trace_cell(const arrangement *arr, uint32_t first, qm_cells *out)
+/** By how much a dart turns to the left along the surface between its ends. */
+static double dart_turning(const arrangement *arr, uint32_t dart)
 {
-    qm_cell *cell = &out->cells[out->count];
-    *cell = (qm_cell){.first = out->count > 0 ? cell[-1].first + cell[-1].sides : 0};
+    const qm_curve *curve = &arr->layout->curves[dart / 2];
+    qm_vec before = {0, 0, 0}, normal = arr->normal[qm_layout_dart_start(arr->layout, dart)];
+    double sum = 0.0;
+    for (size_t k = 1; k < curve->point_count; k++) {
+        qm_vec here = qm_vec_load(dart_point(curve, dart, k - 1));
+        qm_vec segment = qm_vec_sub(qm_vec_load(dart_point(curve, dart, k)), here);
+        if (qm_vec_norm2(segment) == 0.0) continue;
+        if (qm_vec_norm2(before) > 0.0) {
+            qm_vec own = surface_normal(arr->surface, dart_point(curve, dart, k - 1));
+            bool is_flipped = arr->surface->is_cloud && qm_vec_dot(own, normal) < 0.0;
+            if (qm_vec_norm2(own) > 0.0) normal = is_flipped ? qm_vec_scale(-1.0, own) : own;
+            sum += atan2(qm_vec_dot(qm_vec_cross(before, segment), normal), qm_vec_dot(before, segment));
+        }
+        before = segment;
+    }
+    return sum;
+}
+
+/**
+ * True if a cell encloses a drawing from outside. By Gauss and Bonnet the curvature of a cell is the sum of its corners
+ * and a full turn, less a straight angle a side and what the sides turn towards it: about 0 in a flat cell, half of that of
+ * a whole closed surface in the end of a limb, nearly all of it outside a small drawing. Three quarters decide.
+ */
+static bool is_outside(const arrangement *arr, const uint32_t *dart, uint32_t sides, double corners)
+{
+    double curvature = FULL_TURN + corners - 0.5 * FULL_TURN * sides;
+    if (curvature < 0.5 * FULL_TURN) return false; /* sides that are not bent into hooks do not change that */
+    for (uint32_t k = 0; k < sides; k++)
+        curvature -= dart_turning(arr, dart[k]);
+    return curvature > 1.5 * FULL_TURN;
+}
+
+/** Traces the cell left of a dart, and appends it. */
+static void trace_cell(const arrangement *arr, uint32_t first, qm_layout_cells *out)
+{
+    qm_layout_cell *cell = &out->cells[out->count];
+    *cell = (qm_layout_cell){.first = out->count > 0 ? cell[-1].first + cell[-1].sides : 0};
     double sum = 0.0;
     uint32_t dart = first;
     do {
@@ -191,19 +226,17 @@ static void trace_cell(const arrangement *arr, uint32_t first, qm_cells *out)
         out->corner[next] = angle;
         dart = next;
     } while (dart != first);
-    /* Corners sum to (sides - 2) times a straight angle and the curvature of the cell (Gauss, Bonnet): the end of a limb has
-       half that of a whole closed surface, the outside of a small drawing nearly all of it. Three quarters decide. */
-    cell->is_outside = sum > 0.5 * FULL_TURN * (cell->sides + 1.0);
+    cell->is_outside = is_outside(arr, out->dart + cell->first, cell->sides, sum);
     out->count++;
 }
 
 /** Appends a cell with four sides to the patches, reports any other as an issue. */
-static qm_status store_cell(qm_context *ctx, qm_layout *layout, const qm_cells *cells, const qm_cell *cell,
-                            qm_layout_issues *out)
+static qm_status store_cell(qm_context *ctx, qm_layout *layout, const qm_layout_cells *cells,
+                            const qm_layout_cell *cell, qm_layout_issues *out)
 {
     const uint32_t *dart = cells->dart + cell->first;
     if (cell->is_outside) return QM_OK;
-    if (qm_cell_is_patch(cell)) {
+    if (qm_layout_cell_is_patch(cell)) {
         qm_layout_patch patch;
         for (int k = 0; k < 4; k++) {
             patch.side[k] = dart[k] / 2;
@@ -340,7 +373,7 @@ static qm_status report_apart(qm_context *ctx, const qm_ref_surface *surface, co
     return status;
 }
 
-static void find_cells(arrangement *arr, qm_cells *out)
+static void find_cells(arrangement *arr, qm_layout_cells *out)
 {
     for (uint32_t node = 0; node < arr->layout->node_count; node++)
         arr->normal[node] = (qm_vec){0, 0, 0};
@@ -359,9 +392,9 @@ static void find_cells(arrangement *arr, qm_cells *out)
             out->cells[out->of_dart[dart]].is_on_both_sides = true;
 }
 
-static bool alloc_cells(qm_context *ctx, size_t darts, size_t nodes, qm_cells *out)
+static bool alloc_cells(qm_context *ctx, size_t darts, size_t nodes, qm_layout_cells *out)
 {
-    *out = (qm_cells){.dart_count = darts, .node_count = nodes};
+    *out = (qm_layout_cells){.dart_count = darts, .node_count = nodes};
     out->cells = qm_context_alloc(ctx, darts, sizeof *out->cells);
     out->dart = qm_context_alloc(ctx, darts, sizeof *out->dart);
     out->of_dart = qm_context_alloc(ctx, darts, sizeof *out->of_dart);
@@ -370,18 +403,18 @@ static bool alloc_cells(qm_context *ctx, size_t darts, size_t nodes, qm_cells *o
     return out->cells && out->dart && out->of_dart && out->corner && out->normal;
 }
 
-void qm_layout_cells_reset(qm_context *ctx, qm_cells *cells)
+void qm_layout_cells_reset(qm_context *ctx, qm_layout_cells *cells)
 {
     qm_context_free(ctx, cells->cells, cells->dart_count, sizeof *cells->cells);
     qm_context_free(ctx, cells->dart, cells->dart_count, sizeof *cells->dart);
     qm_context_free(ctx, cells->of_dart, cells->dart_count, sizeof *cells->of_dart);
     qm_context_free(ctx, cells->corner, cells->dart_count, sizeof *cells->corner);
     qm_context_free(ctx, cells->normal, cells->node_count, sizeof *cells->normal);
-    *cells = (qm_cells){0};
+    *cells = (qm_layout_cells){0};
 }
 
 qm_status qm_layout_find_cells(qm_context *ctx, const qm_ref_surface *surface, const qm_layout *layout,
-                               qm_cells *out)
+                               qm_layout_cells *out)
 {
     QM_ASSERT(ctx && surface && layout && out && layout->curve_count > 0);
     size_t nodes = layout->node_count, darts = 2 * layout->curve_count;
@@ -410,7 +443,7 @@ qm_status qm_layout_find_patches(qm_context *ctx, const qm_ref_surface *surface,
     *out = (qm_layout_issues){0};
     qm_layout_clear_patches(ctx, layout);
     if (layout->curve_count == 0) return QM_OK;
-    qm_cells cells;
+    qm_layout_cells cells;
     qm_status status = qm_layout_find_cells(ctx, surface, layout, &cells);
     if (status != QM_OK) return status;
     status = report_dangling(ctx, layout, out);

@@ -71,7 +71,7 @@ typedef struct filling {
     const qm_ref_surface *surface;
     const qm_layout *before; /* as it was, with curves that are not cut */
     qm_layout *layout;
-    qm_cells cells;
+    qm_layout_cells cells;
     size_t curve_count;
     uint32_t *chord;      /* of each curve; first as union-find trees, then numbers from 0 */
     uint32_t *parts;      /* of each chord */
@@ -202,7 +202,7 @@ static uint32_t chord_of(const filling *f, uint32_t dart)
     return f->chord[dart / 2];
 }
 
-static uint32_t cell_dart(const filling *f, const qm_cell *cell, uint32_t side)
+static uint32_t cell_dart(const filling *f, const qm_layout_cell *cell, uint32_t side)
 {
     return f->cells.dart[cell->first + side % cell->sides];
 }
@@ -212,8 +212,8 @@ static void number_chords(filling *f)
     for (uint32_t i = 0; i < f->curve_count; i++)
         f->chord[i] = i;
     for (size_t i = 0; i < f->cells.count; i++) {
-        const qm_cell *cell = &f->cells.cells[i];
-        for (uint32_t side = 0; side < 2 && qm_cell_is_patch(cell); side++) {
+        const qm_layout_cell *cell = &f->cells.cells[i];
+        for (uint32_t side = 0; side < 2 && qm_layout_cell_is_patch(cell); side++) {
             uint32_t a = find_root(f->chord, cell_dart(f, cell, side) / 2),
                      b = find_root(f->chord, cell_dart(f, cell, side + 2) / 2);
             f->chord[a > b ? a : b] = a > b ? b : a;
@@ -228,12 +228,12 @@ static void number_chords(filling *f)
         f->crossed[i] = 0;
     }
     for (size_t i = 0; i < f->cells.count; i++)
-        for (uint32_t side = 0; side < 2 && qm_cell_is_patch(&f->cells.cells[i]); side++)
+        for (uint32_t side = 0; side < 2 && qm_layout_cell_is_patch(&f->cells.cells[i]); side++)
             f->crossed[chord_of(f, cell_dart(f, &f->cells.cells[i], side))]++;
 }
 
 /** The angles of the nodes round a cell, those of cuts too. Returns their number, 0 if they are too many. */
-static int cell_angles(const filling *f, const qm_cell *cell, double angle[MAX_POLYGON])
+static int cell_angles(const filling *f, const qm_layout_cell *cell, double angle[MAX_POLYGON])
 {
     const double straight = 3.141592653589793;
     size_t count = 0;
@@ -247,7 +247,7 @@ static int cell_angles(const filling *f, const qm_cell *cell, double angle[MAX_P
     return (int)count;
 }
 
-static double cell_cost(const filling *f, const qm_cell *cell)
+static double cell_cost(const filling *f, const qm_layout_cell *cell)
 {
     double angle[MAX_POLYGON];
     int count = cell_angles(f, cell, angle);
@@ -303,7 +303,7 @@ static bool change_parts(filling *f, uint32_t a, int by_a, uint32_t b, int by_b)
 }
 
 /** Tries each change of one chord, or of two, that end at a cell. True if one lowers the cost. */
-static bool improve_cell(filling *f, const qm_cell *cell)
+static bool improve_cell(filling *f, const qm_layout_cell *cell)
 {
     static const int step[][2] = {{1, 0}, {-1, 0}, {1, 1}, {-1, -1}, {1, -1}, {-1, 1}};
     bool is_better = false;
@@ -398,37 +398,41 @@ static uint32_t dart_node(const filling *f, uint32_t dart, uint32_t k)
     return f->nodes[f->first_node[dart / 2] + (dart % 2 ? parts - k : k)];
 }
 
-/** The mean direction into a cell from the nodes and curves round it: near 0 in a flat one, along the limb in its end. */
-static qm_vec cell_inward(const filling *f, const qm_cell *cell)
+/** The place at a share of a dart's length, as it was before it was cut. */
+static qm_vec dart_at(const filling *f, uint32_t dart, double share)
+{
+    const qm_curve *curve = &f->before->curves[dart / 2];
+    const qm_section line = {curve->points, curve->point_count, curve->point_count};
+    return qm_section_at(&line, qm_section_length(&line) * (dart % 2 ? 1.0 - share : share));
+}
+
+/** The mean direction into a cell from its sides: near 0 in a flat one, along the limb in its end. */
+static qm_vec cell_inward(const filling *f, const qm_layout_cell *cell)
 {
     qm_vec sum = {0, 0, 0};
     double total = 0.0;
     for (uint32_t side = 0; side < cell->sides; side++) {
         uint32_t dart = cell_dart(f, cell, side);
-        uint32_t parts = f->parts[chord_of(f, dart)];
-        qm_vec normal = f->cells.normal[dart_node(f, dart, 0)];
-        for (uint32_t k = 0; k < parts; k++) {
-            /* Between the nodes of the cut curve the points are those of its parts; straight pieces are near enough. */
-            qm_vec a = node_at(f, dart_node(f, dart, k)), b = node_at(f, dart_node(f, dart, k + 1));
-            for (int s = 0; s < SIDE_SAMPLES; s++) {
-                double at[3];
-                qm_ref_surface_point point;
-                qm_vec_store(at, qm_vec_mix(a, b, (s + 0.5) / SIDE_SAMPLES));
-                qm_ref_surface_project(f->surface, at, &point);
-                qm_vec own = qm_vec_load(point.normal);
-                if (f->surface->is_cloud && qm_vec_dot(own, normal) < 0.0) own = qm_vec_scale(-1.0, own);
-                if (qm_vec_norm2(own) > 0.0) normal = own;
-                qm_vec piece = qm_vec_scale(1.0 / SIDE_SAMPLES, qm_vec_sub(b, a));
-                sum = qm_vec_add(sum, qm_vec_cross(normal, piece));
-                total += qm_vec_norm(piece);
-            }
+        qm_vec normal = f->cells.normal[dart_node(f, dart, 0)], a = dart_at(f, dart, 0.0);
+        for (int k = 0; k < SIDE_SAMPLES; k++) {
+            double at[3];
+            qm_ref_surface_point point;
+            qm_vec b = dart_at(f, dart, (k + 1.0) / SIDE_SAMPLES), piece = qm_vec_sub(b, a);
+            qm_vec_store(at, dart_at(f, dart, (k + 0.5) / SIDE_SAMPLES));
+            qm_ref_surface_project(f->surface, at, &point);
+            qm_vec own = qm_vec_load(point.normal);
+            if (f->surface->is_cloud && qm_vec_dot(own, normal) < 0.0) own = qm_vec_scale(-1.0, own);
+            if (qm_vec_norm2(own) > 0.0) normal = own;
+            sum = qm_vec_add(sum, qm_vec_cross(normal, piece));
+            total += qm_vec_norm(piece);
+            a = b;
         }
     }
     return total > 0.0 ? qm_vec_scale(1.0 / total, sum) : sum;
 }
 
 /** The line that a curve between two nodes would follow if there were no others. */
-static qm_status find_line(filling *f, uint32_t from, uint32_t to, qm_vec inward, qm_line *line)
+static qm_status find_line(filling *f, uint32_t from, uint32_t to, qm_vec inward, qm_section *line)
 {
     qm_vec start = node_at(f, from), end = node_at(f, to);
     qm_status status = qm_section_between(f->ctx, f->surface, start, end, inward, 0.0, line);
@@ -445,30 +449,22 @@ static qm_status add_between(filling *f, uint32_t from, uint32_t to, qm_vec inwa
 static qm_status draw_row(filling *f, uint32_t from, uint32_t to, qm_vec inward, uint32_t columns,
                           uint32_t *nodes)
 {
-    qm_line line;
+    qm_section line;
     qm_status status = find_line(f, from, to, inward, &line);
     if (status != QM_OK) return status;
-    double length = qm_line_length(&line);
+    double length = qm_section_length(&line);
     nodes[0] = from;
     nodes[columns] = to;
     for (uint32_t c = 1; c < columns && status == QM_OK; c++)
-        status = add_node(f, qm_line_at(&line, length * c / columns), &nodes[c]);
+        status = add_node(f, qm_section_at(&line, length * c / columns), &nodes[c]);
     for (uint32_t c = 0; c < columns && status == QM_OK; c++)
         status = add_between(f, nodes[c], nodes[c + 1], inward);
-    qm_line_reset(f->ctx, &line);
+    qm_section_reset(f->ctx, &line);
     return status;
 }
 
-/** The place at a share of a dart's length, as it was before it was cut. */
-static qm_vec dart_at(const filling *f, uint32_t dart, double share)
-{
-    const qm_curve *curve = &f->before->curves[dart / 2];
-    const qm_line line = {curve->points, curve->point_count, curve->point_count};
-    return qm_line_at(&line, qm_line_length(&line) * (dart % 2 ? 1.0 - share : share));
-}
-
 /** The Coons patch of the sides of a patch, u along the first one and v along the second (Coons 1967). */
-static qm_vec coons_at(const filling *f, const qm_cell *cell, double u, double v)
+static qm_vec coons_at(const filling *f, const qm_layout_cell *cell, double u, double v)
 {
     qm_vec bottom = dart_at(f, cell_dart(f, cell, 0), u), right = dart_at(f, cell_dart(f, cell, 1), v),
            top = dart_at(f, cell_dart(f, cell, 2), 1.0 - u),
@@ -481,7 +477,7 @@ static qm_vec coons_at(const filling *f, const qm_cell *cell, double u, double v
 }
 
 /** Adds the curve of the Coons patch between two nodes of the lattice, on the wall that the first one lies on. */
-static qm_status add_coons_curve(filling *f, const qm_cell *cell, const uint32_t node[2],
+static qm_status add_coons_curve(filling *f, const qm_layout_cell *cell, const uint32_t node[2],
                                  const double from[2], const double to[2])
 {
     double points[3 * (COONS_PIECES + 1)];
@@ -504,7 +500,7 @@ static qm_status add_coons_curve(filling *f, const qm_cell *cell, const uint32_t
 }
 
 /** Divides a patch that is not the end of a limb along the lines of its Coons patch, which follow its sides. */
-static qm_status divide_coons_patch(filling *f, const qm_cell *cell, uint32_t columns, uint32_t rows,
+static qm_status divide_coons_patch(filling *f, const qm_layout_cell *cell, uint32_t columns, uint32_t rows,
                                     uint32_t *nodes)
 {
     uint32_t *below = nodes, *here = nodes + columns + 1;
@@ -535,7 +531,7 @@ static qm_status divide_coons_patch(filling *f, const qm_cell *cell, uint32_t co
 }
 
 /** Draws the rows and columns of a patch whose sides were cut. */
-static qm_status divide_patch(filling *f, const qm_cell *cell)
+static qm_status divide_patch(filling *f, const qm_layout_cell *cell)
 {
     uint32_t bottom = cell_dart(f, cell, 0), right = cell_dart(f, cell, 1), top = cell_dart(f, cell, 2),
              left = cell_dart(f, cell, 3);
@@ -573,18 +569,18 @@ static qm_status add_inner_node(filling *f, const plan *p, size_t inner, qm_vec 
 {
     qm_vec sum = {0, 0, 0};
     for (int s = 0; s < p->span_count[inner]; s++) {
-        qm_line line;
+        qm_section line;
         qm_status status =
             find_line(f, nodes[p->span[inner][s][0]], nodes[p->span[inner][s][1]], inward, &line);
         if (status != QM_OK) return status;
-        sum = qm_vec_add(sum, qm_line_at(&line, 0.5 * qm_line_length(&line)));
-        qm_line_reset(f->ctx, &line);
+        sum = qm_vec_add(sum, qm_section_at(&line, 0.5 * qm_section_length(&line)));
+        qm_section_reset(f->ctx, &line);
     }
     return add_node(f, qm_vec_scale(1.0 / p->span_count[inner], sum), &nodes[count + (int)inner]);
 }
 
 /** Draws the pattern of a cell. False if it has none. */
-static qm_status fill_cell(filling *f, const qm_cell *cell, bool *is_filled)
+static qm_status fill_cell(filling *f, const qm_layout_cell *cell, bool *is_filled)
 {
     double angle[MAX_POLYGON];
     uint32_t nodes[MAX_POLYGON + MAX_INNER];
@@ -648,13 +644,13 @@ static qm_status divide_patches(filling *f)
 {
     qm_status status = QM_OK;
     for (size_t i = 0; i < f->cells.count && status == QM_OK; i++)
-        if (qm_cell_is_patch(&f->cells.cells[i])) status = divide_patch(f, &f->cells.cells[i]);
+        if (qm_layout_cell_is_patch(&f->cells.cells[i])) status = divide_patch(f, &f->cells.cells[i]);
     return status;
 }
 
-static bool can_be_filled(const qm_cell *cell)
+static bool can_be_filled(const qm_layout_cell *cell)
 {
-    return !cell->is_outside && !cell->is_on_both_sides && !qm_cell_is_patch(cell);
+    return !cell->is_outside && !cell->is_on_both_sides && !qm_layout_cell_is_patch(cell);
 }
 
 /** The cell that a place of the surface lies in: that on its side of the curve nearest to it. */
@@ -685,7 +681,7 @@ static qm_status choose_cells(filling *f, const double *near)
 {
     if (near) {
         uint32_t cell = find_cell(f, near);
-        const qm_cell *found = &f->cells.cells[cell];
+        const qm_layout_cell *found = &f->cells.cells[cell];
         if (!can_be_filled(found))
             return qm_context_fail(f->ctx, QM_E_ARGUMENT,
                                    found->is_outside ? "the place lies outside the drawing"

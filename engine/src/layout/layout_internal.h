@@ -74,24 +74,24 @@ qm_status qm_layout_find_snap_node(qm_context *ctx, qm_layout *layout, const dou
 
 /** A cell of the arrangement that the curves make on the surface: what lies left of a closed walk over darts. Dart 2 c
  * runs along the curve of index c, 2 c + 1 against it. */
-typedef struct qm_cell {
-    size_t first; /* of its darts in qm_cells.dart, in order round it */
+typedef struct qm_layout_cell {
+    size_t first; /* of its darts in qm_layout_cells.dart, in order round it */
     uint32_t sides;
     bool is_outside;       /* it encloses a drawing from outside */
     bool is_on_both_sides; /* of some curve */
-} qm_cell;
+} qm_layout_cell;
 
-typedef struct qm_cells {
-    qm_cell *cells;
+typedef struct qm_layout_cells {
+    qm_layout_cell *cells;
     size_t count;
     uint32_t *dart;    /* dart_count: cell by cell */
     uint32_t *of_dart; /* dart_count: the cell left of each */
     double *corner;    /* dart_count: the cell's angle at the start of each, in radians */
     qm_vec *normal;    /* node_count: of the surface at each node, consistent along the curves */
     size_t dart_count, node_count;
-} qm_cells;
+} qm_layout_cells;
 
-static inline bool qm_cell_is_patch(const qm_cell *cell)
+static inline bool qm_layout_cell_is_patch(const qm_layout_cell *cell)
 {
     return cell->sides == 4 && !cell->is_outside && !cell->is_on_both_sides;
 }
@@ -101,8 +101,8 @@ uint32_t qm_layout_dart_start(const qm_layout *layout, uint32_t dart);
 
 /** Finds the cells of a layout with curves. QM_OK, and *out is the caller's; or QM_E_NO_MEMORY. */
 qm_status qm_layout_find_cells(qm_context *ctx, const qm_ref_surface *surface, const qm_layout *layout,
-                               qm_cells *out);
-void qm_layout_cells_reset(qm_context *ctx, qm_cells *cells);
+                               qm_layout_cells *out);
+void qm_layout_cells_reset(qm_context *ctx, qm_layout_cells *cells);
 
 /** Adds a curve along the surface between two nodes, which crosses other curves as little as planes through both allow.
  * inward as for qm_section_between. */

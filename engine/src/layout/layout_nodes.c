@@ -148,8 +148,8 @@ qm_status qm_layout_slide_curve(qm_context *ctx, qm_layout *layout, const qm_ref
 
 /** Marks the curves that merging two nodes leaves without a cell on one side: those between them; and of a patch that both
  * are opposite corners of the second one's sides, which fall onto the first one's. */
-static void mark_collapsed(const qm_layout *layout, const qm_cells *cells, uint32_t first, uint32_t second,
-                           bool *is_collapsed)
+static void mark_collapsed(const qm_layout *layout, const qm_layout_cells *cells, uint32_t first,
+                           uint32_t second, bool *is_collapsed)
 {
     for (size_t i = 0; i < layout->curve_count; i++) {
         const qm_curve *curve = &layout->curves[i];
@@ -158,7 +158,7 @@ static void mark_collapsed(const qm_layout *layout, const qm_cells *cells, uint3
     }
     for (size_t i = 0; i < cells->count; i++) {
         const uint32_t *dart = cells->dart + cells->cells[i].first;
-        if (!qm_cell_is_patch(&cells->cells[i])) continue;
+        if (!qm_layout_cell_is_patch(&cells->cells[i])) continue;
         for (int k = 0; k < 4; k++)
             if (qm_layout_dart_start(layout, dart[k]) == second &&
                 qm_layout_dart_start(layout, dart[(k + 2) % 4]) == first)
@@ -169,7 +169,7 @@ static void mark_collapsed(const qm_layout *layout, const qm_cells *cells, uint3
 static qm_status merge_nodes(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
                              uint32_t first, uint32_t second, bool *is_collapsed)
 {
-    qm_cells cells;
+    qm_layout_cells cells;
     double at[3];
     qm_status status = qm_layout_find_cells(ctx, surface, layout, &cells);
     if (status != QM_OK) return status;

@@ -9,6 +9,7 @@
 #define DETOUR                                                                                               \
     1.6 /* of the straight distance: a curve that is shorter, and crosses nothing, is taken at once */
 #define CROSSING_COST 100.0 /* of the length of a curve */
+#define SAME_POINT 1e-9     /* of a curve's length */
 #define MIN_END_GAP 1e-6    /* of a curve's length: a position nearer to an end counts as the end */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
@@ -117,9 +118,11 @@ qm_curve_position qm_layout_nearest_position(const qm_curve *curve, const double
     return best;
 }
 
+/** True if a position is that of a point, but for rounding: a segment between both would have no direction. */
 static bool is_at(const qm_curve *curve, size_t point, const double position[3])
 {
-    return qm_vec_distance(qm_vec_load(curve->points + 3 * point), qm_vec_load(position)) == 0.0;
+    return qm_vec_distance(qm_vec_load(curve->points + 3 * point), qm_vec_load(position)) <=
+           SAME_POINT * qm_layout_curve_length(curve);
 }
 
 /**
@@ -241,11 +244,11 @@ qm_status qm_layout_cut_curve(qm_context *ctx, qm_layout *layout, uint32_t index
     nodes[parts] = layout->curves[index].to;
     for (uint32_t k = 1; k < parts; k++) {
         const qm_curve *curve = &layout->curves[rest];
-        const qm_line line = {curve->points, curve->point_count, curve->point_count};
+        const qm_section line = {curve->points, curve->point_count, curve->point_count};
         double near[3];
         qm_curve_position at = {.along = 0.0};
-        qm_vec_store(near, qm_line_at(&line, length));
-        /* The first segment that reaches the length, as qm_line_at finds it: a curve may come near itself elsewhere. */
+        qm_vec_store(near, qm_section_at(&line, length));
+        /* The first segment that reaches the length, as qm_section_at finds it: a curve may come near itself elsewhere. */
         for (double before = 0.0; at.segment + 2 < curve->point_count; at.segment++) {
             before += qm_vec_distance(qm_vec_load(curve->points + 3 * at.segment),
                                       qm_vec_load(curve->points + 3 * at.segment + 3));
@@ -289,13 +292,13 @@ static qm_status count_crossings(qm_context *ctx, const qm_layout *layout, const
 
 /** Gives the last curve the points of a line, and finds what it costs: its length, many times as much where it crosses. */
 static qm_status try_line(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
-                          const qm_line *line, double *cost)
+                          const qm_section *line, double *cost)
 {
     size_t crossings = 0;
     qm_curve *curve = &layout->curves[layout->curve_count - 1];
     qm_status status = qm_layout_set_points(ctx, curve, line->points, line->count);
     if (status == QM_OK) status = count_crossings(ctx, layout, surface, &crossings);
-    *cost = qm_line_length(line) * (1.0 + CROSSING_COST * (double)crossings);
+    *cost = qm_section_length(line) * (1.0 + CROSSING_COST * (double)crossings);
     return status;
 }
 
@@ -309,15 +312,15 @@ qm_status qm_layout_draw_curve(qm_context *ctx, qm_layout *layout, const qm_ref_
     double straight[6], best = INFINITY;
     qm_vec_store(straight, start);
     qm_vec_store(straight + 3, end);
-    qm_line found = {0};
+    qm_section found = {0};
     qm_status status = qm_layout_add_curve(ctx, layout, from, to, straight, 2);
     for (size_t i = 0; i < sizeof tilts / sizeof *tilts && status == QM_OK; i++) {
-        qm_line line;
+        qm_section line;
         double cost = INFINITY;
         status = qm_section_between(ctx, surface, start, end, inward, tilts[i], &line);
         if (status == QM_OK && line.count >= 2) status = try_line(ctx, layout, surface, &line, &cost);
         bool is_better = status == QM_OK && cost < best;
-        qm_line_reset(ctx, is_better ? &found : &line);
+        qm_section_reset(ctx, is_better ? &found : &line);
         if (is_better) {
             found = line;
             best = cost;
@@ -327,6 +330,6 @@ qm_status qm_layout_draw_curve(qm_context *ctx, qm_layout *layout, const qm_ref_
     if (status == QM_OK)
         status =
             qm_layout_set_points(ctx, &layout->curves[layout->curve_count - 1], found.points, found.count);
-    qm_line_reset(ctx, &found);
+    qm_section_reset(ctx, &found);
     return status;
 }

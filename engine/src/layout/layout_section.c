@@ -11,6 +11,7 @@
 
 #include "bvh/bvh_tree.h"
 
+#define SAME_POINT 1e-9   /* of the diagonal */
 #define TOLERANCE 2e-4    /* of the diagonal: points that move a curve less are left out */
 #define MAX_SEGMENT 0.015 /* of the diagonal: longer segments keep a point between their ends */
 #define STEPS_ACROSS 200  /* steps of a ring of a point set over the diagonal */
@@ -18,13 +19,13 @@
 #define MAX_STEPS 4096
 #define PROJECTED_POINTS 33 /* of a line that is projected */
 
-void qm_line_reset(qm_context *ctx, qm_line *line)
+void qm_section_reset(qm_context *ctx, qm_section *line)
 {
     qm_context_free(ctx, line->points, line->capacity, 3 * sizeof(double));
-    *line = (qm_line){0};
+    *line = (qm_section){0};
 }
 
-qm_status qm_line_add(qm_context *ctx, qm_line *line, qm_vec point)
+qm_status qm_section_add(qm_context *ctx, qm_section *line, qm_vec point)
 {
     if (line->count == line->capacity) {
         size_t capacity = line->capacity ? 2 * line->capacity : 64;
@@ -37,12 +38,12 @@ qm_status qm_line_add(qm_context *ctx, qm_line *line, qm_vec point)
     return QM_OK;
 }
 
-static qm_vec line_point(const qm_line *line, size_t i)
+static qm_vec line_point(const qm_section *line, size_t i)
 {
     return qm_vec_load(line->points + 3 * i);
 }
 
-double qm_line_length(const qm_line *line)
+double qm_section_length(const qm_section *line)
 {
     double length = 0.0;
     for (size_t i = 1; i < line->count; i++)
@@ -50,7 +51,7 @@ double qm_line_length(const qm_line *line)
     return length;
 }
 
-qm_vec qm_line_at(const qm_line *line, double length)
+qm_vec qm_section_at(const qm_section *line, double length)
 {
     for (size_t i = 1; i < line->count; i++) {
         qm_vec a = line_point(line, i - 1), b = line_point(line, i);
@@ -61,9 +62,25 @@ qm_vec qm_line_at(const qm_line *line, double length)
     return line_point(line, line->count - 1);
 }
 
-/** Leaves out points by which the line moves less than the tolerance (Ramer 1972, Douglas and Peucker 1973). */
-static qm_status simplify(qm_context *ctx, double diagonal, qm_line *line)
+/** Leaves out points that repeat the one before: a plane through a vertex cuts several edges there. Both ends stay. */
+static void drop_repeated(double least, qm_section *line)
 {
+    size_t kept = 1;
+    for (size_t i = 1; i < line->count; i++) {
+        bool is_last = i + 1 == line->count;
+        if (qm_vec_distance(line_point(line, i), line_point(line, kept - 1)) <= least) {
+            if (!is_last) continue;
+            kept -= kept > 1; /* the end takes the place of the point that it repeats */
+        }
+        memmove(line->points + 3 * kept++, line->points + 3 * i, 3 * sizeof(double));
+    }
+    line->count = line->count > 0 ? kept : 0;
+}
+
+/** Leaves out points by which the line moves less than the tolerance (Ramer 1972, Douglas and Peucker 1973). */
+static qm_status simplify(qm_context *ctx, double diagonal, qm_section *line)
+{
+    drop_repeated(SAME_POINT * diagonal, line);
     if (line->count < 3) return QM_OK;
     size_t count = line->count, top = 0;
     bool *keep = qm_context_alloc(ctx, count, sizeof *keep);
@@ -247,12 +264,12 @@ static uint32_t nearest_segment(const cut *c, qm_vec p)
 }
 
 /** Follows the cut out of one end of a segment up to another segment. False if it ends before. */
-static qm_status follow_cut(qm_context *ctx, const cut *c, uint32_t end, uint32_t target, qm_line *out,
+static qm_status follow_cut(qm_context *ctx, const cut *c, uint32_t end, uint32_t target, qm_section *out,
                             bool *is_reached)
 {
     *is_reached = false;
     for (size_t step = 0; step <= c->count; step++) {
-        qm_status status = qm_line_add(ctx, out, c->segments[end / 2].at[end % 2]);
+        qm_status status = qm_section_add(ctx, out, c->segments[end / 2].at[end % 2]);
         if (status != QM_OK || c->partner[end] == QM_NO_INDEX) return status;
         uint32_t entered = c->partner[end];
         if (entered / 2 == target) {
@@ -265,54 +282,54 @@ static qm_status follow_cut(qm_context *ctx, const cut *c, uint32_t end, uint32_
 }
 
 static qm_status ring_on_mesh(qm_context *ctx, const qm_ref_surface *surface, qm_vec through, qm_vec normal,
-                              qm_line *out)
+                              qm_section *out)
 {
     cut c;
     qm_status status = cut_make(ctx, &surface->bvh->mesh, through, normal, &c);
     if (status != QM_OK || c.count == 0) return status;
     uint32_t start = nearest_segment(&c, through);
     bool is_closed = false;
-    status = qm_line_add(ctx, out, through);
+    status = qm_section_add(ctx, out, through);
     if (status == QM_OK) status = follow_cut(ctx, &c, 2 * start, start, out, &is_closed);
-    if (status == QM_OK) status = qm_line_add(ctx, out, through);
+    if (status == QM_OK) status = qm_section_add(ctx, out, through);
     if (!is_closed) out->count = 0;
     cut_reset(ctx, &c);
     return status;
 }
 
 /** How much a line sets out in a direction. */
-static double start_along(const qm_line *line, double length, qm_vec direction)
+static double start_along(const qm_section *line, double length, qm_vec direction)
 {
-    return qm_vec_dot(qm_vec_sub(qm_line_at(line, length), line_point(line, 0)), direction);
+    return qm_vec_dot(qm_vec_sub(qm_section_at(line, length), line_point(line, 0)), direction);
 }
 
 static qm_status between_on_mesh(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
-                                 qm_vec normal, qm_vec toward, qm_line *out)
+                                 qm_vec normal, qm_vec toward, qm_section *out)
 {
     cut c;
     qm_status status = cut_make(ctx, &surface->bvh->mesh, from, normal, &c);
     if (status != QM_OK || c.count == 0) return status;
     uint32_t start = nearest_segment(&c, from), end = nearest_segment(&c, to);
-    qm_line way[2] = {{0}, {0}};
+    qm_section way[2] = {{0}, {0}};
     bool is_reached[2] = {false, false};
     for (uint32_t k = 0; k < 2 && status == QM_OK; k++) {
-        status = qm_line_add(ctx, &way[k], from);
+        status = qm_section_add(ctx, &way[k], from);
         if (status == QM_OK && start != end)
             status = follow_cut(ctx, &c, 2 * start + k, end, &way[k], &is_reached[k]);
-        if (status == QM_OK) status = qm_line_add(ctx, &way[k], to);
+        if (status == QM_OK) status = qm_section_add(ctx, &way[k], to);
     }
     if (status == QM_OK) {
         double length = 0.15 * qm_vec_distance(from, to);
         bool is_second = is_reached[1] && (!is_reached[0] || start_along(&way[1], length, toward) >
                                                                  start_along(&way[0], length, toward));
         if (start == end || is_reached[is_second]) {
-            qm_line_reset(ctx, out);
+            qm_section_reset(ctx, out);
             *out = way[is_second];
-            way[is_second] = (qm_line){0};
+            way[is_second] = (qm_section){0};
         }
     }
     for (int k = 0; k < 2; k++)
-        qm_line_reset(ctx, &way[k]);
+        qm_section_reset(ctx, &way[k]);
     cut_reset(ctx, &c);
     return status;
 }
@@ -331,13 +348,13 @@ static qm_vec project(const qm_ref_surface *surface, qm_vec p, qm_vec *normal)
 
 /** Steps along the cut from a place until a target is within a step. Empty if it is not reached. */
 static qm_status follow_points(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
-                               qm_vec normal, qm_vec toward, double step, qm_line *out)
+                               qm_vec normal, qm_vec toward, double step, qm_section *out)
 {
     qm_vec at_normal, p = project(surface, from, &at_normal), before = toward;
-    qm_status status = qm_line_add(ctx, out, from);
+    qm_status status = qm_section_add(ctx, out, from);
     bool is_ring = qm_vec_equal(from, to);
     for (int k = 0; k < MAX_STEPS && status == QM_OK; k++) {
-        if ((!is_ring || k > 4) && qm_vec_distance(p, to) <= step) return qm_line_add(ctx, out, to);
+        if ((!is_ring || k > 4) && qm_vec_distance(p, to) <= step) return qm_section_add(ctx, out, to);
         qm_vec along = qm_vec_cross(normal, at_normal);
         double length = qm_vec_norm(along);
         if (!(length > 1e-3)) break;
@@ -346,7 +363,7 @@ static qm_status follow_points(qm_context *ctx, const qm_ref_surface *surface, q
         p = project(surface, qm_vec_axpy(p, step, along), &at_normal);
         p = qm_vec_axpy(p, -qm_vec_dot(qm_vec_sub(p, from), normal), normal);
         p = project(surface, p, &at_normal);
-        status = qm_line_add(ctx, out, p);
+        status = qm_section_add(ctx, out, p);
     }
     out->count = 0;
     return status;
@@ -355,9 +372,9 @@ static qm_status follow_points(qm_context *ctx, const qm_ref_surface *surface, q
 /* ---- both ---- */
 
 qm_status qm_section_ring(qm_context *ctx, const qm_ref_surface *surface, qm_vec through, qm_vec normal,
-                          qm_line *out)
+                          qm_section *out)
 {
-    *out = (qm_line){0};
+    *out = (qm_section){0};
     qm_status status;
     if (surface->is_cloud) {
         qm_vec own, any = qm_vec_perpendicular(normal);
@@ -369,14 +386,28 @@ qm_status qm_section_ring(qm_context *ctx, const qm_ref_surface *surface, qm_vec
         status = ring_on_mesh(ctx, surface, through, normal, out);
     }
     if (status == QM_OK) status = simplify(ctx, surface->diagonal, out);
-    if (status != QM_OK) qm_line_reset(ctx, out);
+    if (status != QM_OK) qm_section_reset(ctx, out);
     return status;
 }
 
-qm_status qm_section_between(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
-                             qm_vec inward, double tilt, qm_line *out)
+/** Leaves out the points near both ends. These may lie off the surface, and the cut beside them: they would make a hook. */
+static void clear_ends(qm_section *line, double near_start, double near_end)
 {
-    *out = (qm_line){0};
+    size_t first = 1, last = line->count - 1;
+    qm_vec start = line_point(line, 0), end = line_point(line, last);
+    while (first < last && qm_vec_distance(line_point(line, first), start) <= near_start)
+        first++;
+    while (last > first && qm_vec_distance(line_point(line, last - 1), end) <= near_end)
+        last--;
+    memmove(line->points + 3, line->points + 3 * first, (last - first) * 3 * sizeof(double));
+    line->count = last - first + 2;
+    qm_vec_store(line->points + 3 * (line->count - 1), end);
+}
+
+qm_status qm_section_between(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
+                             qm_vec inward, double tilt, qm_section *out)
+{
+    *out = (qm_section){0};
     qm_vec normal[2], along = qm_vec_sub(to, from);
     qm_vec start = project(surface, from, &normal[0]), end = project(surface, to, &normal[1]);
     double distance = qm_vec_norm(along);
@@ -398,22 +429,23 @@ qm_status qm_section_between(qm_context *ctx, const qm_ref_surface *surface, qm_
     if (status == QM_OK && out->count >= 2) {
         qm_vec_store(out->points, from);
         qm_vec_store(out->points + 3 * (out->count - 1), to);
+        clear_ends(out, 2.0 * qm_vec_distance(from, start), 2.0 * qm_vec_distance(to, end));
         status = simplify(ctx, surface->diagonal, out);
     }
-    if (status != QM_OK) qm_line_reset(ctx, out);
+    if (status != QM_OK) qm_section_reset(ctx, out);
     return status;
 }
 
 qm_status qm_section_project(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
-                             qm_line *out)
+                             qm_section *out)
 {
-    *out = (qm_line){0};
+    *out = (qm_section){0};
     qm_status status = QM_OK;
     for (int k = 0; k < PROJECTED_POINTS && status == QM_OK; k++) {
         double t = (double)k / (PROJECTED_POINTS - 1);
         qm_vec p = qm_vec_mix(from, to, t), normal;
-        status = qm_line_add(ctx, out, k == 0 || t == 1.0 ? p : project(surface, p, &normal));
+        status = qm_section_add(ctx, out, k == 0 || t == 1.0 ? p : project(surface, p, &normal));
     }
-    if (status != QM_OK) qm_line_reset(ctx, out);
+    if (status != QM_OK) qm_section_reset(ctx, out);
     return status;
 }

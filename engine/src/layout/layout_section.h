@@ -7,18 +7,18 @@
 #include "core/vec.h"
 #include "qm/source.h"
 
-/** A polyline that grows. All zero is an empty one. */
-typedef struct qm_line {
+/** Points along a cut, in order. All zero is an empty one. */
+typedef struct qm_section {
     double *points; /* rows of x y z */
     size_t count, capacity;
-} qm_line;
+} qm_section;
 
-void qm_line_reset(qm_context *ctx, qm_line *line);
-qm_status qm_line_add(qm_context *ctx, qm_line *line, qm_vec point);
-double qm_line_length(const qm_line *line);
+void qm_section_reset(qm_context *ctx, qm_section *line);
+qm_status qm_section_add(qm_context *ctx, qm_section *line, qm_vec point);
+double qm_section_length(const qm_section *line);
 
 /** The place at an arc length from the start, or the end of a shorter line. */
-qm_vec qm_line_at(const qm_line *line, double length);
+qm_vec qm_section_at(const qm_section *line, double length);
 
 /**
  * Cuts the surface with a plane and follows the cut from a place of it until it returns. The last point equals the first.
@@ -28,7 +28,7 @@ qm_vec qm_line_at(const qm_line *line, double length);
  * normal   of length 1
  */
 qm_status qm_section_ring(qm_context *ctx, const qm_ref_surface *surface, qm_vec through, qm_vec normal,
-                          qm_line *out);
+                          qm_section *out);
 
 /**
  * Draws a curve on the surface between two places of it, in the plane that both span with the surface's normals there and
@@ -39,10 +39,10 @@ qm_status qm_section_ring(qm_context *ctx, const qm_ref_surface *surface, qm_vec
  * tilt    by which the plane is turned about the straight line between the places, in radians
  */
 qm_status qm_section_between(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
-                             qm_vec inward, double tilt, qm_line *out);
+                             qm_vec inward, double tilt, qm_section *out);
 
 /** Projects the straight line between two places onto the surface, as a last resort: it may jump. */
 qm_status qm_section_project(qm_context *ctx, const qm_ref_surface *surface, qm_vec from, qm_vec to,
-                             qm_line *out);
+                             qm_section *out);
 
 #endif

@@ -19,7 +19,7 @@ enum { POINT_SIZE = 3 * sizeof(double) };
 
 /** The shortest ring through a place, of planes along the surface's normal there. Empty if none returns. */
 static qm_status shortest_ring(qm_context *ctx, const qm_ref_surface *surface,
-                               const qm_ref_surface_point *through, qm_line *out)
+                               const qm_ref_surface_point *through, qm_section *out)
 {
     qm_vec at = qm_vec_load(through->position), normal = qm_vec_load(through->normal);
     if (qm_vec_norm2(normal) == 0.0) normal = (qm_vec){0, 0, 1};
@@ -28,7 +28,7 @@ static qm_status shortest_ring(qm_context *ctx, const qm_ref_surface *surface,
     qm_vec y = qm_vec_cross(normal, x);
     const double straight = 3.141592653589793;
     double best = INFINITY, angle = 0.0, step = straight / RING_DIRECTIONS;
-    *out = (qm_line){0};
+    *out = (qm_section){0};
     for (int round = 0; round <= RING_ROUNDS; round++) {
         int count = round == 0 ? RING_DIRECTIONS : 2;
         double centre = angle;
@@ -36,20 +36,20 @@ static qm_status shortest_ring(qm_context *ctx, const qm_ref_surface *surface,
         for (int k = 0; k < count; k++) {
             double tried = round == 0 ? k * step : centre + (k == 0 ? -step : step);
             qm_vec plane = qm_vec_axpy(qm_vec_scale(cos(tried), x), sin(tried), y);
-            qm_line line;
+            qm_section line;
             qm_status status = qm_section_ring(ctx, surface, at, plane, &line);
             if (status != QM_OK) {
-                qm_line_reset(ctx, out);
+                qm_section_reset(ctx, out);
                 return status;
             }
-            double length = line.count >= 4 ? qm_line_length(&line) : INFINITY;
+            double length = line.count >= 4 ? qm_section_length(&line) : INFINITY;
             if (length < best) {
                 best = length;
                 angle = tried;
-                qm_line_reset(ctx, out);
+                qm_section_reset(ctx, out);
                 *out = line;
             } else {
-                qm_line_reset(ctx, &line);
+                qm_section_reset(ctx, &line);
             }
         }
     }
@@ -62,7 +62,7 @@ qm_status qm_layout_add_ring(qm_context *ctx, qm_layout *layout, const qm_ref_su
     QM_ASSERT(ctx && layout && surface && through && id);
     qm_ref_surface_point at;
     qm_ref_surface_project(surface, through, &at);
-    qm_line line;
+    qm_section line;
     qm_status status;
     if (plane) {
         double length = qm_vec_norm(qm_vec_load(plane));
@@ -78,7 +78,7 @@ qm_status qm_layout_add_ring(qm_context *ctx, qm_layout *layout, const qm_ref_su
                  ? qm_layout_add_stroke(ctx, layout, surface, line.points, line.count, radius, id)
                  : qm_context_fail(ctx, QM_E_ARGUMENT,
                                    "no plane through the place cuts the surface in a closed curve");
-    qm_line_reset(ctx, &line);
+    qm_section_reset(ctx, &line);
     return status;
 }
 
@@ -123,13 +123,13 @@ typedef struct loop {
 
 /** The walks that a curve is part of: the ring that it goes on straight along, and the borders of the cells on both sides.
  * Returns their number. */
-static int find_loops(const qm_layout *layout, const qm_cells *cells, uint32_t index, loop found[3])
+static int find_loops(const qm_layout *layout, const qm_layout_cells *cells, uint32_t index, loop found[3])
 {
     int count = 0;
     found[0].count = ring_nodes(layout, index, found[0].node);
     count += found[0].count >= 2;
     for (uint32_t side = 0; side < 2; side++) {
-        const qm_cell *cell = &cells->cells[cells->of_dart[2 * index + side]];
+        const qm_layout_cell *cell = &cells->cells[cells->of_dart[2 * index + side]];
         if (cell->sides < 2 || cell->sides > MAX_RING || cell->is_on_both_sides) continue;
         for (uint32_t k = 0; k < cell->sides; k++)
             found[count].node[k] = qm_layout_dart_start(layout, cells->dart[cell->first + k]);
@@ -193,7 +193,7 @@ qm_status qm_layout_add_tube(qm_context *ctx, qm_layout *layout, const qm_ref_su
         if (index[k] == QM_NO_INDEX)
             return qm_context_fail(ctx, QM_E_ARGUMENT, "there is no curve %u", id[k]);
     }
-    qm_cells cells;
+    qm_layout_cells cells;
     qm_status status = qm_layout_find_cells(ctx, surface, layout, &cells);
     if (status != QM_OK) return status;
     for (int k = 0; k < 2; k++)
@@ -283,7 +283,7 @@ static void find_range(const mirror *m, const qm_curve *curve, double range[2])
 
 /** Cuts a curve where it first passes through the plane, if it has parts on both sides of it. */
 static qm_status cut_at_plane(qm_context *ctx, qm_layout *layout, const mirror *m, uint32_t index,
-                              qm_line *cuts)
+                              qm_section *cuts)
 {
     const qm_curve *curve = &layout->curves[index];
     double range[2];
@@ -301,7 +301,7 @@ static qm_status cut_at_plane(qm_context *ctx, qm_layout *layout, const mirror *
         at.along += qm_vec_distance(from, place);
         qm_vec_store(at.position, place);
         if (!qm_layout_is_inside(curve, &at)) continue;
-        qm_status status = qm_line_add(ctx, cuts, place);
+        qm_status status = qm_section_add(ctx, cuts, place);
         return status == QM_OK ? qm_layout_split_at(ctx, layout, index, &at) : status;
     }
     return QM_OK;
@@ -347,7 +347,7 @@ static qm_status add_image(qm_context *ctx, qm_layout *layout, const qm_ref_surf
 }
 
 /** Joins the two curves at each place where the plane has cut one. */
-static qm_status join_at_cuts(qm_context *ctx, qm_layout *layout, const qm_line *cuts)
+static qm_status join_at_cuts(qm_context *ctx, qm_layout *layout, const qm_section *cuts)
 {
     qm_status status = qm_layout_remove_isolated_nodes(ctx, layout);
     for (size_t i = 0; i < cuts->count && status == QM_OK; i++) {
@@ -365,7 +365,7 @@ static qm_status join_at_cuts(qm_context *ctx, qm_layout *layout, const qm_line 
 }
 
 static qm_status mirror_curves(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
-                               const mirror *m, uint32_t **image, size_t *image_count, qm_line *cuts)
+                               const mirror *m, uint32_t **image, size_t *image_count, qm_section *cuts)
 {
     qm_status status = QM_OK;
     for (uint32_t i = 0; i < layout->curve_count && status == QM_OK; i++)
@@ -399,13 +399,13 @@ qm_status qm_layout_mirror(qm_context *ctx, qm_layout *layout, const qm_ref_surf
     qm_layout copy;
     qm_status status = qm_layout_copy(ctx, layout, &copy);
     if (status != QM_OK) return status;
-    qm_line cuts = {0};
+    qm_section cuts = {0};
     uint32_t *image = NULL;
     size_t image_count = 0;
     status = mirror_curves(ctx, &copy, surface, &m, &image, &image_count, &cuts);
     if (status == QM_OK && copy.curve_count == 0)
         status = qm_context_fail(ctx, QM_E_ARGUMENT, "no curve lies on the side that the normal points to");
     qm_context_free(ctx, image, image_count, sizeof *image);
-    qm_line_reset(ctx, &cuts);
+    qm_section_reset(ctx, &cuts);
     return qm_layout_finish_edit(ctx, layout, &copy, status);
 }
