@@ -145,6 +145,14 @@ static void chords_run_through_all_their_patches(void **state)
         QM_CHECK(fabs(away - 0.35) < 0.02, "node %zu at %g of the axis", i, away);
     }
     qm_layout_free(&layout);
+    /* A layout does not grow without end. */
+    layout = qm_layout_of_grid(12, 60, true, true, 2, qm_torus_at, NULL);
+    qm_status status = QM_OK;
+    for (uint32_t curve = 0; curve < 12 && status == QM_OK; curve++)
+        status = qm_layout_split_chord(&g.ctx, &layout, &g.source, curve, QM_CHORD_PARTS_MAX);
+    assert_int_equal(status, QM_E_ARGUMENT);
+    assert_true(layout.curve_count <= 10000 && strstr(g.ctx.message, "10000 are the most"));
+    qm_layout_free(&layout);
     qm_ground_free(&g);
 }
 

@@ -58,7 +58,8 @@ qm_status qm_layout_fill(qm_context *ctx, qm_layout *layout, const qm_ref_surfac
 #define QM_CHORD_PARTS_MAX 16
 
 /** Cuts a curve into equal parts, and with it the opposite sides of its patches and so on: the whole chord; nodes along
- * it are joined by new curves. Cells of other than four sides at its ends get more sides. */
+ * it are joined by new curves. Cells of other than four sides at its ends get more sides. QM_E_ARGUMENT also for more than
+ * 10000 curves. */
 qm_status qm_layout_split_chord(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
                                 uint32_t id, uint32_t parts);
 

@@ -26,15 +26,16 @@
 #include "layout_internal.h"
 #include "layout_section.h"
 
-#define MAX_POLYGON 48  /* nodes round a cell that patterns are sought for */
-#define MAX_PARTS 4     /* of a chord that is cut to fill a cell */
-#define NO_FIT 1e4      /* cost of a cell without a pattern */
-#define WORST_CORNER 19 /* cost of a corner of 0 or 180 degrees or more, in patches */
-#define IRREGULAR 0.5   /* cost of a node of three curves, in patches */
-#define SIDE_SAMPLES 8  /* of a side, for the direction into its cell */
-#define COONS_PIECES 12 /* of a curve that divides a patch */
-#define MAX_FLAT 0.6    /* length of the mean direction into a cell from which it is the end of a limb */
-#define MAX_MOVES 4096  /* of the search */
+#define MAX_POLYGON 48   /* nodes round a cell that patterns are sought for */
+#define MAX_PARTS 4      /* of a chord that is cut to fill a cell */
+#define NO_FIT 1e4       /* cost of a cell without a pattern */
+#define WORST_CORNER 19  /* cost of a corner of 0 or 180 degrees or more, in patches */
+#define IRREGULAR 0.5    /* cost of a node of three curves, in patches */
+#define SIDE_SAMPLES 8   /* of a side, for the direction into its cell */
+#define COONS_PIECES 12  /* of a curve that divides a patch */
+#define MAX_FLAT 0.6     /* length of the mean direction into a cell from which it is the end of a limb */
+#define MAX_CURVES 10000 /* of a layout whose chords are cut */
+#define MAX_MOVES 4096   /* of the search */
 
 enum { MAX_EDGES = MAX_POLYGON, MAX_INNER = 2, MAX_SPANS = 3 };
 
@@ -476,27 +477,31 @@ static qm_vec coons_at(const filling *f, const qm_layout_cell *cell, double u, d
     return qm_vec_sub(qm_vec_add(qm_vec_mix(bottom, top, v), qm_vec_mix(left, right, u)), bilinear);
 }
 
-/** Adds the curve of the Coons patch between two nodes of the lattice, on the wall that the first one lies on. */
+/** Adds the curve of the Coons patch between two nodes of the lattice. Each point is put on the wall that the one before it
+ * lies on, so that the curve turns round edges and does not change to the other side of a sheet. */
 static qm_status add_coons_curve(filling *f, const qm_layout_cell *cell, const uint32_t node[2],
                                  const double from[2], const double to[2])
 {
-    double points[3 * (COONS_PIECES + 1)];
+    double points[3 * (COONS_PIECES + 1)] = {0};
     qm_ref_surface_point at;
     qm_ref_surface_project(f->surface, f->layout->nodes + 3 * (size_t)node[0], &at);
-    const double normal[3] = {at.normal[0], at.normal[1], at.normal[2]};
     double reach = qm_vec_distance(node_at(f, node[0]), node_at(f, node[1]));
-    bool has_wall = reach > 0.0 && qm_vec_norm2(qm_vec_load(normal)) > 0.0;
+    size_t count = 0;
     for (int k = 0; k <= COONS_PIECES; k++) {
-        double t = (double)k / COONS_PIECES, place[3];
+        double t = (double)k / COONS_PIECES, place[3], normal[3] = {at.normal[0], at.normal[1], at.normal[2]};
         qm_vec_store(place,
                      coons_at(f, cell, (1.0 - t) * from[0] + t * to[0], (1.0 - t) * from[1] + t * to[1]));
-        if (has_wall)
+        if (reach > 0.0 && qm_vec_norm2(qm_vec_load(normal)) > 0.0)
             qm_ref_surface_project_toward(f->surface, place, normal, reach, &at);
         else
             qm_ref_surface_project(f->surface, place, &at);
-        memcpy(points + 3 * k, at.position, sizeof at.position);
+        /* A point that repeats the one before gives no direction; the last one becomes the node. */
+        qm_vec here = qm_vec_load(at.position);
+        bool is_new = count == 0 || qm_vec_distance(here, qm_vec_load(points + 3 * count - 3)) > 1e-6 * reach;
+        if (is_new) qm_vec_store(points + 3 * count++, here);
     }
-    return qm_layout_add_curve(f->ctx, f->layout, node[0], node[1], points, COONS_PIECES + 1);
+    if (count == 1) count = 2; /* both ends become nodes */
+    return qm_layout_add_curve(f->ctx, f->layout, node[0], node[1], points, count);
 }
 
 /** Divides a patch that is not the end of a limb along the lines of its Coons patch, which follow its sides. */
@@ -639,6 +644,25 @@ static qm_status filling_init(qm_context *ctx, const qm_ref_surface *surface, co
     return status;
 }
 
+/** An error if the rows of cut chords would be more curves than layouts are made for: cells are found in the square of it. */
+static qm_status check_size(const filling *f)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < f->curve_count; i++)
+        count += f->parts[f->chord[i]];
+    for (size_t i = 0; i < f->cells.count; i++) {
+        const qm_layout_cell *cell = &f->cells.cells[i];
+        if (!qm_layout_cell_is_patch(cell)) continue;
+        size_t columns = f->parts[chord_of(f, cell_dart(f, cell, 0))],
+               rows = f->parts[chord_of(f, cell_dart(f, cell, 1))];
+        count += (rows - 1) * columns + (columns - 1) * rows;
+    }
+    return count <= MAX_CURVES
+               ? QM_OK
+               : qm_context_fail(f->ctx, QM_E_ARGUMENT,
+                                 "the layout would have %zu curves, and %d are the most", count, MAX_CURVES);
+}
+
 /** Divides the patches that cut chords run through. */
 static qm_status divide_patches(filling *f)
 {
@@ -705,6 +729,7 @@ static qm_status fill(filling *f, const double *near, size_t *filled)
 {
     qm_status status = choose_cells(f, near);
     if (status == QM_OK) status = choose_parts(f);
+    if (status == QM_OK) status = check_size(f);
     /* A cell without a pattern stays as it is, and does not count against the others. */
     if (status == QM_OK) status = cut_curves(f);
     if (status == QM_OK) status = divide_patches(f);
@@ -749,8 +774,9 @@ qm_status qm_layout_split_chord(qm_context *ctx, qm_layout *layout, const qm_ref
     status = filling_init(ctx, surface, layout, &copy, &f);
     if (status == QM_OK) {
         f.parts[f.chord[index]] = parts;
-        status = cut_curves(&f);
+        status = check_size(&f);
     }
+    if (status == QM_OK) status = cut_curves(&f);
     if (status == QM_OK) status = divide_patches(&f);
     filling_reset(&f);
     return qm_layout_finish_edit(ctx, layout, &copy, status);
