@@ -163,10 +163,10 @@ def test_it_shares_the_memory(make_daemon):
 
 
 def test_its_mesh_is_within_the_quota(make_daemon):
-    running = make_daemon("--max-data-bytes", 1 << 20)
+    running = make_daemon("--max-data-bytes", 3 << 18)
     with running.client() as client:
         mesh = client.upload(torus(40, 20))["id"]
-        job = remesh(client, mesh, quads=40000)
+        job = remesh(client, mesh, quads=20000)
         assert job["state"] == "failed" and job["problem"]["code"] == "storage_full"
         assert remesh(client, mesh, quads=200)["state"] == "succeeded"
 
@@ -190,7 +190,7 @@ def test_a_daemon_that_is_killed_makes_it_again(make_daemon):
     with running.client() as client:
         mesh = client.upload(torus())["id"]
         done = remesh(client, mesh, quads=300)
-        job = client.post("/v1/jobs", json={"type": "remesh", "mesh": mesh, "quads": 30000}).json()
+        job = client.post("/v1/jobs", json={"type": "remesh", "mesh": mesh, "quads": 12000}).json()
         client.wait_until_running(job["id"])
         time.sleep(0.2)
     running.stop(signal.SIGKILL)
