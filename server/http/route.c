@@ -34,7 +34,7 @@ static const char *const list_query[] = {"limit", "cursor", "order", "mesh", NUL
 static const char *const upload_query[] = {"name",        "format", "ttl_seconds", "unit",
                                            "uncertainty", "labels", NULL};
 static const char *const format_query[] = {"format", NULL};
-static const char *const content_query[] = {"format", "quantization", NULL};
+static const char *const content_query[] = {"format", "quantization", "uv", NULL};
 static const char *const quality_query[] = {"metric", NULL};
 static const char *const rows_query[] = {"dtype", NULL};
 static const char *const project_query[] = {"dtype",       "quads",     "order", "threads",
@@ -95,6 +95,20 @@ static const qm_route routes[] = {
      no_query},
     {"POST", "/v1/layouts/{id}/strokes", QM_SCOPE_WRITE, qm_handle_layout_stroke, json, QM_BODY_MEMORY,
      QM_LANE_EDIT, no_query},
+    {"POST", "/v1/layouts/{id}/rings", QM_SCOPE_WRITE, qm_handle_layout_ring, json, QM_BODY_MEMORY,
+     QM_LANE_EDIT, no_query},
+    {"POST", "/v1/layouts/{id}/links", QM_SCOPE_WRITE, qm_handle_layout_link, json, QM_BODY_MEMORY,
+     QM_LANE_EDIT, no_query},
+    {"POST", "/v1/layouts/{id}/tubes", QM_SCOPE_WRITE, qm_handle_layout_tube, json, QM_BODY_MEMORY,
+     QM_LANE_EDIT, no_query},
+    {"POST", "/v1/layouts/{id}/fill", QM_SCOPE_WRITE, qm_handle_layout_fill, json, QM_BODY_MEMORY,
+     QM_LANE_EDIT, no_query},
+    {"POST", "/v1/layouts/{id}/mirror", QM_SCOPE_WRITE, qm_handle_layout_mirror, json, QM_BODY_MEMORY,
+     QM_LANE_EDIT, no_query},
+    {"POST", "/v1/layouts/{id}/nodes/merge", QM_SCOPE_WRITE, qm_handle_node_merge, json, QM_BODY_MEMORY,
+     QM_LANE_EDIT, no_query},
+    {"POST", "/v1/layouts/{id}/nodes/{node}/move", QM_SCOPE_WRITE, qm_handle_node_move, json, QM_BODY_MEMORY,
+     QM_LANE_EDIT, no_query},
     {"POST", "/v1/layouts/{id}/undo", QM_SCOPE_WRITE, qm_handle_layout_undo, json, QM_BODY_MEMORY,
      QM_LANE_SHORT, no_query},
     {"POST", "/v1/layouts/{id}/redo", QM_SCOPE_WRITE, qm_handle_layout_redo, json, QM_BODY_MEMORY,
@@ -106,6 +120,10 @@ static const qm_route routes[] = {
     {"POST", "/v1/layouts/{id}/curves/{curve}/snap", QM_SCOPE_WRITE, qm_handle_curve_snap, json,
      QM_BODY_MEMORY, QM_LANE_EDIT, no_query},
     {"POST", "/v1/layouts/{id}/curves/{curve}/redraw", QM_SCOPE_WRITE, qm_handle_curve_redraw, json,
+     QM_BODY_MEMORY, QM_LANE_EDIT, no_query},
+    {"POST", "/v1/layouts/{id}/curves/{curve}/slide", QM_SCOPE_WRITE, qm_handle_curve_slide, json,
+     QM_BODY_MEMORY, QM_LANE_EDIT, no_query},
+    {"POST", "/v1/layouts/{id}/curves/{curve}/split-chord", QM_SCOPE_WRITE, qm_handle_chord_split, json,
      QM_BODY_MEMORY, QM_LANE_EDIT, no_query},
     {"DELETE", "/v1/layouts/{id}/curves/{curve}", QM_SCOPE_WRITE, qm_handle_curve_delete, json, QM_BODY_NONE,
      QM_LANE_EDIT, no_query},

@@ -37,11 +37,12 @@ typedef struct qm_json_quad_layout {
     char quads[QM_ID_SIZE];      /* of QM_LAYOUT_QUADS */
     qm_quads_options make_quads; /* of QM_LAYOUT_SURFACE */
     qm_quad_layout_options options;
+    double deadline_ms; /* from the start of the request on; 0: none */
 } qm_json_quad_layout;
 
 /**
- * Reads {mesh, quads, patches, crease_angle} or {mesh, auto, quad_count, patches, crease_angle}. A request with neither
- * quads nor auto gives a layout, and has no problem here.
+ * Reads {mesh, quads, patches, crease_angle, deadline_ms} or {mesh, auto, quad_count, patches, crease_angle, deadline_ms}. A
+ * request with neither quads nor auto gives a layout, and has no problem here.
  *
  * False with a problem (400).
  */
@@ -71,20 +72,33 @@ typedef enum qm_layout_edit_kind {
     QM_EDIT_SPLIT,
     QM_EDIT_SNAP,
     QM_EDIT_REDRAW,
-    QM_EDIT_MERGE
+    QM_EDIT_MERGE, /* of curves or nodes; a link of nodes, a tube between curves */
+    QM_EDIT_RING,
+    QM_EDIT_FILL,
+    QM_EDIT_MIRROR,
+    QM_EDIT_MOVE,
+    QM_EDIT_SLIDE,
+    QM_EDIT_SPLIT_CHORD
 } qm_layout_edit_kind;
 
 /** An edit; the fields of other kinds are zero. */
 typedef struct qm_layout_edit {
     double *points; /* x y in the window, or x y z, of each point; malloc'ed */
     size_t point_count;
-    bool in_window; /* always of a stroke, optional of a redraw: points are picked with camera and pick */
+    bool
+        in_window; /* always of a stroke and a ring, optional of a redraw, move, slide: points are picked with camera
+                       and pick */
     qm_camera camera;
     qm_pick_options pick;
-    double radius;          /* stroke, snap: the distance at which ends snap; 0 if absent */
-    double point[3];        /* split, snap */
+    double radius;          /* the distance at which ends snap; 0 if absent */
+    double point[3];        /* split, snap, fill, move; of the mirror's plane */
+    bool has_point;         /* fill */
+    double normal[3];       /* of the mirror's plane */
+    bool has_mirror;        /* stroke, ring: point and normal are those of a mirror */
+    double from[3];         /* slide: the place that is held; point is where it goes */
     int end;                /* snap: 0 from, 1 to */
     uint32_t first, second; /* merge */
+    uint32_t parts;         /* split of a chord */
 } qm_layout_edit;
 
 /** False with a problem (400, 507); else *out is the caller's, for qm_layout_edit_reset. */
