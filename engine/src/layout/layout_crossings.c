@@ -13,9 +13,10 @@
 #define TOUCH 1e-6         /* of that sum: nearer ones meet, whatever walls they lie on */
 #define END_TOLERANCE 1e-9 /* of a segment's length */
 #define HALVINGS 5         /* of two segments that seem to cross on a mesh: they must still do */
-#define BEYOND 0.1         /* of a piece: a crossing may move so far as pieces are projected */
-#define WALL_REACH 0.05    /* of the diagonal: the wall of a curve is sought no farther away */
-#define HAND_JITTER 0.1    /* of a curve's points: a loop over fewer of its segments is hand jitter */
+#define COARSE 0.5 /* of the shorter piece: one that is so far off the mesh in its middle crosses elsewhere */
+#define BEYOND 0.1 /* of a piece: a crossing may move so far as pieces are projected */
+#define WALL_REACH 0.05 /* of the diagonal: the wall of a curve is sought no farther away */
+#define HAND_JITTER 0.1 /* of a curve's points: a loop over fewer of its segments is hand jitter */
 
 /* Of length 1 or a little less, nearly at right angles, and oblique to the axes and to their diagonals. */
 static const qm_vec direction[2] = {{0.7573, 0.5411, 0.3656}, {-0.6214, 0.7693, 0.1482}};
@@ -125,7 +126,7 @@ static bool is_on_piece(const piece *p, double s)
 }
 
 /** True when two pieces still cross as they are halved, on the surface. Walls that are apart no longer do when the pieces are
- * shorter than the walls are thick. */
+ * shorter than the walls are thick. Pieces too coarse to be near the surface do as they are. */
 static bool pieces_cross(const qm_ref_surface *surface, const piece *a, const piece *b, int depth)
 {
     meeting m;
@@ -135,9 +136,11 @@ static bool pieces_cross(const qm_ref_surface *surface, const piece *a, const pi
     if (depth == 0) return true;
     const piece *whole[2] = {a, b};
     piece part[2][2];
+    double shorter = fmin(qm_vec_distance(a->end[0], a->end[1]), qm_vec_distance(b->end[0], b->end[1]));
     for (int i = 0; i < 2; i++) {
-        qm_vec middle = qm_vec_mix(whole[i]->end[0], whole[i]->end[1], 0.5), normal;
+        qm_vec straight = qm_vec_mix(whole[i]->end[0], whole[i]->end[1], 0.5), middle = straight, normal;
         place(surface, qm_vec_add(whole[i]->normal[0], whole[i]->normal[1]), &middle, &normal);
+        if (qm_vec_distance(straight, middle) > COARSE * shorter) return true;
         for (int k = 0; k < 2; k++)
             part[i][k] = half(whole[i], k, middle, normal);
     }
