@@ -84,6 +84,7 @@ static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, cons
         status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
     if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &out->mesh);
     qm_reconstruction_destroy(ctx, r);
+    if (status == QM_OK) status = qm_quads_settle(ctx, surface->bvh, &options->quads, &out->mesh);
     return status == QM_OK ? measure(ctx, surface, options, out) : status;
 }
 
