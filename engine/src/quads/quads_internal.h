@@ -124,8 +124,9 @@ qm_status qm_quads_make_segments(qm_context *ctx, const double *segments, size_t
  * vertices that are not. */
 qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r, size_t *irregular);
 
-/** Moves vertices along the surface, those of features along these. */
-qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
+/** Moves vertices along the surface, those of features along these; spreads them where the surface bends, if wanted. */
+qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool spreads,
+                          int thread_count);
 
 /** Makes bad quads better: vertices move along the surface, and where that is not enough the mesh changes, unless it keeps its
  * faces. */

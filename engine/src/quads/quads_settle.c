@@ -44,8 +44,8 @@ static qm_status find_features(settle *w)
     return qm_bvh_build(w->ctx, &w->r.features, QM_BVH_TARGET, w->options->thread_count, &w->features);
 }
 
-/** True if sides are paired one to one, and no vertex has more than one fan; vertices with several are fixed. */
-static bool fix_fans(qm_quads_sides *t)
+/** True if sides are paired one to one, and every vertex has one fan of quads. */
+static bool is_manifold(qm_quads_sides *t)
 {
     for (uint32_t s = 0; s < 4 * t->face_count; s++)
         if (t->twin[s] != QM_NO_INDEX && t->twin[t->twin[s]] != s) return false;
@@ -59,7 +59,7 @@ static bool fix_fans(qm_quads_sides *t)
             count++;
             s = qm_quads_around(t, s);
         } while (s != QM_NO_INDEX && s != first);
-        if (count < t->stamp[v]) t->r->is_fixed[v] = true;
+        if (count < t->stamp[v]) return false;
     }
     return true;
 }
@@ -87,30 +87,37 @@ static bool is_along(const settle *w, const qm_quads_sides *t, uint32_t side, qm
            distance_to(&middle, w->features, w->ctx, &near, status) <= reach;
 }
 
-/** Marks the sides along features, and fixes the ends of other boundaries. Inside a block of rows and columns no side is one: only
- * layouts are drawn along features. */
-static qm_status mark_sides(settle *w, const qm_quads_sides *t)
+/** Marks a side if it lies along a feature; fixes its ends if it is another boundary. */
+static qm_status mark_side(settle *w, const qm_quads_sides *t, uint32_t side)
 {
     qm_status status = QM_OK;
-    size_t face = 0;
-    for (size_t g = 0; g < w->r.mesh.grid_count; g++) {
-        uint32_t rows = w->r.mesh.grids[g].rows, columns = w->r.mesh.grids[g].columns;
+    uint32_t twin = t->twin[side];
+    bool is_one = w->features && is_along(w, t, side, &status);
+    w->r.is_feature[side] |= is_one || twin == QM_NO_INDEX;
+    if (twin != QM_NO_INDEX) {
+        w->r.is_feature[twin] |= is_one;
+    } else if (!is_one) {
+        w->r.is_fixed[qm_quads_from(t, side)] = true;
+        w->r.is_fixed[qm_quads_from(t, qm_quads_next(side))] = true;
+    }
+    return status;
+}
+
+/** Marks sides along features: those of blocks of rows and columns, if there are such, since only layouts are drawn along features. */
+static qm_status mark_sides(settle *w, const qm_quads_sides *t)
+{
+    const qm_mesh *m = &w->r.mesh;
+    qm_status status = QM_OK;
+    for (uint32_t side = 0; side < 4 * m->face_count && m->grid_count == 0 && status == QM_OK; side++)
+        status = mark_side(w, t, side);
+    uint32_t face = 0;
+    for (size_t g = 0; g < m->grid_count; g++) {
+        uint32_t rows = m->grids[g].rows, columns = m->grids[g].columns;
         for (uint32_t j = 0; j < rows; j++)
-            for (uint32_t i = 0; i < columns && status == QM_OK; i++, face++) {
+            for (uint32_t i = 0; i < columns; i++, face++) {
                 const bool is_border[4] = {j == 0, i + 1 == columns, j + 1 == rows, i == 0};
-                for (uint32_t k = 0; k < 4; k++) {
-                    uint32_t side = (uint32_t)(4 * face + k);
-                    if (!is_border[k]) continue;
-                    bool is_one = w->features && is_along(w, t, side, &status);
-                    w->r.is_feature[side] |= is_one;
-                    if (t->twin[side] != QM_NO_INDEX) {
-                        w->r.is_feature[t->twin[side]] |= is_one;
-                    } else if (!is_one) {
-                        w->r.is_feature[side] = true;
-                        w->r.is_fixed[qm_quads_from(t, side)] = true;
-                        w->r.is_fixed[qm_quads_from(t, qm_quads_next(side))] = true;
-                    }
-                }
+                for (uint32_t k = 0; k < 4 && status == QM_OK; k++)
+                    if (is_border[k]) status = mark_side(w, t, 4 * face + k);
             }
     }
     return status;
@@ -120,13 +127,13 @@ static qm_status run(settle *w)
 {
     qm_quads_sides sides;
     qm_status status = qm_quads_sides_build(w->ctx, &w->r, &sides);
-    bool is_oriented = status == QM_OK && fix_fans(&sides);
-    if (is_oriented) status = find_features(w);
-    if (is_oriented && status == QM_OK) status = mark_sides(w, &sides);
+    bool is_one = status == QM_OK && is_manifold(&sides);
+    if (is_one) status = find_features(w);
+    if (is_one && status == QM_OK) status = mark_sides(w, &sides);
     qm_quads_sides_reset(&sides);
-    if (status != QM_OK || !is_oriented) return status;
+    if (status != QM_OK || !is_one) return status;
     int threads = w->options->thread_count;
-    status = qm_quads_polish(w->ctx, &w->r, w->surface, threads);
+    status = qm_quads_polish(w->ctx, &w->r, w->surface, true, threads);
     if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, threads);
     return status == QM_OK ? qm_quads_fit(w->ctx, &w->r, w->surface, threads) : status;
 }
@@ -136,6 +143,9 @@ qm_status qm_quads_settle(qm_context *ctx, const qm_bvh *bvh, const qm_quads_opt
     QM_ASSERT(ctx && bvh && options && mesh);
     if (qm_bvh_mesh(bvh)->face_count == 0)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "a point set has no faces to lie on");
+    for (size_t f = 0; f < mesh->face_count; f++)
+        if (mesh->faces[4 * f + 3] == QM_NO_INDEX)
+            return qm_context_fail(ctx, QM_E_ARGUMENT, "face %zu is a triangle, not a quad", f);
     settle w = {.ctx = ctx, .surface = bvh, .options = options};
     size_t vertices = mesh->vertex_count, faces = mesh->face_count;
     w.r.is_fixed = qm_context_alloc(ctx, vertices, 1);

@@ -399,7 +399,7 @@ static qm_status improve_all(untangle *u, bool releases, bool *is_bad)
         *is_bad = true;
         if (releases && sine < POOR_SINE) {
             release_features(u, f);
-            remove_doublets(u);
+            if (!u->keeps_faces) remove_doublets(u);
             if (t->is_gone[f]) continue;
         }
         status = improve_face(u, f);
@@ -413,8 +413,7 @@ static qm_status run(untangle *u)
     for (uint32_t f = 0; f < u->sides.face_count; f++)
         find_normal(u, f);
     bool is_bad = true;
-    int rounds = u->keeps_faces ? ROUNDS : ROUNDS + RELEASED_ROUNDS;
-    for (int round = 0; round < rounds && is_bad && status == QM_OK; round++)
+    for (int round = 0; round < ROUNDS + RELEASED_ROUNDS && is_bad && status == QM_OK; round++)
         status = improve_all(u, round >= ROUNDS, &is_bad);
     return status;
 }
