@@ -235,7 +235,7 @@ static bool set_patches(layout_session *s, bool has_patches, qm_problem *problem
 static bool make_of_surface(layout_session *s, const qm_json_quad_layout *wanted, qm_problem *problem)
 {
     qm_status status = qm_quad_layout_make_of_surface(&s->ctx, &s->source, &wanted->make_quads,
-                                                      &wanted->options, &s->layout, &s->issues, NULL);
+                                                      &wanted->options, &s->layout, &s->issues, NULL, NULL);
     return outcome(s, status, problem);
 }
 

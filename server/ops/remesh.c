@@ -4,8 +4,10 @@
 #include "remesh.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "qm/quad_layout.h"
+#include "qm/quality.h"
 #include "refine.h"
 
 #define TOLERANCE 1e-6   /* of the measured distance, a fraction of the diagonal */
@@ -19,6 +21,8 @@
 #define MOST_PATCHES 1000
 #define QUADS_A_PATCH 6
 #define PLAIN_RATIO 2.0
+#define SETTLED_RATIO                                                                                        \
+    1.25 /* of the distance, by which it may grow when vertices are moved: they make better quads */
 
 static qm_refine_goal goal_of(const qm_remesh_options *options)
 {
@@ -69,11 +73,51 @@ static void count_step(void *user, const qm_refine_record *record)
     ((qm_remesh_result *)user)->rounds++;
 }
 
+static size_t count_folded(const qm_mesh *mesh)
+{
+    qm_quality quality;
+    qm_quality_measure(mesh, &quality);
+    return quality.folded;
+}
+
+/** True if a mesh whose vertices were moved is to be kept rather than the one before. */
+static bool is_settled_well(const qm_remesh_options *options, const qm_remesh_result *before,
+                            size_t folded_before, const qm_remesh_result *after)
+{
+    if (count_folded(&after->mesh) > folded_before) return false;
+    if (options->distance > 0.0 && before->upper <= options->distance)
+        return after->upper <= options->distance;
+    return after->upper <= SETTLED_RATIO * before->upper;
+}
+
+/** Moves the vertices of the mesh, all at once, where that does not spoil it; sets the distance. */
+static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
+                        qm_remesh_result *out)
+{
+    qm_status status = measure(ctx, surface, options, out);
+    if (status != QM_OK) return status;
+    const qm_remesh_result before = *out;
+    size_t count = 3 * out->mesh.vertex_count, folded = count_folded(&out->mesh);
+    double *positions = qm_context_alloc(ctx, count, sizeof *positions);
+    if (!positions) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a copy of the vertices");
+    memcpy(positions, out->mesh.positions, count * sizeof *positions);
+    status = qm_quads_settle(ctx, surface->bvh, &options->quads, &out->mesh);
+    if (status == QM_OK) status = measure(ctx, surface, options, out);
+    if (status == QM_OK && !is_settled_well(options, &before, folded, out)) {
+        memcpy(out->mesh.positions, positions, count * sizeof *positions);
+        out->lower = before.lower;
+        out->upper = before.upper;
+    }
+    qm_context_free(ctx, positions, count, sizeof *positions);
+    return status;
+}
+
 static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                            const qm_layout *layout, qm_remesh_result *out)
+                            const qm_layout *layout, const double *grids, qm_remesh_result *out)
 {
     qm_reconstruction_options how = qm_reconstruction_options_default();
     how.thread_count = options->quads.thread_count;
+    how.grids = grids;
     qm_reconstruction *r;
     qm_status status = qm_reconstruction_create(ctx, surface, layout, &how, &r);
     if (status != QM_OK) return status;
@@ -84,8 +128,7 @@ static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, cons
         status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
     if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &out->mesh);
     qm_reconstruction_destroy(ctx, r);
-    if (status == QM_OK) status = qm_quads_settle(ctx, surface->bvh, &options->quads, &out->mesh);
-    return status == QM_OK ? measure(ctx, surface, options, out) : status;
+    return status == QM_OK ? settle(ctx, surface, options, out) : status;
 }
 
 /** The quads of which a layout is made. */
@@ -108,7 +151,7 @@ static qm_status measure_plain(qm_context *ctx, const qm_ref_surface *surface,
     return status;
 }
 
-/** Makes the mesh by a layout of about so many patches. One whose curves cross is an error of qm_reconstruction_create. */
+/** Makes the mesh by a layout of about so many patches. */
 static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
                                  const qm_remesh_options *options, size_t patches, qm_remesh_result *out)
 {
@@ -117,13 +160,25 @@ static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
     how.patches = patches;
     qm_layout layout;
     qm_layout_issues issues;
-    qm_status status = qm_quad_layout_make_of_surface(ctx, surface, &quads, &how, &layout, &issues, NULL);
+    double *grids;
+    qm_status status =
+        qm_quad_layout_make_of_surface(ctx, surface, &quads, &how, &layout, &issues, NULL, &grids);
     if (status != QM_OK) return status;
     out->patches = layout.patch_count;
-    status = take_steps(ctx, surface, options, &layout, out);
+    /* Lattices that are found from the curves come out a little better, but curves that cross give none. */
+    status = take_steps(ctx, surface, options, &layout, issues.count > 0 ? grids : NULL, out);
+    qm_quad_layout_free_grids(ctx, &layout, grids);
     qm_layout_reset(ctx, &layout);
     qm_layout_issues_reset(ctx, &issues);
     return status;
+}
+
+/** Quads that are folded are worse than any distance. */
+static bool is_better(const qm_remesh_result *now, const qm_remesh_result *best)
+{
+    if (best->mesh.face_count == 0) return true;
+    bool is_folded = count_folded(&now->mesh) > 0, was_folded = count_folded(&best->mesh) > 0;
+    return is_folded != was_folded ? was_folded : now->upper < best->upper;
 }
 
 /** Tries more and more patches until the mesh is about as near as one without a layout: large patches may miss an ear. */
@@ -138,14 +193,14 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
         bool is_last = patches >= most || patches >= MOST_PATCHES;
         last = make_by_patches(ctx, surface, options, patches < most ? patches : most, &now);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
-        bool is_better = last == QM_OK && (out->mesh.face_count == 0 || now.upper < out->upper);
-        if (is_better) {
+        if (last == QM_OK && is_better(&now, out)) {
             qm_remesh_result worse = *out;
             *out = now;
             now = worse;
         }
         qm_mesh_reset(ctx, &now.mesh);
-        if (is_last || (out->mesh.face_count > 0 && out->upper <= PLAIN_RATIO * plain)) break;
+        bool is_good = out->mesh.face_count > 0 && count_folded(&out->mesh) == 0;
+        if (is_last || (is_good && out->upper <= PLAIN_RATIO * plain)) break;
     }
     return out->mesh.face_count > 0 || status != QM_OK ? status : last;
 }

@@ -383,7 +383,8 @@ static void a_surface_alone_has_its_creases_as_curves(void **state)
     qm_layout_issues issues;
     qm_quad_layout_facts facts;
     assert_int_equal(
-        qm_quad_layout_make_of_surface(&g.ctx, &g.source, &quads, &options, &layout, &issues, &facts), QM_OK);
+        qm_quad_layout_make_of_surface(&g.ctx, &g.source, &quads, &options, &layout, &issues, &facts, NULL),
+        QM_OK);
     assert_int_equal(layout.patch_count, 6);
     assert_int_equal(layout.curve_count, 12);
     assert_int_equal(issues.count, 0);
