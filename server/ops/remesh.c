@@ -4,11 +4,11 @@
 #include "remesh.h"
 
 #include <math.h>
-#include <string.h>
 
 #include "qm/quad_layout.h"
 #include "qm/quality.h"
 #include "refine.h"
+#include "settle.h"
 
 #define TOLERANCE 1e-6   /* of the measured distance, a fraction of the diagonal */
 #define LEAST_GROWTH 1.5 /* of the number of quads from one mesh to the next */
@@ -21,8 +21,6 @@
 #define MOST_PATCHES 1000
 #define QUADS_A_PATCH 6
 #define PLAIN_RATIO 2.0
-#define SETTLED_RATIO                                                                                        \
-    1.25 /* of the distance, by which it may grow when vertices are moved: they make better quads */
 
 static qm_refine_goal goal_of(const qm_remesh_options *options)
 {
@@ -35,13 +33,7 @@ static qm_status measure(qm_context *ctx, const qm_ref_surface *surface, const q
                          qm_remesh_result *out)
 {
     const qm_refine_goal goal = goal_of(options);
-    qm_bvh *tree = NULL;
-    qm_status status = qm_bvh_build(ctx, &out->mesh, QM_BVH_TARGET, goal.thread_count, &tree);
-    if (status == QM_OK)
-        status =
-            qm_refine_measure(ctx, surface, tree, QM_TWO_SIDED, TOLERANCE, &goal, &out->lower, &out->upper);
-    qm_bvh_destroy(ctx, tree);
-    return status;
+    return qm_refine_measure_mesh(ctx, surface, &out->mesh, TOLERANCE, &goal, &out->lower, &out->upper);
 }
 
 /** The distance falls about as the number of quads grows. */
@@ -73,45 +65,6 @@ static void count_step(void *user, const qm_refine_record *record)
     ((qm_remesh_result *)user)->rounds++;
 }
 
-static size_t count_folded(const qm_mesh *mesh)
-{
-    qm_quality quality;
-    qm_quality_measure(mesh, &quality);
-    return quality.folded;
-}
-
-/** True if a mesh whose vertices were moved is to be kept rather than the one before. */
-static bool is_settled_well(const qm_remesh_options *options, const qm_remesh_result *before,
-                            size_t folded_before, const qm_remesh_result *after)
-{
-    if (count_folded(&after->mesh) > folded_before) return false;
-    if (options->distance > 0.0 && before->upper <= options->distance)
-        return after->upper <= options->distance;
-    return after->upper <= SETTLED_RATIO * before->upper;
-}
-
-/** Moves the vertices of the mesh, all at once, where that does not spoil it; sets the distance. */
-static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                        qm_remesh_result *out)
-{
-    qm_status status = measure(ctx, surface, options, out);
-    if (status != QM_OK) return status;
-    const qm_remesh_result before = *out;
-    size_t count = 3 * out->mesh.vertex_count, folded = count_folded(&out->mesh);
-    double *positions = qm_context_alloc(ctx, count, sizeof *positions);
-    if (!positions) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a copy of the vertices");
-    memcpy(positions, out->mesh.positions, count * sizeof *positions);
-    status = qm_quads_settle(ctx, surface->bvh, &options->quads, &out->mesh);
-    if (status == QM_OK) status = measure(ctx, surface, options, out);
-    if (status == QM_OK && !is_settled_well(options, &before, folded, out)) {
-        memcpy(out->mesh.positions, positions, count * sizeof *positions);
-        out->lower = before.lower;
-        out->upper = before.upper;
-    }
-    qm_context_free(ctx, positions, count, sizeof *positions);
-    return status;
-}
-
 static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
                             const qm_layout *layout, const double *grids, qm_remesh_result *out)
 {
@@ -128,7 +81,8 @@ static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, cons
         status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
     if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &out->mesh);
     qm_reconstruction_destroy(ctx, r);
-    return status == QM_OK ? settle(ctx, surface, options, out) : status;
+    const qm_settle_goal kept = {options->quads, options->distance};
+    return status == QM_OK ? qm_settle(ctx, surface, &kept, &out->mesh, &out->lower, &out->upper) : status;
 }
 
 /** The quads of which a layout is made. */
@@ -153,7 +107,8 @@ static qm_status measure_plain(qm_context *ctx, const qm_ref_surface *surface,
 
 /** Makes the mesh by a layout of about so many patches. */
 static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
-                                 const qm_remesh_options *options, size_t patches, qm_remesh_result *out)
+                                 const qm_remesh_options *options, size_t patches, qm_remesh_result *out,
+                                 bool *has_crossings)
 {
     const qm_quads_options quads = quads_of_layout(options);
     qm_quad_layout_options how = qm_quad_layout_options_default();
@@ -166,19 +121,26 @@ static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
     if (status != QM_OK) return status;
     out->patches = layout.patch_count;
     /* Lattices that are found from the curves come out a little better, but curves that cross give none. */
-    status = take_steps(ctx, surface, options, &layout, issues.count > 0 ? grids : NULL, out);
+    *has_crossings = issues.count > 0;
+    status = take_steps(ctx, surface, options, &layout, *has_crossings ? grids : NULL, out);
     qm_quad_layout_free_grids(ctx, &layout, grids);
     qm_layout_reset(ctx, &layout);
     qm_layout_issues_reset(ctx, &issues);
     return status;
 }
 
-/** Quads that are folded are worse than any distance. */
-static bool is_better(const qm_remesh_result *now, const qm_remesh_result *best)
+/** What is known of a mesh besides its distance. */
+typedef struct trial_state {
+    bool
+        has_crossings; /* curves of its layout: vertices started where their quads were, and may be folded for want of room */
+    bool is_folded;
+} trial_state;
+
+static bool is_better(const trial_state *now, double distance, const trial_state *best, double best_distance)
 {
-    if (best->mesh.face_count == 0) return true;
-    bool is_folded = count_folded(&now->mesh) > 0, was_folded = count_folded(&best->mesh) > 0;
-    return is_folded != was_folded ? was_folded : now->upper < best->upper;
+    if (now->is_folded != best->is_folded) return best->is_folded;
+    if (now->has_crossings != best->has_crossings) return best->has_crossings;
+    return distance < best_distance;
 }
 
 /** Tries more and more patches until the mesh is about as near as one without a layout: large patches may miss an ear. */
@@ -188,18 +150,25 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
     double plain;
     qm_status status = measure_plain(ctx, surface, options, &plain), last = status;
     size_t most = options->quads.quads / QUADS_A_PATCH;
+    trial_state best = {0};
     for (size_t patches = LAYOUT_PATCHES; status == QM_OK; patches *= MORE_PATCHES) {
         qm_remesh_result now = {0};
+        trial_state state = {0};
         bool is_last = patches >= most || patches >= MOST_PATCHES;
-        last = make_by_patches(ctx, surface, options, patches < most ? patches : most, &now);
+        last = make_by_patches(ctx, surface, options, patches < most ? patches : most, &now,
+                               &state.has_crossings);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
-        if (last == QM_OK && is_better(&now, out)) {
+        qm_quality quality = {0};
+        if (last == QM_OK) qm_quality_measure(&now.mesh, &quality);
+        state.is_folded = quality.folded > 0;
+        if (last == QM_OK && (out->mesh.face_count == 0 || is_better(&state, now.upper, &best, out->upper))) {
+            best = state;
             qm_remesh_result worse = *out;
             *out = now;
             now = worse;
         }
         qm_mesh_reset(ctx, &now.mesh);
-        bool is_good = out->mesh.face_count > 0 && count_folded(&out->mesh) == 0;
+        bool is_good = out->mesh.face_count > 0 && !best.has_crossings && !best.is_folded;
         if (is_last || (is_good && out->upper <= PLAIN_RATIO * plain)) break;
     }
     return out->mesh.face_count > 0 || status != QM_OK ? status : last;

@@ -70,7 +70,7 @@ qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const q
 /**
  * Moves the vertices of a mesh of quads, whose faces stay, along a surface and off it, so that no quad is bad where there is room
  * and the quads lie nearer to the surface. Sides that run along its creases and boundaries come to lie on them; other
- * boundaries stay.
+ * boundaries stay. No more quads are folded after it.
  *
  * bvh      of the surface, with QM_BVH_TARGET
  * options  the crease angle and the threads count

@@ -4,9 +4,12 @@
  */
 #include <string.h>
 
+#include "mesh/quad_shape.h"
 #include "qm/project.h"
 #include "quads/quads_sides.h"
 
+#define CORNER_COSINE                                                                                        \
+    -0.7 /* of the angle between two sides along features: less bent, they are one feature */
 #define ALONG                                                                                                \
     0.2 /* of a side: its ends and its middle are no farther than this from a feature that it runs along */
 
@@ -123,6 +126,81 @@ static qm_status mark_sides(settle *w, const qm_quads_sides *t)
     return status;
 }
 
+static bool is_folded(const qm_mesh *m, size_t face)
+{
+    qm_vec corner[4];
+    for (int k = 0; k < 4; k++)
+        corner[k] = qm_vec_load(m->positions + 3 * (size_t)m->faces[4 * face + (size_t)k]);
+    return !(qm_quad_min_sine(corner) > 0.0);
+}
+
+static size_t count_folded(const qm_mesh *m)
+{
+    size_t count = 0;
+    for (size_t f = 0; f < m->face_count; f++)
+        count += is_folded(m, f);
+    return count;
+}
+
+static qm_status move_vertices(settle *w, bool spreads)
+{
+    int threads = w->options->thread_count;
+    qm_status status = qm_quads_polish(w->ctx, &w->r, w->surface, spreads, threads);
+    if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, threads);
+    return status == QM_OK ? qm_quads_fit(w->ctx, &w->r, w->surface, threads) : status;
+}
+
+/** Moves the vertices, but not into folds: then they are centred instead of spread, or stay. */
+static qm_status move_well(settle *w)
+{
+    qm_mesh *m = &w->r.mesh;
+    size_t size = 3 * m->vertex_count, folded = count_folded(m);
+    double *before = qm_context_alloc(w->ctx, size, sizeof *before);
+    uint8_t *features = qm_context_alloc(w->ctx, m->face_count, 4),
+            *fixed = qm_context_alloc(w->ctx, m->vertex_count, 1);
+    qm_status status = before && features && fixed ? QM_OK : QM_E_NO_MEMORY;
+    if (status == QM_OK) {
+        memcpy(before, m->positions, size * sizeof *before);
+        memcpy(features, w->r.is_feature, 4 * m->face_count);
+        memcpy(fixed, w->r.is_fixed, m->vertex_count);
+        status = move_vertices(w, true);
+    }
+    bool is_worse = status == QM_OK && count_folded(m) > folded;
+    if (is_worse) {
+        memcpy(m->positions, before, size * sizeof *before);
+        memcpy(w->r.is_feature, features, 4 * m->face_count); /* untangling may have let go of some */
+        memcpy(w->r.is_fixed, fixed, m->vertex_count);
+        status = move_vertices(w, false);
+        is_worse = status == QM_OK && count_folded(m) > folded;
+    }
+    if (is_worse) memcpy(m->positions, before, size * sizeof *before);
+    qm_context_free(w->ctx, before, size, sizeof *before);
+    qm_context_free(w->ctx, features, m->face_count, 4);
+    qm_context_free(w->ctx, fixed, m->vertex_count, 1);
+    return status;
+}
+
+/** Fixes the vertices at which features bend as round a corner. */
+static void fix_corners(settle *w, const qm_quads_sides *t)
+{
+    for (uint32_t v = 0; v < t->vertex_count; v++) {
+        if (t->out[v] == QM_NO_INDEX) continue;
+        qm_vec here = qm_quads_at(t, v), way[2];
+        uint32_t first = qm_quads_first_side(t, v), s = first, count = 0;
+        do {
+            uint32_t back = qm_quads_prev(s);
+            if (w->r.is_feature[s] && count < 2)
+                way[count++] = qm_vec_sub(qm_quads_at(t, qm_quads_from(t, qm_quads_next(s))), here);
+            if (t->twin[back] == QM_NO_INDEX && count < 2)
+                way[count++] = qm_vec_sub(qm_quads_at(t, qm_quads_from(t, back)), here);
+            s = qm_quads_around(t, s);
+        } while (s != QM_NO_INDEX && s != first);
+        if (count < 2) continue;
+        double lengths = qm_vec_norm(way[0]) * qm_vec_norm(way[1]);
+        if (!(qm_vec_dot(way[0], way[1]) <= CORNER_COSINE * lengths)) w->r.is_fixed[v] = true;
+    }
+}
+
 static qm_status run(settle *w)
 {
     qm_quads_sides sides;
@@ -130,12 +208,10 @@ static qm_status run(settle *w)
     bool is_one = status == QM_OK && is_manifold(&sides);
     if (is_one) status = find_features(w);
     if (is_one && status == QM_OK) status = mark_sides(w, &sides);
+    if (is_one && status == QM_OK) fix_corners(w, &sides);
     qm_quads_sides_reset(&sides);
     if (status != QM_OK || !is_one) return status;
-    int threads = w->options->thread_count;
-    status = qm_quads_polish(w->ctx, &w->r, w->surface, true, threads);
-    if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, threads);
-    return status == QM_OK ? qm_quads_fit(w->ctx, &w->r, w->surface, threads) : status;
+    return move_well(w);
 }
 
 qm_status qm_quads_settle(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options, qm_mesh *mesh)
