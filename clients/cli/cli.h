@@ -87,8 +87,15 @@ bool cli_load_pair(qm_context *ctx, const char *const path[2], bool as_json,
                    const qm_preparation preparation[2], qm_loaded_mesh mesh[2]);
 void cli_unload_pair(qm_context *ctx, qm_loaded_mesh mesh[2]);
 
-/** Writes a mesh in the format of the name's end, PLY without one; "-" is standard output. False after a report. */
-bool cli_write_mesh(qm_context *ctx, const char *path, const qm_mesh *mesh, bool as_json);
+/** The format of the name's end; PLY without one. */
+qm_format cli_format_of(const char *path);
+
+/** Writes a mesh in the format of its name, with the texture coordinates of its patches or without; "-" is standard output. False
+ * after a report. */
+bool cli_write_mesh(qm_context *ctx, const char *path, const qm_mesh *mesh, bool has_uv, bool as_json);
+
+/** Whether the format of a name holds texture coordinates; false after a message. */
+bool cli_check_uv(const char *path);
 
 /** Reads a pose from a JSON file: an object with "transform", as align writes, or the 16 numbers alone. It is not given where these
  * move nothing. False after a report. */
@@ -116,6 +123,8 @@ typedef struct cli_bar {
 } cli_bar;
 cli_bar cli_bar_make(double tolerance, bool is_forced);
 void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations);
+/** Shows in its place what a remeshing does, of how many quads, and the distance of the last mesh, 0 before it is known. */
+void cli_bar_tell(const cli_bar *bar, const char *work, double quads, double upper);
 void cli_bar_clear(const cli_bar *bar);
 
 /* ---- jobs (jobs.c) ---- */

@@ -52,7 +52,7 @@ static bool write_moved(const file_names *names, const cli_job *job, const qm_js
     positions_only.has_no_tree = true;
     positions_only.transform = transform;
     if (!cli_load_mesh(&ctx, job->path[0], job->as_json, &positions_only, &mesh)) return false;
-    bool is_written = cli_write_mesh(&ctx, names->mesh, &mesh.mesh, job->as_json);
+    bool is_written = cli_write_mesh(&ctx, names->mesh, &mesh.mesh, false, job->as_json);
     qm_loaded_mesh_reset(&ctx, &mesh);
     return is_written;
 }

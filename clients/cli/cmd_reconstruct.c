@@ -17,7 +17,7 @@ typedef struct reconstruct_options {
     const char *surface, *layout, *output, *picture;
     qm_refine_goal goal;
     double hausdorff; /* the goal, as a fraction of the diagonal */
-    bool keeps_curves, settles, as_json;
+    bool keeps_curves, settles, has_uv, as_json;
 } reconstruct_options;
 
 /** Reads the layout, and finds its patches if the file has none. False after a report. */
@@ -170,8 +170,8 @@ static int refine_and_write(qm_context *ctx, const reconstruct_options *options,
         }
         print_settled(&p, &mesh, upper);
     }
-    bool is_done =
-        cli_write_mesh(ctx, options->output, &mesh, options->as_json) && write_picture(options, &mesh);
+    bool is_done = cli_write_mesh(ctx, options->output, &mesh, options->has_uv, options->as_json) &&
+                   write_picture(options, &mesh);
     if (is_done) print_result(&p, r, mesh.face_count, stop);
     qm_mesh_reset(ctx, &mesh);
     bool is_reached =
@@ -267,6 +267,7 @@ static int run(int argc, char **argv)
          .type = CLI_TEXT,
          .target = &o.picture,
          .help = "a picture of the mesh"},
+        CLI_OPTION_UV(&o.has_uv),
         CLI_OPTION_THREADS(&o.goal.thread_count),
         {.name = "json",
          .letter = 'j',
@@ -286,6 +287,7 @@ static int run(int argc, char **argv)
     }
     o.goal.measures = !skips_measuring;
     o.goal.thread_count = cli_count_threads(o.goal.thread_count);
+    if (o.has_uv && !cli_check_uv(o.output)) return EXIT_USAGE;
     if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
     if (o.picture && !cli_check_writable(o.picture, o.as_json)) return EXIT_BAD_INPUT;
     qm_context ctx = qm_host_context();

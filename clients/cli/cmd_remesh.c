@@ -2,152 +2,117 @@
  * cmd_remesh.c: a quad mesh of a surface, and how far it is from it.
  */
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
-#include "base/clock.h"
 #include "base/host.h"
-#include "ops/remesh.h"
+#include "base/json.h"
 #include "options.h"
 
-typedef struct remesh_options {
-    const char *surface, *output;
-    qm_remesh_options how;
-    double distance; /* a fraction of the diagonal */
-    bool as_json;
-} remesh_options;
+/** The file to write. */
+typedef struct mesh_file {
+    const char *path;
+    bool has_uv;
+} mesh_file;
 
-/** Figures of the result, besides its distance. */
-typedef struct remesh_facts {
-    qm_mesh_facts mesh;
-    qm_quality quality;
-    double diagonal, elapsed_ms;
-} remesh_facts;
-
-static void print_json(const qm_remesh_result *result, const remesh_facts *facts)
-{
-    qm_text text = {0};
-    qm_text_add_string(&text, "{");
-    qm_json_add_count(&text, "quads", result->mesh.face_count);
-    qm_json_add_count(&text, "irregular_vertices", facts->mesh.irregular_vertices);
-    qm_json_add_count(&text, "components", facts->mesh.components);
-    if (result->patches > 0) qm_json_add_count(&text, "patches", result->patches);
-    qm_json_add_count(&text, "folded", facts->quality.folded);
-    qm_json_add_number(&text, "least_scaled_jacobian", facts->quality.least_jacobian);
-    qm_json_add_interval(&text, "hausdorff", (qm_interval){result->lower, result->upper}, facts->diagonal);
-    qm_json_add_count(&text, "rounds", result->rounds);
-    qm_json_add_number(&text, "elapsed_ms", facts->elapsed_ms);
-    qm_text_add_string(&text, "}");
-    char *line = qm_text_take(&text);
-    puts(line ? line : "{}");
-    free(line);
-}
-
-static void print_words(const remesh_options *o, const qm_remesh_result *result, const remesh_facts *facts)
+static void print_text(FILE *file, const qm_json *result)
 {
     char bound[CLI_BOUND_SIZE], patches[40] = "";
-    if (result->patches > 0) snprintf(patches, sizeof patches, " in %zu patches", result->patches);
+    if (qm_json_has(result, "patches"))
+        snprintf(patches, sizeof patches, " in %.0f patches", qm_json_get_number(result, "patches"));
+    fprintf(
+        file,
+        "%.0f quads%s, %.0f irregular vertices, %.0f components, %.0f folded, least scaled Jacobian %.3g, "
+        "distance at most %s of the diagonal, in %.1f ms\n",
+        qm_json_get_number(result, "quads"), patches, qm_json_get_number(result, "irregular_vertices"),
+        qm_json_get_number(result, "components"), qm_json_get_number(result, "folded"),
+        qm_json_get_number(result, "least_scaled_jacobian"),
+        cli_format_bound(qm_json_get_number(result, "hausdorff.upper_relative"), true, bound),
+        qm_json_get_number(result, "elapsed_ms"));
+}
+
+/** Fetches the mesh that a job on a daemon has made; false after a report. */
+static bool fetch_mesh(cli_session *session, const char *server, const mesh_file *made, const char *id,
+                       bool as_json)
+{
+    char target[128];
+    const char *path = made->path;
+    snprintf(target, sizeof target, "/v1/meshes/%s/content?format=%s%s", id,
+             qm_format_name(cli_format_of(path)), made->has_uv ? "&uv=patches" : "");
+    FILE *file = strcmp(path, "-") == 0 ? stdout : fopen(path, "wb");
+    bool is_fetched = file && cli_session_fetch(session, target, NULL, 0, "*/*", server, file);
+    bool is_written = file && !ferror(file) && (file == stdout || fclose(file) == 0);
+    if (!is_written) cli_report_unwritable(path, as_json);
+    return is_fetched && is_written;
+}
+
+static int finish(const void *user, const cli_job *job, const cli_job_output *output)
+{
+    const mesh_file *made = user;
+    qm_context ctx = qm_host_context();
+    qm_json *result = qm_json_parse(output->json);
+    const char *id = qm_json_get_string(result, "mesh");
+    bool is_written =
+        output->result
+            ? cli_write_mesh(&ctx, made->path, &output->result->remesh.mesh, made->has_uv, job->as_json)
+            : fetch_mesh(output->session, job->server, made, id ? id : "", job->as_json);
+    if (is_written && job->as_json) puts(output->json);
     /* Standard output holds either the mesh or what is said of it. */
-    fprintf(strcmp(o->output, "-") == 0 ? stderr : stdout,
-            "%zu quads%s, %zu irregular vertices, %zu components, %zu folded, least scaled Jacobian %.3g, "
-            "distance at most %s of the diagonal, in %.1f ms\n",
-            result->mesh.face_count, patches, facts->mesh.irregular_vertices, facts->mesh.components,
-            facts->quality.folded, facts->quality.least_jacobian,
-            cli_format_bound(result->upper / facts->diagonal, true, bound), facts->elapsed_ms);
-}
-
-static int remesh(qm_context *ctx, remesh_options *o, const qm_loaded_mesh *surface)
-{
-    qm_ref_surface source;
-    qm_remesh_result result = {0};
-    remesh_facts facts = {0};
-    double start = qm_clock_now_ms();
-    qm_status status = qm_ref_surface_init(ctx, surface->bvh, &source);
-    if (status == QM_OK) {
-        o->how.distance = o->distance * source.diagonal;
-        status = qm_remesh(ctx, &source, &o->how, &result);
-    }
-    facts.elapsed_ms = qm_clock_now_ms() - start;
-    if (status == QM_OK) status = qm_mesh_find_facts(ctx, &result.mesh, &facts.mesh);
-    bool is_done = status == QM_OK && cli_write_mesh(ctx, o->output, &result.mesh, o->as_json);
-    if (is_done) {
-        facts.diagonal = source.diagonal;
-        qm_quality_measure(&result.mesh, &facts.quality);
-        if (o->as_json)
-            print_json(&result, &facts);
-        else
-            print_words(o, &result, &facts);
-    } else if (status != QM_OK) {
-        cli_report_status(o->surface, status, ctx, o->as_json);
-    }
-    bool is_near = !(o->distance > 0.0) || result.upper <= o->how.distance;
-    qm_mesh_reset(ctx, &result.mesh);
-    return !is_done ? EXIT_BAD_INPUT : is_near ? EXIT_OK : EXIT_NOT_CONVERGED;
-}
-
-/** How many quads where none are given: some to start from, or as many as it takes, or as usual. */
-static void settle_quads(remesh_options *o)
-{
-    if (o->how.quads.quads > 0) return;
-    o->how.quads.quads = !(o->distance > 0.0)     ? qm_quads_options_default().quads
-                         : o->how.is_semi_regular ? QM_REMESH_MOST_QUADS
-                                                  : QM_REMESH_FIRST_QUADS;
+    if (is_written && !job->as_json) print_text(strcmp(made->path, "-") == 0 ? stderr : stdout, result);
+    bool is_near = !qm_json_has(result, "reached") || qm_json_is_true(result, "reached");
+    qm_json_free(result);
+    return !is_written ? EXIT_BAD_INPUT : is_near ? EXIT_OK : EXIT_NOT_CONVERGED;
 }
 
 static int run(int argc, char **argv)
 {
-    remesh_options o = {.how = {.quads = qm_quads_options_default()}};
-    o.how.quads.quads = 0;        /* not given */
-    o.how.quads.thread_count = 0; /* one for each processor */
+    cli_job job = cli_job_make(QM_JOB_REMESH);
+    qm_job_request *request = &job.request;
+    mesh_file made = {NULL, false};
     const cli_option options[] = {
         {.name = "output",
          .letter = 'o',
          .value = "OUT",
          .type = CLI_TEXT,
          .is_required = true,
-         .target = &o.output,
+         .target = &made.path,
          .help = "the mesh, in the format of its name, else PLY; - is standard output"},
         {.name = "quads",
          .value = "N",
          .type = CLI_SIZE,
          .min = 1,
          .max = 1e7,
-         .target = &o.how.quads.quads,
+         .target = &request->remesh.quads.quads,
          .help = "about so many quads (default 5000); with --distance the first of the numbers that are "
                  "tried, with\n"
                  "--semi-regular the limit"},
         {.name = "distance",
          .value = "X",
          .type = CLI_POSITIVE,
-         .target = &o.distance,
+         .target = &request->distance_relative,
          .help = "until the distance to the surface is at most X, as a fraction of the surface's diagonal"},
         {.name = "semi-regular",
          .type = CLI_FLAG,
-         .target = &o.how.is_semi_regular,
+         .target = &request->remesh.is_semi_regular,
          .help = "blocks of quads in rows and columns, by an automatic layout (see layout --auto)"},
         {.name = "crease-angle",
          .value = "DEG",
          .type = CLI_NUMBER,
-         .target = &o.how.quads.crease_angle,
+         .target = &request->remesh.quads.crease_angle,
          .help = "edges whose faces differ by more are creases, and stay edges (default 40); 0: none"},
-        CLI_OPTION_THREADS(&o.how.quads.thread_count),
-        CLI_OPTION_JSON(&o.as_json)};
+        CLI_OPTION_UV(&made.has_uv),
+        CLI_OPTION_THREADS(&request->threads),
+        CLI_OPTION_JSON(&job.as_json),
+        CLI_OPTION_PROGRESS(&job.shows_progress),
+        CLI_OPTION_SERVER(&job.server)};
     int status;
-    if (!cli_read_options(&cmd_remesh, options, sizeof options / sizeof *options, argc, argv, &o.surface,
+    if (!cli_read_options(&cmd_remesh, options, sizeof options / sizeof *options, argc, argv, job.path,
                           &status))
         return status;
-    if (!cli_check_one_document(&o.output, 1, o.as_json)) return EXIT_USAGE;
-    if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
-    o.how.quads.thread_count = cli_count_threads(o.how.quads.thread_count);
-    settle_quads(&o);
-    qm_context ctx = qm_host_context();
-    ctx.cancel = &cli_interrupted;
-    const qm_preparation preparation = {.parts = QM_BVH_TARGET, .thread_count = o.how.quads.thread_count};
-    qm_loaded_mesh surface;
-    if (!cli_load_mesh(&ctx, o.surface, o.as_json, &preparation, &surface)) return EXIT_BAD_INPUT;
-    status = remesh(&ctx, &o, &surface);
-    qm_loaded_mesh_reset(&ctx, &surface);
-    return status;
+    if (!cli_check_one_document(&made.path, 1, job.as_json)) return EXIT_USAGE;
+    if (made.has_uv && !cli_check_uv(made.path)) return EXIT_USAGE;
+    if (!cli_check_writable(made.path, job.as_json)) return EXIT_BAD_INPUT;
+    if (!job.server) request->threads = cli_count_threads(request->threads);
+    return cli_run_job(&job, finish, &made);
 }
 
 const cli_command cmd_remesh = {
@@ -159,6 +124,7 @@ const cli_command cmd_remesh = {
     .description =
         "Makes a mesh of quads of about equal size. Boundaries and creases become edges of it, and its "
         "distance\nto the surface is measured, with a proven bound.\n"
-        "Parts that are thinner than a quad may lose their shape: more quads keep them.\n\n",
-    .exit_status = "Exit status: 0 done, 2 bad input or wrong usage, 3 the distance was not reached.",
+        "Parts that are thinner than a quad may lose their shape: more quads keep them.\n",
+    .exit_status =
+        "Exit status: 0 done, 2 bad input or wrong usage, 3 the distance was not reached, or interrupted.",
     .run = run};

@@ -225,15 +225,45 @@ bool cli_close_output(FILE *file, const char *path, bool as_json)
     return false;
 }
 
-bool cli_write_mesh(qm_context *ctx, const char *path, const qm_mesh *mesh, bool as_json)
+qm_format cli_format_of(const char *path)
+{
+    qm_format format = qm_format_from_path(path);
+    return format == QM_FORMAT_UNKNOWN ? QM_FORMAT_PLY : format;
+}
+
+bool cli_check_uv(const char *path)
+{
+    qm_format format = cli_format_of(path);
+    if (format == QM_FORMAT_OBJ || format == QM_FORMAT_PLY || format == QM_FORMAT_GLB) return true;
+    fprintf(stderr, "quadmesh: --uv goes with obj, ply and glb, not with %s\n", qm_format_name(format));
+    return false;
+}
+
+/** Lays the patches of a mesh out. */
+static qm_status make_atlas(qm_context *ctx, const qm_mesh *mesh, const qm_mesh_facts *facts,
+                            qm_uv_atlas *out)
+{
+    qm_patch_set patches;
+    qm_mesh gridless = *mesh;
+    if (!facts->manifold) gridless.grid_count = 0; /* as when it is read: grids do not show a third face */
+    qm_status status = qm_patch_set_find(ctx, &gridless, &patches);
+    if (status == QM_OK) status = qm_uv_atlas_make(ctx, mesh, &patches, out);
+    qm_patch_set_reset(ctx, &patches);
+    return status;
+}
+
+bool cli_write_mesh(qm_context *ctx, const char *path, const qm_mesh *mesh, bool has_uv, bool as_json)
 {
     qm_mesh_facts facts;
     qm_encoder *encoder = NULL;
-    qm_format format = qm_format_from_path(path);
-    if (format == QM_FORMAT_UNKNOWN) format = QM_FORMAT_PLY;
+    qm_uv_atlas atlas = {0};
     qm_status status = qm_mesh_find_facts(ctx, mesh, &facts);
-    if (status == QM_OK) status = qm_encoder_create(ctx, mesh, &facts, format, 0, &encoder);
+    if (status == QM_OK && has_uv) status = make_atlas(ctx, mesh, &facts, &atlas);
+    if (status == QM_OK)
+        status =
+            qm_encoder_create(ctx, mesh, &facts, cli_format_of(path), 0, has_uv ? &atlas : NULL, &encoder);
     if (status != QM_OK) {
+        qm_uv_atlas_reset(ctx, &atlas);
         cli_report_status(path, status, ctx, as_json);
         return false;
     }
@@ -247,6 +277,7 @@ bool cli_write_mesh(qm_context *ctx, const char *path, const qm_mesh *mesh, bool
     }
     if (out && out != stdout && fclose(out) != 0) is_written = false;
     qm_encoder_destroy(encoder);
+    qm_uv_atlas_reset(ctx, &atlas);
     if (is_written) return true;
     cli_report_unwritable(path, as_json);
     return false;

@@ -65,6 +65,16 @@ void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, d
             elapsed_ms > 0.0 ? 1e3 * iterations / elapsed_ms : 0.0, bar->is_terminal ? "\033[K" : "\n");
 }
 
+void cli_bar_tell(const cli_bar *bar, const char *work, double quads, double upper)
+{
+    char high[CLI_BOUND_SIZE], distance[CLI_BOUND_SIZE + 24] = "";
+    if (!(bar->is_terminal || bar->is_forced)) return;
+    if (upper > 0.0)
+        snprintf(distance, sizeof distance, ", distance %s at most", cli_format_digits(upper, true, 4, high));
+    fprintf(stderr, "%s%s: %.0f quads%s%s", bar->is_terminal ? "\r" : "", work, quads, distance,
+            bar->is_terminal ? "\033[K" : "\n");
+}
+
 void cli_bar_clear(const cli_bar *bar)
 {
     if (bar->is_terminal) fputs("\r\033[K", stderr);
@@ -126,6 +136,11 @@ static void on_progress(void *user, const qm_hausdorff_progress *progress)
     cli_bar_show(user, progress->lower, progress->upper, progress->elapsed_ms, (double)progress->iterations);
 }
 
+static void on_stage(void *user, const qm_remesh_stage *stage)
+{
+    cli_bar_tell(user, qm_remesh_work_names[stage->work], (double)stage->quads, stage->upper);
+}
+
 static int run_loaded(const cli_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b,
                       cli_finish_fn *finish, const void *user)
 {
@@ -134,6 +149,8 @@ static int run_loaded(const cli_job *job, const qm_loaded_mesh *a, const qm_load
     cli_bar bar = make_bar(job, a->diagonal);
     qm_job_result result;
     qm_job_request request = job->request;
+    request.remesh.on_stage = on_stage;
+    request.remesh.user = &bar;
     qm_problem problem;
     if (!request.notes[0].unit[0]) memcpy(request.notes[0].unit, a->unit, sizeof a->unit);
     if (b && !request.notes[1].unit[0]) memcpy(request.notes[1].unit, b->unit, sizeof b->unit);
@@ -168,7 +185,9 @@ static int run_here(const cli_job *job, cli_finish_fn *finish, const void *user)
         /* Only the kinds that search for nearest points need targets. */
         const qm_job_request *request = &job->request;
         const bool is_target =
-            request->kind == QM_JOB_COMPARISON || request->kind == QM_JOB_ALIGNMENT ? true
+            request->kind == QM_JOB_COMPARISON || request->kind == QM_JOB_ALIGNMENT ||
+                    request->kind == QM_JOB_REMESH
+                ? true
             : request->kind == QM_JOB_HAUSDORFF
                 ? request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A)
                 : (request->kind == QM_JOB_DEVIATION || request->kind == QM_JOB_HEATMAP) && side == 1;

@@ -98,6 +98,13 @@ bool cli_read_uncertainty(const char *text, void *notes);
         .name = "json", .letter = 'j', .type = CLI_FLAG, .target = (address),                                \
         .help = "the result object of the API on standard output"                                            \
     }
+#define CLI_OPTION_UV(address)                                                                               \
+    {                                                                                                        \
+        .name = "uv", .type = CLI_FLAG, .target = (address),                                                 \
+        .help =                                                                                              \
+            "with texture coordinates, in OBJ, PLY (s, t) and glTF: each patch is a rectangle of square\n"   \
+            "cells, apart from the others"                                                                   \
+    }
 #define CLI_OPTION_PROGRESS(address)                                                                         \
     {                                                                                                        \
         .name = "progress", .type = CLI_FLAG, .target = (address),                                           \

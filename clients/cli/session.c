@@ -158,6 +158,10 @@ static size_t on_bytes(char *bytes, size_t width, size_t count, void *user)
             cli_bar_show(&session->bar, qm_json_get_number(event, "lower"),
                          qm_json_get_number(event, "upper"), qm_json_get_number(event, "elapsed_ms"),
                          qm_json_get_number(event, "iterations"));
+        double distance = qm_json_get_number(event, "hausdorff.upper");
+        if (strcmp(name, "stage") == 0)
+            cli_bar_tell(&session->bar, qm_json_get_string(event, "stage"),
+                         qm_json_get_number(event, "quads"), distance);
         if (strcmp(name, "result") == 0) session->result = last_member(session->body.data, "result");
         if (strcmp(name, "error") == 0) session->problem = last_member(session->body.data, "problem");
         qm_json_free(event);

@@ -225,7 +225,7 @@ export class Jobs {
 async function* readEvents(response, signal) {
   for await (const event of readLines(response, signal)) {
     if (event.event === "server_shutdown") throw new ConnectionError("the daemon stops; the job will run again");
-    if (["bounds", "step", "result", "error"].includes(event.event)) yield event;
+    if (/^(bounds|step|stage|result|error)$/.test(event.event)) yield event;
     if (event.event === "result" || event.event === "error") return;
   }
   throw new ConnectionError("the stream broke off");

@@ -106,12 +106,12 @@ export class Meshes {
   /**
    * The mesh as a file.
    * @param {string} id
-   * @param {{ format?: Format, quantization?: number, signal?: AbortSignal }} [options]
+   * @param {{ format?: Format, quantization?: number, uv?: "patches", signal?: AbortSignal }} [options]
    * @returns {Promise<{ bytes: ArrayBuffer, name: string, displacement: number, cutFaces: number,
-   *   leftOutVertices: number }>} with what the format could not keep
+   *   leftOutVertices: number }>} with what the format lost
    */
-  async content(id, { format, quantization, signal } = {}) {
-    const response = await this.transport.send(`${pathOf(id)}/content`, { query: { format, quantization }, signal });
+  async content(id, { format, quantization, uv, signal } = {}) {
+    const response = await this.transport.send(`${pathOf(id)}/content`, { query: { format, quantization, uv }, signal });
     const number = (/** @type {string} */ header) => Number(response.headers.get(header) ?? 0);
     return {
       bytes: await response.arrayBuffer(),

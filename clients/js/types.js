@@ -69,8 +69,10 @@
  *   threads?: number, detach?: boolean, deadline_ms?: number }} MatrixRequest */
 /** @typedef {{ type: "reconstruction_step", reconstruction: string, steps?: number, measure?: boolean, threads?: number,
  *   until?: { hausdorff_relative?: number, max_quads?: number, edge_length?: number }, detach?: boolean }} StepRequest */
+/** @typedef {{ type: "remesh", mesh: MeshName, quads?: number, distance?: number, semi_regular?: boolean, crease_angle?: number,
+ *   threads?: number, detach?: boolean, deadline_ms?: number }} RemeshRequest */
 /** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | ComparisonRequest | HeatmapRequest | DistanceRequest
- *   | CollisionRequest | SelfCollisionRequest | AlignmentRequest | MatrixRequest | StepRequest} JobRequest */
+ *   | CollisionRequest | SelfCollisionRequest | AlignmentRequest | MatrixRequest | StepRequest | RemeshRequest} JobRequest */
 
 /** @typedef {{ elapsed_ms: number, lower: number, upper: number | null, lower_relative: number | null,
  *   upper_relative: number | null, gap_relative: number | null, iterations: number, projections: number,
@@ -148,17 +150,21 @@
 /** @typedef {{ reconstruction: string, mesh: string, quads: number, step_count: number,
  *   stopped_by: "steps" | "max_quads" | "edge_length" | "hausdorff" | "canceled", steps: StepRecord[],
  *   elapsed_ms: number }} StepResult */
+/** @typedef {{ mesh: string, quads: number, irregular_vertices: number, components: number, patches?: number, folded: number,
+ *   least_scaled_jacobian: number, hausdorff: LengthInterval, from_surface: LengthInterval, from_quads: LengthInterval,
+ *   reached?: boolean, rounds: number, prepare_ms: number, elapsed_ms: number }} RemeshResult */
 /** @typedef {{ transform: Transform, rms: number, scale: number, mirrored: boolean, floor: number | null,
  *   certainty: { runner_up_rms: number | null }, hausdorff: LengthInterval & { converged: boolean },
  *   fit: "least_squares" | "min_max", quads: QuadReading, gap: number, iterations: number, rounds: number,
  *   converged: boolean, prepare_ms: { a: number, b: number }, elapsed_ms: number }} AlignmentResult */
 /** @typedef {HausdorffResult | ProjectResult | DeviationResult | ComparisonResult | HeatmapResult | DistanceResult | CollisionResult
- *   | AlignmentResult | MatrixResult | StepResult} JobResult */
+ *   | AlignmentResult | MatrixResult | StepResult | RemeshResult} JobResult */
 
 /** @typedef {{ id: number, from: number, to: number, points: Point[] }} Curve */
 /** @typedef {{ mesh: string, nodes?: Point[], curves?: Curve[], patches?: number[][] }} LayoutRequest */
-/** @typedef {{ mesh: string, quads: string, patches?: number, crease_angle?: number }} QuadLayoutRequest */
-/** @typedef {{ mesh: string, auto: true, quad_count?: number, patches?: number, crease_angle?: number }} AutoLayoutRequest */
+/** @typedef {{ mesh: string, quads: string, patches?: number, crease_angle?: number, deadline_ms?: number }} QuadLayoutRequest */
+/** @typedef {{ mesh: string, auto: true, quad_count?: number, patches?: number, crease_angle?: number,
+ *   deadline_ms?: number }} AutoLayoutRequest */
 /** @typedef {{ id: string, mesh: string, revision: number, can_undo: boolean, can_redo: boolean, complete: boolean,
  *   created: string }} LayoutBrief */
 /** @typedef {{ kind: "dangling_end" | "cell_sides" | "crossing", curve: number, other_curve?: number, node?: number,
@@ -188,7 +194,9 @@
 /** @typedef {StepRecord & { event: "step", seq: number }} StepEvent */
 /** @typedef {{ event: "pairs", seq: number, elapsed_ms: number, pair_count: number, searched_pairs: number,
  *   bounded_pairs: number, searches: number, pairs: PairRow[] }} PairsEvent */
-/** @typedef {BoundsEvent | StepEvent | PairsEvent | ResultEvent | ErrorEvent} JobEvent */
+/** @typedef {{ event: "stage", seq: number, elapsed_ms: number, stage: "quads" | "layout" | "steps" | "measure", quads: number,
+ *   hausdorff?: LengthInterval }} StageEvent */
+/** @typedef {BoundsEvent | StepEvent | StageEvent | PairsEvent | ResultEvent | ErrorEvent} JobEvent */
 
 /** @typedef {{ key: string | number | null, line: number, state: "succeeded" | "failed" | "canceled",
  *   cached?: true, result?: JobResult, problem?: Problem }} BatchAnswer */

@@ -656,4 +656,4 @@ static void add_file(const qm_encoder *encoder, qm_text *out)
     qm_text_add(out, encoder->file.data, encoder->file.size);
 }
 
-const qm_encoder_format qm_encoder_3mf = {prepare_3mf, add_file, NULL, NULL};
+const qm_encoder_format qm_encoder_3mf = {prepare_3mf, add_file, NULL, NULL, false};

@@ -550,4 +550,4 @@ static void add_whole(const qm_encoder *encoder, qm_text *out)
     qm_text_add(out, encoder->file.data, encoder->file.size);
 }
 
-const qm_encoder_format qm_encoder_drc = {prepare_drc, add_whole, NULL, NULL};
+const qm_encoder_format qm_encoder_drc = {prepare_drc, add_whole, NULL, NULL, false};

@@ -722,9 +722,20 @@ static uint64_t positions_size(const qm_encoder *encoder)
     return 12 * (uint64_t)encoder->mesh->vertex_count;
 }
 
+static uint64_t coordinates_size(const qm_encoder *encoder)
+{
+    return encoder->uv ? 8 * (uint64_t)encoder->mesh->vertex_count : 0;
+}
+
 static uint64_t indices_size(const qm_encoder *encoder)
 {
     return 12 * (uint64_t)encoder->triangles;
+}
+
+/** All of the binary part. */
+static uint64_t data_size(const qm_encoder *encoder)
+{
+    return positions_size(encoder) + coordinates_size(encoder) + indices_size(encoder);
 }
 
 static void add_view(qm_text *json, uint64_t offset, uint64_t size, int target)
@@ -748,22 +759,30 @@ static void open_accessor(qm_text *json, int view, int type, uint64_t count, con
     qm_json_add_string(json, "type", shape);
 }
 
+/* Readers look for texture coordinates where there is a material; the one of the standard, without any, is of metal. */
+#define MATERIALS                                                                                            \
+    "\"materials\":[{\"name\":\"patches\",\"pbrMetallicRoughness\":"                                         \
+    "{\"metallicFactor\":0,\"roughnessFactor\":1}}],"
+
 /** The JSON part, padded with blanks to a multiple of four bytes. */
 static void write_glb_json(const qm_encoder *encoder, qm_text *json)
 {
-    uint64_t positions = positions_size(encoder), indices = indices_size(encoder);
+    uint64_t positions = positions_size(encoder), coordinates = coordinates_size(encoder),
+             indices = indices_size(encoder);
     bool has_faces = indices > 0, has_quads = encoder->facts->quads > 0;
     qm_text_printf(
         json,
-        "{\"asset\":{\"version\":\"2.0\",\"generator\":\"quadmeshd\"},%s\"scene\":0,\"scenes\":[{"
+        "{\"asset\":{\"version\":\"2.0\",\"generator\":\"quadmeshd\"},%s%s\"scene\":0,\"scenes\":[{"
         "\"nodes\":[0]}],"
-        "\"nodes\":[{\"mesh\":0}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},%s%s"
-        "\"mode\":%d}]}],\"buffers\":[{\"byteLength\":%llu}],\"bufferViews\":[",
-        has_quads ? "\"extensionsUsed\":[\"FB_ngon_encoding\"]," : "",
-        has_quads ? "\"extensions\":{\"FB_ngon_encoding\":{}}," : "", has_faces ? "\"indices\":1," : "",
-        has_faces ? TRIANGLES : POINTS, (unsigned long long)(positions + indices));
+        "\"nodes\":[{\"mesh\":0}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0%s},%s%s"
+        "\"mode\":%d%s}]}],\"buffers\":[{\"byteLength\":%llu}],\"bufferViews\":[",
+        has_quads ? "\"extensionsUsed\":[\"FB_ngon_encoding\"]," : "", encoder->uv ? MATERIALS : "",
+        encoder->uv ? ",\"TEXCOORD_0\":2" : "", has_quads ? "\"extensions\":{\"FB_ngon_encoding\":{}}," : "",
+        has_faces ? "\"indices\":1," : "", has_faces ? TRIANGLES : POINTS,
+        encoder->uv ? ",\"material\":0" : "", (unsigned long long)data_size(encoder));
     add_view(json, 0, positions, ARRAY_BUFFER);
-    if (has_faces) add_view(json, positions, indices, ELEMENT_BUFFER);
+    if (has_faces) add_view(json, positions + coordinates, indices, ELEMENT_BUFFER);
+    if (encoder->uv) add_view(json, positions, coordinates, ARRAY_BUFFER);
     qm_text_add_string(json, "],\"accessors\":[");
     open_accessor(json, 0, TYPE_FLOAT, encoder->mesh->vertex_count, "VEC3");
     /* The bounding box of the vertices in single precision. */
@@ -781,6 +800,10 @@ static void write_glb_json(const qm_encoder *encoder, qm_text *json)
         open_accessor(json, 1, TYPE_UINT32, indices / 4, "SCALAR");
         qm_text_add_string(json, "}");
     }
+    if (encoder->uv) {
+        open_accessor(json, 2, TYPE_FLOAT, encoder->mesh->vertex_count, "VEC2");
+        qm_text_add_string(json, "}");
+    }
     qm_text_add_string(json, "]}");
     while (json->size % 4 != 0 && !json->failed)
         qm_text_add_string(json, " ");
@@ -790,9 +813,11 @@ static qm_status prepare_glb(qm_encoder *encoder)
 {
     qm_status status = qm_encoder_round_to_floats(encoder);
     if (status != QM_OK) return status;
+    qm_encoder_take_apart(encoder);
+    if (encoder->uv) encoder->row_count *= 2;
     write_glb_json(encoder, &encoder->file);
     if (encoder->file.failed) return QM_E_NO_MEMORY;
-    encoder->size = 12 + 8 + encoder->file.size + 8 + positions_size(encoder) + indices_size(encoder);
+    encoder->size = 12 + 8 + encoder->file.size + 8 + data_size(encoder);
     encoder->losses.cut_faces = encoder->facts->polygons;
     return encoder->size <= UINT32_MAX ? QM_OK : qm_encoder_fail_size(encoder);
 }
@@ -805,14 +830,20 @@ static void add_glb_head(const qm_encoder *encoder, qm_text *out)
     qm_encoder_add_u32(out, (uint32_t)encoder->file.size);
     qm_encoder_add_u32(out, CHUNK_JSON);
     qm_text_add(out, encoder->file.data, encoder->file.size);
-    qm_encoder_add_u32(out, (uint32_t)(positions_size(encoder) + indices_size(encoder)));
+    qm_encoder_add_u32(out, (uint32_t)data_size(encoder));
     qm_encoder_add_u32(out, CHUNK_BINARY);
 }
 
-static void add_glb_vertex(const qm_encoder *encoder, size_t vertex, qm_text *out)
+/** A vertex, or, after them all, a texture coordinate: here v runs downward. */
+static void add_glb_vertex(const qm_encoder *encoder, size_t row, qm_text *out)
 {
-    for (int axis = 0; axis < 3; axis++)
-        qm_encoder_add_f32(out, encoder->mesh->positions[3 * vertex + (size_t)axis]);
+    size_t count = encoder->mesh->vertex_count;
+    for (size_t axis = 0; axis < 3 && row < count; axis++)
+        qm_encoder_add_f32(out, encoder->mesh->positions[3 * row + axis]);
+    if (row < count) return;
+    const double *uv = encoder->uv->uv + 2 * (row - count);
+    qm_encoder_add_f32(out, uv[0]);
+    qm_encoder_add_f32(out, 1.0 - uv[1]);
 }
 
 /** FB_ngon_encoding: both triangles of a quad begin at one corner, and no face at that of the face before. A quad is
@@ -834,4 +865,4 @@ static void add_glb_face(qm_encoder *encoder, uint32_t first, uint32_t end, qm_t
     }
 }
 
-const qm_encoder_format qm_encoder_glb = {prepare_glb, add_glb_head, add_glb_vertex, add_glb_face};
+const qm_encoder_format qm_encoder_glb = {prepare_glb, add_glb_head, add_glb_vertex, add_glb_face, true};

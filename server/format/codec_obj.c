@@ -212,15 +212,37 @@ static void add_obj_head(const qm_encoder *encoder, qm_text *out)
     qm_text_printf(out, "# %zu vertices, %zu faces\n", encoder->mesh->vertex_count, encoder->input_faces);
 }
 
-static void add_obj_vertex(const qm_encoder *encoder, size_t vertex, qm_text *out)
+static qm_status prepare_obj(qm_encoder *encoder)
 {
-    qm_encoder_add_position(encoder, vertex, "v ", out);
+    if (encoder->uv) encoder->row_count += encoder->uv->mesh.vertex_count;
+    return QM_OK;
+}
+
+/** A vertex, or, after them all, a texture coordinate. */
+static void add_obj_vertex(const qm_encoder *encoder, size_t row, qm_text *out)
+{
+    size_t count = encoder->mesh->vertex_count;
+    if (row < count) {
+        qm_encoder_add_position(encoder, row, "v ", out);
+        return;
+    }
+    char u[QM_NUMBER_SIZE], v[QM_NUMBER_SIZE];
+    const double *uv = encoder->uv->uv + 2 * (row - count);
+    qm_text_printf(out, "vt %s %s\n", qm_text_number(uv[0], u), qm_text_number(uv[1], v));
 }
 
 static void add_obj_face(qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
 {
     qm_text_add_string(out, "f");
-    qm_encoder_add_corners(encoder, first, end, 1, out);
+    if (!encoder->uv) {
+        qm_encoder_add_corners(encoder, first, end, 1, out);
+        return;
+    }
+    size_t count = qm_encoder_corner_count(encoder->mesh, first, end);
+    for (size_t i = 0; i < count; i++)
+        qm_text_printf(out, " %u/%u", qm_encoder_corner(encoder->mesh, first, i) + 1,
+                       qm_encoder_corner(&encoder->uv->mesh, first, i) + 1);
+    qm_text_add_string(out, "\n");
 }
 
-const qm_encoder_format qm_encoder_obj = {NULL, add_obj_head, add_obj_vertex, add_obj_face};
+const qm_encoder_format qm_encoder_obj = {prepare_obj, add_obj_head, add_obj_vertex, add_obj_face, true};

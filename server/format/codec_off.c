@@ -306,4 +306,4 @@ static void add_off_face(qm_encoder *encoder, uint32_t first, uint32_t end, qm_t
     qm_encoder_add_corners(encoder, first, end, 0, out);
 }
 
-const qm_encoder_format qm_encoder_off = {NULL, add_off_head, qm_encoder_add_vertex_row, add_off_face};
+const qm_encoder_format qm_encoder_off = {NULL, add_off_head, qm_encoder_add_vertex_row, add_off_face, false};

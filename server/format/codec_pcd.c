@@ -476,4 +476,4 @@ static void add_pcd_vertex(const qm_encoder *encoder, size_t vertex, qm_text *ou
         qm_encoder_add_f64(out, encoder->mesh->positions[3 * vertex + (size_t)axis]);
 }
 
-const qm_encoder_format qm_encoder_pcd = {prepare_pcd, add_pcd_head, add_pcd_vertex, NULL};
+const qm_encoder_format qm_encoder_pcd = {prepare_pcd, add_pcd_head, add_pcd_vertex, NULL, false};

@@ -781,8 +781,8 @@ static void add_ply_head(const qm_encoder *encoder, qm_text *out)
                        encoder->mesh->grids[i].columns);
     qm_text_printf(out,
                    "element vertex %zu\n"
-                   "property double x\nproperty double y\nproperty double z\n",
-                   encoder->mesh->vertex_count);
+                   "property double x\nproperty double y\nproperty double z\n%s",
+                   encoder->mesh->vertex_count, encoder->uv ? "property float s\nproperty float t\n" : "");
     if (encoder->input_faces > 0)
         qm_text_printf(out, "element face %zu\nproperty list %s uint vertex_indices\n", encoder->input_faces,
                        has_byte_counts(encoder) ? "uchar" : "uint");
@@ -792,10 +792,11 @@ static void add_ply_head(const qm_encoder *encoder, qm_text *out)
 static qm_status prepare_ply(qm_encoder *encoder)
 {
     qm_text head = {0};
+    qm_encoder_take_apart(encoder);
     add_ply_head(encoder, &head);
     /* The fan of a face has two triangles fewer than corners. */
     uint64_t corners = (uint64_t)encoder->triangles + 2 * (uint64_t)encoder->input_faces;
-    encoder->size = head.size + 24 * (uint64_t)encoder->mesh->vertex_count +
+    encoder->size = head.size + (encoder->uv ? 32 : 24) * (uint64_t)encoder->mesh->vertex_count +
                     (has_byte_counts(encoder) ? 1 : 4) * (uint64_t)encoder->input_faces + 4 * corners;
     qm_status status = head.failed ? QM_E_NO_MEMORY : QM_OK;
     qm_text_reset(&head);
@@ -806,6 +807,8 @@ static void add_ply_vertex(const qm_encoder *encoder, size_t vertex, qm_text *ou
 {
     for (int axis = 0; axis < 3; axis++)
         qm_encoder_add_f64(out, encoder->mesh->positions[3 * vertex + (size_t)axis]);
+    for (size_t k = 0; encoder->uv && k < 2; k++)
+        qm_encoder_add_f32(out, encoder->uv->uv[2 * vertex + k]);
 }
 
 static void add_ply_face(qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
@@ -820,4 +823,4 @@ static void add_ply_face(qm_encoder *encoder, uint32_t first, uint32_t end, qm_t
         qm_encoder_add_u32(out, qm_encoder_corner(encoder->mesh, first, i));
 }
 
-const qm_encoder_format qm_encoder_ply = {prepare_ply, add_ply_head, add_ply_vertex, add_ply_face};
+const qm_encoder_format qm_encoder_ply = {prepare_ply, add_ply_head, add_ply_vertex, add_ply_face, true};

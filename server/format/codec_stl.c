@@ -271,4 +271,4 @@ static void add_stl_face(qm_encoder *encoder, uint32_t first, uint32_t end, qm_t
     }
 }
 
-const qm_encoder_format qm_encoder_stl = {prepare_stl, add_stl_head, NULL, add_stl_face};
+const qm_encoder_format qm_encoder_stl = {prepare_stl, add_stl_head, NULL, add_stl_face, false};

@@ -60,4 +60,4 @@ static void add_xyz_head(const qm_encoder *encoder, qm_text *out)
     (void)encoder, (void)out;
 }
 
-const qm_encoder_format qm_encoder_xyz = {prepare_xyz, add_xyz_head, qm_encoder_add_vertex_row, NULL};
+const qm_encoder_format qm_encoder_xyz = {prepare_xyz, add_xyz_head, qm_encoder_add_vertex_row, NULL, false};

@@ -40,7 +40,7 @@ qm_status qm_encoder_round_to_floats(qm_encoder *encoder)
 }
 
 qm_status qm_encoder_create(qm_context *ctx, const qm_mesh *mesh, const qm_mesh_facts *facts,
-                            qm_format format, int bits, qm_encoder **out)
+                            qm_format format, int bits, const qm_uv_atlas *uv, qm_encoder **out)
 {
     QM_ASSERT(format != QM_FORMAT_UNKNOWN && bits >= 0 && bits <= QM_ENCODE_MAX_BITS);
     qm_encoder *encoder = *out = qm_context_alloc(ctx, 1, sizeof *encoder);
@@ -50,6 +50,8 @@ qm_status qm_encoder_create(qm_context *ctx, const qm_mesh *mesh, const qm_mesh_
                             .facts = facts,
                             .format = formats[format],
                             .bits = bits,
+                            .uv = uv,
+                            .row_count = mesh->vertex_count,
                             .last_first = QM_NO_INDEX};
     for (uint32_t face = 0, end; face < mesh->face_count; face = end) {
         end = qm_encoder_face_end(mesh, face);
@@ -58,7 +60,10 @@ qm_status qm_encoder_create(qm_context *ctx, const qm_mesh *mesh, const qm_mesh_
         encoder->triangles += corners - 2;
         if (corners > encoder->max_corners) encoder->max_corners = corners;
     }
-    qm_status status = encoder->format->prepare ? encoder->format->prepare(encoder) : QM_OK;
+    qm_status status = QM_OK;
+    if (uv && !encoder->format->has_uv)
+        status = qm_context_fail(ctx, QM_E_UNSUPPORTED, "only obj, ply and glb hold texture coordinates");
+    if (status == QM_OK && encoder->format->prepare) status = encoder->format->prepare(encoder);
     if (status == QM_OK) return QM_OK;
     qm_encoder_destroy(encoder);
     *out = NULL;
@@ -90,7 +95,7 @@ bool qm_encoder_next(qm_encoder *encoder, qm_text *out)
     size_t end = out->size + BLOCK_SIZE;
     if (!encoder->has_head) format->add_head(encoder, out);
     encoder->has_head = true;
-    for (; format->add_vertex && encoder->vertex < mesh->vertex_count && out->size < end && !out->failed;
+    for (; format->add_vertex && encoder->vertex < encoder->row_count && out->size < end && !out->failed;
          encoder->vertex++)
         format->add_vertex(encoder, encoder->vertex, out);
     while (format->add_face && encoder->face < mesh->face_count && out->size < end && !out->failed) {
@@ -98,7 +103,7 @@ bool qm_encoder_next(qm_encoder *encoder, qm_text *out)
         format->add_face(encoder, first, last, out);
         encoder->face = last;
     }
-    bool has_vertices = format->add_vertex && encoder->vertex < mesh->vertex_count;
+    bool has_vertices = format->add_vertex && encoder->vertex < encoder->row_count;
     bool has_faces = format->add_face && encoder->face < mesh->face_count;
     return (has_vertices || has_faces) && !out->failed;
 }
@@ -128,6 +133,14 @@ void qm_encoder_add_corners(const qm_encoder *encoder, uint32_t first, uint32_t 
 void qm_encoder_add_vertex_row(const qm_encoder *encoder, size_t vertex, qm_text *out)
 {
     qm_encoder_add_position(encoder, vertex, "", out);
+}
+
+void qm_encoder_take_apart(qm_encoder *encoder)
+{
+    if (!encoder->uv) return;
+    encoder->mesh = &encoder->uv->mesh;
+    encoder->row_count = encoder->mesh->vertex_count;
+    encoder->losses.left_out_vertices = encoder->facts->unused_vertices;
 }
 
 qm_status qm_encoder_fail_size(const qm_encoder *encoder)

@@ -7,6 +7,7 @@
 
 #include "base/text.h"
 #include "codec.h"
+#include "uv_atlas.h"
 
 #define QM_ENCODE_MAX_BITS 24 /* more bits are below the rounding of single precision */
 
@@ -25,13 +26,16 @@ typedef struct qm_encoder qm_encoder;
  * mesh   borrowed until the encoder is destroyed
  * facts  of the mesh
  * bits   of Draco's quantisation along the longest side of the box, 1 to QM_ENCODE_MAX_BITS; 0: single precision
+ * uv     texture coordinates of the mesh, borrowed as well, for OBJ (vt), PLY (s and t of vertices) and glTF (TEXCOORD_0, whose
+ *        v runs downward); the vertices of patches are apart in PLY and glTF. NULL: none
  *
- * Returns QM_OK; QM_E_UNSUPPORTED for points in a format of faces or faces in one of points; QM_E_SCALE for
+ * Returns QM_OK; QM_E_UNSUPPORTED for points in a format of faces, faces in one of points, or texture coordinates in another
+ * format; QM_E_SCALE for
  * coordinates beyond single precision in a format that has no other; QM_E_TOO_LARGE; QM_E_NO_MEMORY; with
  * ctx->message.
  */
 qm_status qm_encoder_create(qm_context *ctx, const qm_mesh *mesh, const qm_mesh_facts *facts,
-                            qm_format format, int bits, qm_encoder **out);
+                            qm_format format, int bits, const qm_uv_atlas *uv, qm_encoder **out);
 void qm_encoder_destroy(qm_encoder *encoder);
 
 qm_encode_losses qm_encoder_losses(const qm_encoder *encoder);

@@ -15,10 +15,11 @@ typedef struct qm_encoder_format {
     /* Rejects meshes that the format cannot hold, and sets losses and size; NULL: nothing to check. */
     qm_status (*prepare)(qm_encoder *encoder);
     void (*add_head)(const qm_encoder *encoder, qm_text *out);
-    void (*add_vertex)(const qm_encoder *encoder, size_t vertex,
-                       qm_text *out); /* NULL: the format has none */
+    void (*add_vertex)(const qm_encoder *encoder, size_t row,
+                       qm_text *out); /* of row_count; NULL: the format has none */
     /* A face of the input, which is the faces first to end - 1 of the mesh. */
     void (*add_face)(qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out);
+    bool has_uv; /* it holds texture coordinates */
 } qm_encoder_format;
 
 /** The encoder of each format, in the file codec_FORMAT.c. */
@@ -35,7 +36,9 @@ struct qm_encoder {
     qm_encode_losses losses;
     uint64_t size; /* 0: unknown */
     size_t input_faces, triangles, max_corners;
-    size_t vertex, face; /* written so far */
+    const qm_uv_atlas *uv; /* NULL: none */
+    size_t row_count; /* rows of add_vertex: one for each vertex, unless prepare says that there are more */
+    size_t vertex, face; /* rows and faces that are written */
     uint32_t last_first; /* the corner that the last face was written from, in a format where that counts */
     bool has_head;
     qm_text file; /* of a format that is encoded at once */
@@ -77,6 +80,9 @@ static inline int qm_encoder_list_triangles(const uint32_t face[4], uint32_t row
     rows[1][2] = face[3];
     return face[3] == QM_NO_INDEX ? 1 : 2;
 }
+
+/** With texture coordinates: writes the mesh whose patches are apart, in a format that has one of them for each vertex. */
+void qm_encoder_take_apart(qm_encoder *encoder);
 
 /** Fails with QM_E_TOO_LARGE. */
 qm_status qm_encoder_fail_size(const qm_encoder *encoder);

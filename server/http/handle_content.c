@@ -21,6 +21,7 @@ typedef struct content_reply {
     qm_meshes *meshes;
     qm_mesh_ref *mesh;
     qm_context ctx;
+    qm_uv_atlas atlas; /* all zero without texture coordinates */
     qm_encoder *encoder;
 } content_reply;
 
@@ -28,6 +29,7 @@ static void end_content_reply(void *user)
 {
     content_reply *s = user;
     qm_encoder_destroy(s->encoder);
+    qm_uv_atlas_reset(&s->ctx, &s->atlas);
     qm_meshes_release(s->meshes, s->mesh);
     free(s);
 }
@@ -65,6 +67,21 @@ static bool read_bits(qm_request *request, qm_format format, int *bits)
     return false;
 }
 
+/** ?uv=patches; false after a refusal. */
+static bool read_uv(qm_request *request, qm_format format, bool *has_uv)
+{
+    const char *given = qm_request_query(request, "uv");
+    bool is_known = given && strcmp(given, "patches") == 0;
+    bool can_hold = format == QM_FORMAT_OBJ || format == QM_FORMAT_PLY || format == QM_FORMAT_GLB;
+    *has_uv = is_known;
+    if (!given || (is_known && can_hold)) return true;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "%s",
+                                         is_known ? "`uv` is only valid for the formats obj, ply and glb"
+                                                  : "`uv` must be \"patches\"");
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
 static void add_headers(qm_request *request, const content_reply *s, qm_format format, int bits)
 {
     char number[QM_NUMBER_SIZE];
@@ -80,7 +97,7 @@ static void add_headers(qm_request *request, const content_reply *s, qm_format f
 
 /** Takes over the reference; NULL with a problem. */
 static content_reply *begin_content(qm_meshes *meshes, qm_mesh_ref *ref, qm_format format, int bits,
-                                    qm_problem *problem)
+                                    bool has_uv, qm_problem *problem)
 {
     content_reply *s = calloc(1, sizeof *s);
     if (!s) {
@@ -90,7 +107,14 @@ static content_reply *begin_content(qm_meshes *meshes, qm_mesh_ref *ref, qm_form
     }
     *s = (content_reply){.meshes = meshes, .mesh = ref, .ctx = qm_context_make()};
     const qm_loaded_mesh *mesh = qm_mesh_ref_get(ref);
-    qm_status status = qm_encoder_create(&s->ctx, &mesh->mesh, &mesh->facts, format, bits, &s->encoder);
+    qm_status status = QM_OK;
+    if (has_uv) {
+        s->ctx = qm_meshes_context(meshes); /* the copy of the mesh is within the budget */
+        status = qm_uv_atlas_make(&s->ctx, &mesh->mesh, &mesh->patches, &s->atlas);
+    }
+    if (status == QM_OK)
+        status = qm_encoder_create(&s->ctx, &mesh->mesh, &mesh->facts, format, bits,
+                                   has_uv ? &s->atlas : NULL, &s->encoder);
     if (status == QM_OK) return s;
     *problem = qm_problem_from_status(status, s->ctx.message);
     end_content_reply(s);
@@ -101,13 +125,16 @@ void qm_handle_mesh_content(qm_request *request)
 {
     qm_format format;
     int bits;
+    bool has_uv;
     qm_problem problem;
-    if (!read_format(request, &format) || !read_bits(request, format, &bits)) return;
+    if (!read_format(request, &format) || !read_bits(request, format, &bits) ||
+        !read_uv(request, format, &has_uv))
+        return;
     char suffix[32];
-    snprintf(suffix, sizeof suffix, "-%s-%d", qm_format_name(format), bits);
+    snprintf(suffix, sizeof suffix, "-%s-%d%s", qm_format_name(format), bits, has_uv ? "-uv" : "");
     qm_mesh_ref *mesh = qm_handlers_take_mesh(request, suffix);
     if (!mesh) return;
-    content_reply *s = begin_content(qm_request_app(request)->meshes, mesh, format, bits, &problem);
+    content_reply *s = begin_content(qm_request_app(request)->meshes, mesh, format, bits, has_uv, &problem);
     if (!s) {
         qm_reply_problem(request, &problem);
         return;

@@ -250,18 +250,28 @@ static bool make_of_quads(layout_session *s, const qm_json_quad_layout *wanted, 
     return outcome(s, status, problem);
 }
 
+/** Makes a layout, unless the client leaves or its deadline comes before. False with a problem. */
+static bool make_watched(layout_session *s, qm_request *request, const qm_json_quad_layout *wanted,
+                         qm_problem *problem)
+{
+    qm_http_watch watch;
+    memcpy(s->row.mesh, wanted->mesh, sizeof s->row.mesh);
+    qm_http_watch_begin(&watch, request, wanted->deadline_ms, &s->ctx);
+    bool is_made = session_take_mesh(s, problem) &&
+                   (wanted->source == QM_LAYOUT_QUADS ? make_of_quads(s, wanted, problem)
+                                                      : make_of_surface(s, wanted, problem));
+    return qm_http_watch_end(&watch, &s->ctx, problem) && is_made;
+}
+
 /** The layout that a request describes, with its patches and issues. False with a problem. */
-static bool read_new(layout_session *s, const char *body, size_t size, qm_problem *problem)
+static bool read_new(layout_session *s, qm_request *request, qm_problem *problem)
 {
     qm_json_quad_layout wanted;
     bool has_patches;
+    size_t size;
+    const char *body = qm_request_body(request, &size);
     if (!qm_json_read_quad_layout(body, size, &wanted, problem)) return false;
-    if (wanted.source != QM_LAYOUT_GIVEN) {
-        memcpy(s->row.mesh, wanted.mesh, sizeof s->row.mesh);
-        return session_take_mesh(s, problem) &&
-               (wanted.source == QM_LAYOUT_QUADS ? make_of_quads(s, &wanted, problem)
-                                                 : make_of_surface(s, &wanted, problem));
-    }
+    if (wanted.source != QM_LAYOUT_GIVEN) return make_watched(s, request, &wanted, problem);
     return qm_json_read_layout(&s->ctx, body, size, s->row.mesh, &s->layout, &has_patches, problem) &&
            session_take_mesh(s, problem) && set_patches(s, has_patches, problem);
 }
@@ -298,10 +308,8 @@ void qm_handle_layout_create(qm_request *request)
     qm_store_idempotency idempotency;
     if (!qm_handlers_read_idempotency(request, &idempotency) || reply_again(request, &idempotency)) return;
     layout_session s = session_make(qm_request_app(request));
-    size_t size;
-    const char *body = qm_request_body(request, &size);
     qm_problem problem;
-    if (read_new(&s, body, size, &problem) && store_new(&s, &idempotency, &problem)) {
+    if (read_new(&s, request, &problem) && store_new(&s, &idempotency, &problem)) {
         qm_reply_header(request, "Location", "/v1/layouts/%s", s.row.id);
         reply_layout(request, 201, &s.row, NULL);
     } else if (!reply_again(request, &idempotency)) { /* an equal request may have been faster */

@@ -45,6 +45,22 @@ typedef struct qm_request qm_request;
 
 qm_app *qm_request_app(const qm_request *request);
 
+/** Ends a computation of a handler before its end: when its client has left, at its deadline, or after the time that the daemon
+ * allows a job (http_watch.c). */
+typedef struct qm_http_watch {
+    qm_request *request;
+    double deadline_ms, end_ms;
+    bool has_own_deadline; /* else the daemon's */
+    atomic_bool cancel, looks;
+    atomic_uint_least64_t next_look; /* ms of qm_clock_now_ms */
+    _Atomic enum { QM_WATCH_NOTHING, QM_WATCH_LEFT, QM_WATCH_LATE } cause;
+} qm_http_watch;
+
+/** Sets the flags of a context until the end of the watch; deadline_ms counts from the start of the request, 0: none. */
+void qm_http_watch_begin(qm_http_watch *watch, qm_request *request, double deadline_ms, qm_context *ctx);
+/** Takes them back. False with a problem when the computation was ended. */
+bool qm_http_watch_end(const qm_http_watch *watch, qm_context *ctx, qm_problem *problem);
+
 /** The part of the path that stands for {id}; "" when the route has none. */
 const char *qm_request_id(const qm_request *request);
 

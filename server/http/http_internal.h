@@ -117,6 +117,9 @@ enum MHD_Result qm_http_queue(struct MHD_Connection *connection, unsigned status
 /** The address of the client; "" when it is not known. */
 void qm_request_address(const qm_request *request, char out[INET6_ADDRSTRLEN]);
 
+/** True once the client of a suspended connection has closed it. */
+bool qm_http_has_left(const qm_request *request);
+
 /** The host that the request is for: "name:port" or "name"; NULL when it names none. */
 const char *qm_request_host(const qm_request *request);
 

@@ -292,13 +292,6 @@ void qm_reply_end_once(qm_request *request)
     request->once = NULL;
 }
 
-/** The library does not look at a connection that is suspended. */
-static bool has_left(const qm_request *request)
-{
-    char byte;
-    return request->guarded && recv(request->guarded->socket, &byte, 1, MSG_PEEK | MSG_DONTWAIT) == 0;
-}
-
 /** Replies with a problem document, which lacks the instance. */
 static void reply_document(qm_request *request, const char *document)
 {
@@ -319,7 +312,7 @@ bool qm_reply_check_once(qm_request *request)
     while (!has_ended && !is_gone) {
         if (!qm_job_once_await(request->once, suspend_request)) return false;
         has_ended = qm_job_once_take(request->once, &has_result, &object);
-        is_gone = !has_ended && has_left(request);
+        is_gone = !has_ended && qm_http_has_left(request);
     }
     qm_reply_end_once(request);
     if (has_ended && object && !has_result) {

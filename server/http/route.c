@@ -34,7 +34,7 @@ static const char *const list_query[] = {"limit", "cursor", "order", "mesh", NUL
 static const char *const upload_query[] = {"name",        "format", "ttl_seconds", "unit",
                                            "uncertainty", "labels", NULL};
 static const char *const format_query[] = {"format", NULL};
-static const char *const content_query[] = {"format", "quantization", NULL};
+static const char *const content_query[] = {"format", "quantization", "uv", NULL};
 static const char *const quality_query[] = {"metric", NULL};
 static const char *const rows_query[] = {"dtype", NULL};
 static const char *const project_query[] = {"dtype",       "quads",     "order", "threads",

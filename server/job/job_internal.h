@@ -2,7 +2,7 @@
  * job_internal.h: what the files of the job table share: jobs.c (table, submission, start and stop), job_events.c (event
  * log, subscribers, notifier), job_mirrors.c and job_pulse.c (jobs of other nodes, and the node among them), jobs_list.c
  * (resources and lists), job_run.c (what a worker does with a job on meshes, and how jobs end), job_steps.c (the same
- * for reconstruction steps), job_matrix.c (the same for a set of meshes), job_help.c (parts of searches of other nodes), job_batch.c (jobs that are lines of a file), job_once.c (jobs about meshes that
+ * for reconstruction steps), job_matrix.c (the same for a set of meshes), job_made.c (for a job that makes a mesh), job_help.c (parts of searches of other nodes), job_batch.c (jobs that are lines of a file), job_once.c (jobs about meshes that
  * are not stored).
  *
  * "The lock" is qm_jobs.lock. A job is either stored, with a row, events and a document, or it lives in
@@ -283,6 +283,17 @@ qm_stored qm_job_store_end(qm_job *job, qm_job_state state, const qm_job_result 
                            const qm_store_effect *effect, qm_job_end *end);
 /** Ends the job, notifies its subscribers, and frees end. */
 void qm_job_announce_end(qm_job *job, qm_job_end *end);
+
+/** Stores the mesh that the result of a running job brings together with the job's end, and announces it; or ends the job with the
+ * problem of that. */
+void qm_job_finish_with_mesh(qm_job *job, qm_context *ctx, qm_job_result *result);
+
+/** Tells each stage of a remeshing as an event. */
+typedef struct qm_job_stages {
+    qm_job *job;
+    double diagonal, start_ms;
+} qm_job_stages;
+void qm_job_tell_stage(void *stages, const qm_remesh_stage *stage);
 
 /** Ends the run of a job because the daemon stops: a stored one runs again at the next start, one that is not
  * stored ends as canceled. */

@@ -227,6 +227,14 @@ static void finish(qm_job *job, const qm_job_outcome *outcome)
     qm_job_announce_end(job, &end);
 }
 
+/** Stores the effect of a job that is not stored itself. */
+static qm_stored store_effect(qm_store *store, const qm_store_effect *effect)
+{
+    if (effect && effect->next) return qm_store_update_reconstruction(store, effect);
+    qm_stored stored = effect && effect->mesh ? qm_store_put_mesh(store, effect->mesh) : QM_STORED;
+    return stored == QM_STORED_TAKEN ? QM_STORED_LATE : stored;
+}
+
 qm_stored qm_job_store_end(qm_job *job, qm_job_state state, const qm_job_result *result,
                            const qm_store_effect *effect, qm_job_end *end)
 {
@@ -240,7 +248,7 @@ qm_stored qm_job_store_end(qm_job *job, qm_job_state state, const qm_job_result 
     if (!job->on_end)
         stored = make_and_store(job, &outcome, effect, end);
     else
-        stored = effect ? qm_store_update_reconstruction(job->jobs->store, effect) : QM_STORED;
+        stored = store_effect(job->jobs->store, effect);
     if (stored == QM_STORED)
         end->object = object;
     else
@@ -562,12 +570,15 @@ void qm_job_end_run(qm_job *job, qm_context *ctx, qm_status status, qm_job_resul
         mark_late(result);
         canceled = false;
     }
+    const qm_mesh_facts *facts;
     qm_problem problem;
     if (expiry != QM_JOB_IN_TIME && status != QM_OK) {
         problem = qm_job_expiry_problem(job, expiry);
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     } else if (canceled && !qm_job_is_canceled(job)) {
         qm_job_interrupt(job);
+    } else if (status == QM_OK && qm_job_result_mesh(result, &facts)) {
+        qm_job_finish_with_mesh(job, ctx, result);
     } else if (status == QM_OK) {
         qm_stored stored = store_array(job, result, &problem);
         if (stored == QM_STORED)
@@ -606,6 +617,9 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
                       .most_pieces = QM_SPLIT_MOST_PIECES};
     const qm_job_search search = {qm_split_measure, &split};
     if (may_split(job)) request.search = &search;
+    qm_job_stages stages = {job, a->diagonal, qm_clock_now_ms()};
+    request.remesh.on_stage = job->on_end ? NULL : qm_job_tell_stage;
+    request.remesh.user = &stages;
     progress_target target = {job, a->diagonal, &split};
     qm_hausdorff_progress_fn *progress = job->on_end ? NULL : on_progress;
     qm_job_result result;

@@ -9,7 +9,6 @@
 
 #include "base/clock.h"
 #include "base/json.h"
-#include "format/encoder.h"
 #include "ops/json_layout.h"
 #include "reconstructions.h"
 #include "store/store_problem.h"
@@ -313,53 +312,19 @@ void qm_reconstructions_add_patches(const qm_reconstruction_lease *lease, qm_tex
 
 /* ---- meshes and rows ---- */
 
-/** The mesh as a PLY upload, which keeps every digit. NULL with a problem. */
-static qm_blob_writer *write_upload(qm_reconstructions *rs, qm_reconstruction_lease *r, qm_problem *problem)
-{
-    qm_mesh mesh;
-    qm_mesh_facts facts;
-    qm_encoder *encoder = NULL;
-    qm_blob_writer *upload = NULL;
-    qm_status status = qm_reconstruction_mesh(&r->ctx, r->reconstruction, &mesh);
-    if (status == QM_OK) status = qm_mesh_find_facts(&r->ctx, &mesh, &facts);
-    if (status == QM_OK) status = qm_encoder_create(&r->ctx, &mesh, &facts, QM_FORMAT_PLY, 0, &encoder);
-    if (status == QM_OK) status = qm_blob_begin(rs->store, 0, &upload);
-    for (bool goes_on = status == QM_OK; goes_on;) {
-        qm_text block = {0};
-        goes_on = qm_encoder_next(encoder, &block);
-        status = block.failed ? QM_E_NO_MEMORY : qm_blob_write(upload, block.data, block.size);
-        goes_on = goes_on && status == QM_OK;
-        qm_text_reset(&block);
-    }
-    qm_encoder_destroy(encoder);
-    qm_mesh_reset(&r->ctx, &mesh);
-    if (status == QM_OK) return upload;
-    qm_blob_abort(upload);
-    *problem = qm_problem_from_write(status, "the mesh");
-    return NULL;
-}
-
 /** Makes an ordinary mesh of the reconstruction as it is, which put stores with what names it. */
 static bool add_mesh(qm_reconstructions *rs, qm_reconstruction_lease *r, qm_mesh_put_fn *put, void *user,
                      qm_problem *problem)
 {
-    qm_blob_writer *upload = write_upload(rs, r, problem);
-    if (!upload) return false;
-    /* It is named after its source, if that has a name. */
-    qm_store_mesh source;
-    bool has_source = qm_store_find_mesh(rs->store, r->source_id, &source) == QM_STORED;
-    qm_text text = {0};
-    qm_text_printf(&text, "%s, %zu quads", has_source && source.name[0] ? source.name : r->id,
-                   qm_reconstructions_count_quads(r));
-    if (has_source) qm_store_mesh_reset(&source);
-    char *name = qm_text_take(&text);
-    if (!name) {
-        qm_blob_abort(upload);
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
-        return false;
-    }
-    bool added = qm_meshes_add_with(rs->meshes, upload, name, QM_FORMAT_PLY, put, user, problem);
-    free(name);
+    qm_mesh mesh;
+    qm_mesh_facts facts;
+    qm_status status = qm_reconstruction_mesh(&r->ctx, r->reconstruction, &mesh);
+    if (status == QM_OK) status = qm_mesh_find_facts(&r->ctx, &mesh, &facts);
+    bool is_made = status == QM_OK;
+    if (!is_made) *problem = qm_problem_from_status(status, r->ctx.message);
+    bool added = is_made && qm_meshes_add_made(rs->meshes, &r->ctx, &mesh, &facts, r->source_id, r->id, put,
+                                               user, problem);
+    qm_mesh_reset(&r->ctx, &mesh);
     return added;
 }
 

@@ -951,17 +951,6 @@ bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const qm_mesh_opti
     return add(&task, options, out, is_new);
 }
 
-bool qm_meshes_add_with(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
-                        qm_mesh_put_fn *put, void *user, qm_problem *problem)
-{
-    upload_task task = {meshes, upload, 0.0, put, user, problem};
-    const qm_mesh_options options = {.name = name, .format = format};
-    qm_store_mesh row;
-    bool is_new, added = add(&task, &options, &row, &is_new);
-    if (added) qm_store_mesh_reset(&row);
-    return added;
-}
-
 bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm_problem *problem)
 {
     qm_loaded_mesh mesh;
@@ -983,17 +972,16 @@ bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm
     return adopted;
 }
 
-/* ---- copies ---- */
+/* ---- meshes that are made here ---- */
 
-/** Writes the file of a mesh; false with a problem. */
-static bool write_copy(qm_meshes *meshes, const qm_loaded_mesh *mesh, qm_blob_writer **out,
-                       qm_problem *problem)
+/** Writes the file of a mesh as PLY, which keeps every digit; false with a problem. */
+static bool write_file(qm_meshes *meshes, qm_context *ctx, const qm_mesh *mesh, const qm_mesh_facts *facts,
+                       qm_blob_writer **out, qm_problem *problem)
 {
-    qm_context ctx = qm_context_make();
     qm_encoder *encoder = NULL;
-    qm_status status = qm_encoder_create(&ctx, &mesh->mesh, &mesh->facts, QM_FORMAT_PLY, 0, &encoder);
+    qm_status status = qm_encoder_create(ctx, mesh, facts, QM_FORMAT_PLY, 0, NULL, &encoder);
     if (status != QM_OK) {
-        *problem = qm_problem_from_status(status, ctx.message);
+        *problem = qm_problem_from_status(status, ctx->message);
         return false;
     }
     uint64_t size = 0;
@@ -1008,8 +996,40 @@ static bool write_copy(qm_meshes *meshes, const qm_loaded_mesh *mesh, qm_blob_wr
     qm_encoder_destroy(encoder);
     if (status == QM_OK) return true;
     qm_blob_abort(*out);
-    *problem = qm_problem_from_write(status, "the copy");
+    *problem = qm_problem_from_write(status, "the mesh");
     return false;
+}
+
+/** The name of a mesh that was made of another, for free; NULL when out of memory. */
+static char *name_made(const qm_store_mesh *source, const qm_mesh *mesh, const char *maker)
+{
+    qm_text text = {0};
+    qm_text_printf(&text, "%s, %zu quads", source && source->name[0] ? source->name : maker,
+                   mesh->face_count);
+    return qm_text_take(&text);
+}
+
+bool qm_meshes_add_made(qm_meshes *meshes, qm_context *ctx, const qm_mesh *mesh, const qm_mesh_facts *facts,
+                        const char *source, const char *maker, qm_mesh_put_fn *put, void *user,
+                        qm_problem *problem)
+{
+    qm_store_mesh of, row;
+    qm_blob_writer *upload = NULL;
+    if (!write_file(meshes, ctx, mesh, facts, &upload, problem)) return false;
+    bool has_source = qm_store_find_mesh(meshes->store, source, &of) == QM_STORED;
+    char *name = name_made(has_source ? &of : NULL, mesh, maker);
+    qm_mesh_options options = {.name = name, .format = QM_FORMAT_PLY};
+    if (has_source) memcpy(options.notes.unit, of.notes.unit, sizeof options.notes.unit);
+    if (has_source) qm_store_mesh_reset(&of);
+    upload_task task = {meshes, upload, 0.0, put, user, problem};
+    bool is_new, added = name && add(&task, &options, &row, &is_new);
+    if (added) qm_store_mesh_reset(&row);
+    if (!name) {
+        qm_blob_abort(upload);
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
+    }
+    free(name);
+    return added;
 }
 
 bool qm_meshes_add_copy(qm_meshes *meshes, const char *id, const qm_moved_copy *copy, const char *name,
@@ -1019,7 +1039,8 @@ bool qm_meshes_add_copy(qm_meshes *meshes, const char *id, const qm_moved_copy *
     qm_mesh_ref *moved = qm_meshes_acquire_moved(meshes, id, copy->transform, &options.notes, problem);
     if (!moved) return false;
     qm_blob_writer *writer = NULL;
-    bool is_written = write_copy(meshes, &moved->mesh, &writer, problem);
+    qm_context ctx = qm_context_make();
+    bool is_written = write_file(meshes, &ctx, &moved->mesh.mesh, &moved->mesh.facts, &writer, problem);
     qm_loaded_mesh_move_notes(&moved->mesh, &options.notes);
     qm_meshes_release(meshes, moved);
     return is_written && qm_meshes_add(meshes, writer, &options, out, is_new, problem);

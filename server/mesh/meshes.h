@@ -68,9 +68,13 @@ bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const qm_mesh_opti
  * removes a mesh meanwhile. QM_STORED_TAKEN: the mesh is no longer new; others that are not QM_STORED with a problem. */
 typedef qm_stored qm_mesh_put_fn(void *user, const qm_store_mesh *mesh, bool is_new, qm_problem *problem);
 
-/** Makes a mesh of an upload, without a time to live, that put stores. */
-bool qm_meshes_add_with(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
-                        qm_mesh_put_fn *put, void *user, qm_problem *problem);
+/**
+ * Makes a mesh of one that was made of the mesh `source`, without a time to live, that put stores. It is in the unit of its
+ * source, and named after that, or after its maker where the source has no name or is gone. False with a problem.
+ */
+bool qm_meshes_add_made(qm_meshes *meshes, qm_context *ctx, const qm_mesh *mesh, const qm_mesh_facts *facts,
+                        const char *source, const char *maker, qm_mesh_put_fn *put, void *user,
+                        qm_problem *problem);
 
 /** Makes a mesh without a name of a blob that no mesh has; out is as above. False with a problem. */
 bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm_problem *problem);

@@ -39,6 +39,7 @@ qm_job_request qm_job_request_default(void)
         .align = qm_align_options_default(),
         .within = NAN,
         .goal = {.measures = true},
+        .remesh = {.quads = {.crease_angle = qm_quads_options_default().crease_angle}},
     };
 }
 
@@ -215,6 +216,12 @@ const double *qm_job_result_array(const qm_job_result *result, size_t *count)
 {
     const qm_job_hooks *hooks = qm_job_hooks_of(result->kind);
     return hooks->array ? hooks->find_array(result, count) : NULL;
+}
+
+const qm_mesh *qm_job_result_mesh(const qm_job_result *result, const qm_mesh_facts **facts)
+{
+    const qm_job_hooks *hooks = qm_job_hooks_of(result->kind);
+    return hooks->find_mesh ? hooks->find_mesh(result, facts) : NULL;
 }
 
 void qm_job_result_reset(qm_context *ctx, qm_job_result *result)

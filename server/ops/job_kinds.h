@@ -22,6 +22,7 @@
 #include "qm/heatmap.h"
 #include "qm/matrix.h"
 #include "refine.h"
+#include "remesh.h"
 
 /** Limits of requests. */
 #define QM_JOB_MAX_THREADS QM_HOST_MAX_THREADS
@@ -69,7 +70,8 @@ extern const char *const qm_relation_names[];        /* qm_relation */
     XX(SELF_COLLISION, self_collision)                                                                       \
     XX(ALIGNMENT, alignment)                                                                                 \
     XX(MATRIX, matrix)                                                                                       \
-    XX(RECONSTRUCTION_STEP, reconstruction_step)
+    XX(RECONSTRUCTION_STEP, reconstruction_step)                                                             \
+    XX(REMESH, remesh)
 
 typedef enum qm_job_kind {
 #define XX(suffix, name) QM_JOB_##suffix,
@@ -237,6 +239,10 @@ typedef struct qm_job_request {
     qm_refine_goal goal; /* its hausdorff is computed from the fraction below when the job runs */
     double hausdorff_relative;
     const qm_job_refinement *refining;
+
+    /* remesh; 0 quads: none are named; who is told of its stages is set by the caller of qm_job_execute */
+    qm_remesh_options remesh; /* its distance is computed from the fraction below when the job runs */
+    double distance_relative;
 } qm_job_request;
 
 /** The defaults: a Hausdorff job, two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points.
@@ -296,9 +302,15 @@ typedef struct qm_job_result {
 
     /* reconstruction_step */
     qm_refine_stop refine_stop;
-    char mesh[QM_ID_SIZE]; /* the new mesh; set by the caller, with the counts and the records */
+    char mesh
+        [QM_ID_SIZE]; /* the new mesh, also of a remesh; set by the caller, with the counts and the records */
     size_t quads, step_count;
     const char *records; /* JSON objects separated by commas; borrowed */
+
+    /* remesh */
+    qm_remesh_result remesh;
+    qm_mesh_facts made_facts; /* of its mesh */
+    qm_quality made_quality;
 } qm_job_result;
 
 /** False with a problem (422) when both meshes of a request have a unit, and not the same. */
@@ -318,6 +330,9 @@ qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const q
 /** The array of a result that is too long for its document: a deviation's distances at A's vertices, the faces of all
  * colliding pairs, or the pairs of a matrix. NULL if the result has none. */
 const double *qm_job_result_array(const qm_job_result *result, size_t *count);
+
+/** The mesh that a result brings, with its facts; NULL if the kind makes none. */
+const qm_mesh *qm_job_result_mesh(const qm_job_result *result, const qm_mesh_facts **facts);
 
 void qm_job_result_reset(qm_context *ctx, qm_job_result *result);
 

@@ -147,6 +147,9 @@ typedef struct qm_job_hooks {
     /** The numbers of the array; of kinds that have one. */
     const double *(*find_array)(const qm_job_result *result, size_t *count);
 
+    /** The mesh that was made, and its facts; NULL: the kind makes none. */
+    const qm_mesh *(*find_mesh)(const qm_job_result *result, const qm_mesh_facts **facts);
+
     /** Frees the result's members of this kind; NULL: nothing is allocated. */
     void (*reset)(qm_context *ctx, qm_job_result *result);
 } qm_job_hooks;

@@ -137,7 +137,8 @@ static bool read_made_layout(const cJSON *object, const char *const *names, doub
                              qm_json_quad_layout *out, qm_problem *problem)
 {
     const cJSON *patches = cJSON_GetObjectItemCaseSensitive(object, "patches"),
-                *angle = cJSON_GetObjectItemCaseSensitive(object, "crease_angle");
+                *angle = cJSON_GetObjectItemCaseSensitive(object, "crease_angle"),
+                *deadline = cJSON_GetObjectItemCaseSensitive(object, "deadline_ms");
     if (!qm_json_check_members(object, names, problem) ||
         !qm_json_read_id(object, "mesh", out->mesh, problem))
         return false;
@@ -145,12 +146,14 @@ static bool read_made_layout(const cJSON *object, const char *const *names, doub
         return qm_json_reject(problem, "must be an integer from 1 to 100000", "/patches", 0, 0);
     if (angle && !(qm_json_read_number(angle, crease_angle) && *crease_angle >= 0 && *crease_angle <= 180))
         return qm_json_reject(problem, "must be a number from 0 to 180", "/crease_angle", 0, 0);
+    if (deadline && !(qm_json_read_number(deadline, &out->deadline_ms) && out->deadline_ms > 0.0))
+        return qm_json_reject(problem, "must be a number above 0", "/deadline_ms", 0, 0);
     return true;
 }
 
 static bool read_quad_layout(const cJSON *object, qm_json_quad_layout *out, qm_problem *problem)
 {
-    static const char *const names[] = {"mesh", "quads", "patches", "crease_angle", NULL};
+    static const char *const names[] = {"mesh", "quads", "patches", "crease_angle", "deadline_ms", NULL};
     out->source = QM_LAYOUT_QUADS;
     return read_made_layout(object, names, &out->options.crease_angle, out, problem) &&
            qm_json_read_id(object, "quads", out->quads, problem);
@@ -158,7 +161,8 @@ static bool read_quad_layout(const cJSON *object, qm_json_quad_layout *out, qm_p
 
 static bool read_auto_layout(const cJSON *object, qm_json_quad_layout *out, qm_problem *problem)
 {
-    static const char *const names[] = {"mesh", "auto", "quad_count", "patches", "crease_angle", NULL};
+    static const char *const names[] = {"mesh",         "auto",        "quad_count", "patches",
+                                        "crease_angle", "deadline_ms", NULL};
     const cJSON *count = cJSON_GetObjectItemCaseSensitive(object, "quad_count");
     out->source = QM_LAYOUT_SURFACE;
     if (!read_made_layout(object, names, &out->make_quads.crease_angle, out, problem)) return false;

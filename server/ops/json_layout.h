@@ -37,11 +37,12 @@ typedef struct qm_json_quad_layout {
     char quads[QM_ID_SIZE];      /* of QM_LAYOUT_QUADS */
     qm_quads_options make_quads; /* of QM_LAYOUT_SURFACE */
     qm_quad_layout_options options;
+    double deadline_ms; /* from the start of the request on; 0: none */
 } qm_json_quad_layout;
 
 /**
- * Reads {mesh, quads, patches, crease_angle} or {mesh, auto, quad_count, patches, crease_angle}. A request with neither
- * quads nor auto gives a layout, and has no problem here.
+ * Reads {mesh, quads, patches, crease_angle, deadline_ms} or {mesh, auto, quad_count, patches, crease_angle, deadline_ms}. A
+ * request with neither quads nor auto gives a layout, and has no problem here.
  *
  * False with a problem (400).
  */

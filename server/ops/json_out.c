@@ -181,7 +181,8 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
         qm_json_add_name(out, type->mesh_field[i]);
         qm_json_add_mesh(out, meshes[i], &request->pose[i]);
     }
-    if (qm_job_find_field(hooks->fields, "quads"))
+    const qm_job_field *reading = qm_job_find_field(hooks->fields, "quads");
+    if (reading && reading->names == qm_quads_names)
         qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     if (request->threads > 0) qm_json_add_count(out, "threads", (uint64_t)request->threads);
     hooks->write_request(out, request, is_brief);

@@ -29,11 +29,44 @@ static qm_refine_goal goal_of(const qm_remesh_options *options)
                             .thread_count = options->quads.thread_count};
 }
 
+const char *const qm_remesh_work_names[] = {"quads", "layout", "steps", "measure", NULL};
+
+/** How many quads options mean that name no number. */
+static size_t usual_quads(const qm_remesh_options *options)
+{
+    if (options->quads.quads > 0) return options->quads.quads;
+    if (!(options->distance > 0.0)) return qm_quads_options_default().quads;
+    return options->is_semi_regular ? QM_REMESH_MOST_QUADS : QM_REMESH_FIRST_QUADS;
+}
+
+/** Tells that a stage begins. */
+static void begin(const qm_remesh_options *options, qm_remesh_work work, size_t quads,
+                  const qm_remesh_result *last)
+{
+    const qm_remesh_stage stage = {work, quads, last->lower, last->upper};
+    if (options->on_stage) options->on_stage(options->user, &stage);
+}
+
+/** Measures the distance both ways. A search that is canceled ends with bounds, but nobody wants them any more. */
 static qm_status measure(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
                          qm_remesh_result *out)
 {
     const qm_refine_goal goal = goal_of(options);
-    return qm_refine_measure_mesh(ctx, surface, &out->mesh, TOLERANCE, &goal, &out->lower, &out->upper);
+    qm_interval *from = &out->from_surface, *back = &out->from_quads;
+    qm_bvh *tree = NULL;
+    begin(options, QM_REMESH_MEASURE, out->mesh.face_count, out);
+    qm_status status = qm_bvh_build(ctx, &out->mesh, QM_BVH_TARGET, goal.thread_count, &tree);
+    if (status == QM_OK)
+        status =
+            qm_refine_measure(ctx, surface, tree, QM_A_TO_B, TOLERANCE, &goal, &from->lower, &from->upper);
+    if (status == QM_OK)
+        status =
+            qm_refine_measure(ctx, surface, tree, QM_B_TO_A, TOLERANCE, &goal, &back->lower, &back->upper);
+    if (status == QM_OK && qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
+    qm_bvh_destroy(ctx, tree);
+    out->lower = fmax(from->lower, back->lower);
+    out->upper = fmax(from->upper, back->upper);
+    return status;
 }
 
 /** The distance falls about as the number of quads grows. */
@@ -48,6 +81,7 @@ static qm_status make_quads(qm_context *ctx, const qm_ref_surface *surface, cons
     qm_quads_options quads = options->quads;
     for (;;) {
         qm_mesh_reset(ctx, &out->mesh);
+        begin(options, QM_REMESH_QUADS, quads.quads, out);
         qm_status status = qm_quads_make(ctx, surface->bvh, &quads, &out->mesh, NULL);
         if (status == QM_OK) status = measure(ctx, surface, options, out);
         if (status != QM_OK) return status;
@@ -59,10 +93,19 @@ static qm_status make_quads(qm_context *ctx, const qm_ref_surface *surface, cons
     }
 }
 
+/** Counts the steps, and tells of each. */
+typedef struct step_counter {
+    const qm_remesh_options *options;
+    qm_remesh_result *out;
+} step_counter;
+
 static void count_step(void *user, const qm_refine_record *record)
 {
-    (void)record;
-    ((qm_remesh_result *)user)->rounds++;
+    step_counter *counter = user;
+    qm_remesh_result *out = counter->out;
+    out->rounds++;
+    if (record->is_measured) out->lower = record->lower, out->upper = record->upper;
+    begin(counter->options, QM_REMESH_STEPS, record->step.quads, out);
 }
 
 static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
@@ -72,17 +115,21 @@ static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, cons
     how.thread_count = options->quads.thread_count;
     how.grids = grids;
     qm_reconstruction *r;
+    begin(options, QM_REMESH_STEPS, layout->patch_count, out);
     qm_status status = qm_reconstruction_create(ctx, surface, layout, &how, &r);
     if (status != QM_OK) return status;
     const qm_refine_goal goal = goal_of(options);
     qm_refine_stop stop;
-    status = qm_refine(ctx, r, surface, &goal, count_step, out, &stop);
+    step_counter counter = {options, out};
+    status = qm_refine(ctx, r, surface, &goal, count_step, &counter, &stop);
     if (status == QM_OK && stop == QM_REFINE_CANCELED)
         status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
     if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &out->mesh);
     qm_reconstruction_destroy(ctx, r);
     const qm_settle_goal kept = {options->quads, options->distance};
-    return status == QM_OK ? qm_settle(ctx, surface, &kept, &out->mesh, &out->lower, &out->upper) : status;
+    double lower, upper;
+    if (status == QM_OK) status = qm_settle(ctx, surface, &kept, &out->mesh, &lower, &upper);
+    return status == QM_OK ? measure(ctx, surface, options, out) : status;
 }
 
 /** The quads of which a layout is made. */
@@ -97,7 +144,8 @@ static qm_quads_options quads_of_layout(const qm_remesh_options *options)
 static qm_status measure_plain(qm_context *ctx, const qm_ref_surface *surface,
                                const qm_remesh_options *options, double *distance)
 {
-    const qm_remesh_options plain = {.quads = quads_of_layout(options)};
+    const qm_remesh_options plain = {
+        .quads = quads_of_layout(options), .on_stage = options->on_stage, .user = options->user};
     qm_remesh_result result = {0};
     qm_status status = make_quads(ctx, surface, &plain, &result);
     *distance = result.upper;
@@ -115,6 +163,7 @@ static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
     how.patches = patches;
     qm_layout layout;
     qm_layout_issues issues;
+    begin(options, QM_REMESH_LAYOUT, quads.quads, out);
     double *grids;
     qm_status status =
         qm_quad_layout_make_of_surface(ctx, surface, &quads, &how, &layout, &issues, NULL, &grids);
@@ -178,8 +227,10 @@ qm_status qm_remesh(qm_context *ctx, const qm_ref_surface *surface, const qm_rem
                     qm_remesh_result *out)
 {
     *out = (qm_remesh_result){0};
-    qm_status status = options->is_semi_regular ? make_semi_regular(ctx, surface, options, out)
-                                                : make_quads(ctx, surface, options, out);
+    qm_remesh_options settled = *options;
+    settled.quads.quads = usual_quads(options);
+    qm_status status = settled.is_semi_regular ? make_semi_regular(ctx, surface, &settled, out)
+                                               : make_quads(ctx, surface, &settled, out);
     if (status != QM_OK) qm_mesh_reset(ctx, &out->mesh);
     return status;
 }

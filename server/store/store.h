@@ -356,16 +356,17 @@ qm_stored qm_store_append_events(qm_store *store, qm_store_run *runs, size_t run
                                  const qm_store_event *events, size_t count);
 typedef struct qm_store_reconstruction qm_store_reconstruction;
 
-/** What the end of a job changes besides the job: the next revision of a reconstruction. */
+/** What the end of a job changes besides the job: the next revision of a reconstruction with its mesh, or a mesh alone. */
 typedef struct qm_store_effect {
-    const qm_store_reconstruction *next;
-    const qm_store_mesh *mesh; /* of it, when that is new; NULL when it is stored already */
+    const qm_store_reconstruction *next; /* NULL: none */
+    const qm_store_mesh *mesh;           /* when it is new; NULL when it is stored already */
 } qm_store_effect;
 
 /**
  * Ends a job: writes state, document and result of the row with end's id, the revisions of its meshes as
  * text, and appends its last events; with its effect, or without one for NULL. All of it is stored, or nothing.
- * QM_STORED_LATE: the reconstruction is deleted, or no longer at the revision before. QM_STORED_LOST: the job is not
+ * QM_STORED_LATE: the reconstruction is deleted, or no longer at the revision before; or the content of the mesh has
+ * another row. QM_STORED_LOST: the job is not
  * at the restart that end names, has ended in another way, or belongs to another node.
  */
 qm_stored qm_store_finish_job(qm_store *store, const qm_store_job *end, const char *revisions,

@@ -252,14 +252,16 @@ qm_stored qm_postgres_open_chunks(qm_store *store, qm_place **out, char message[
 
 /* ---- parts of statements ---- */
 
-/** Adds the parameters 1 to 11, a mesh, or nulls for NULL; QM_POSTGRES_MESH_VALUES are its columns. */
+/** Adds the parameters 1 to 14, a mesh, or nulls for NULL; QM_POSTGRES_MESH_VALUES are its columns. */
 void qm_postgres_add_mesh(qm_postgres_query *query, const qm_store_mesh *mesh);
 #define QM_POSTGRES_MESH_COLUMNS                                                                             \
-    "id, hash, options, name, document, format, revision, positions, created, expires"
+    "id, hash, options, name, document, format, revision, positions, created, expires, unit, uncertainty, "  \
+    "labels"
 #define QM_POSTGRES_MESH_VALUES                                                                              \
     "$1::text, $2::text, $3::text, $4::text, $5::text, $6::smallint, $7::bigint, nullif($8::text, ''),"      \
     " $9::text, clock_timestamp() + make_interval(secs =>"                                                   \
-    "   extract(epoch FROM nullif($10::text, '')::timestamptz - $11::timestamptz)::float8)"
+    "   extract(epoch FROM nullif($10::text, '')::timestamptz - $11::timestamptz)::float8), $12::text,"      \
+    " $13::float8, $14::text"
 /** A member of WITH: the blobs of the mesh stay. */
 #define QM_POSTGRES_MESH_BLOBS                                                                               \
     "blobs AS (UPDATE quadmeshd.blobs SET unneeded = NULL WHERE hash IN ($2, $8) AND unneeded IS NOT NULL)"
@@ -281,18 +283,18 @@ void qm_postgres_add_mesh(qm_postgres_query *query, const qm_store_mesh *mesh);
     " LEFT JOIN quadmeshd.job_queue q ON q.sequence = j.sequence"
 bool qm_postgres_read_job(const qm_postgres_rows *rows, int row, void *out);
 
-/** Adds the parameters 1 to 18: an effect, or nulls. Members of WITH, which need rows of `ready` to be done once:
+/** Adds the parameters 1 to 21: an effect, or nulls. Members of WITH, which need rows of `ready` to be done once:
  * the mesh of the effect, and its reconstruction. */
 void qm_postgres_add_effect(qm_postgres_query *query, const qm_store_effect *effect);
 #define QM_POSTGRES_EFFECT_TARGET                                                                            \
     "target AS (SELECT id FROM quadmeshd.reconstructions"                                                    \
-    "  WHERE id = $12::text AND revision = $13::bigint - 1 FOR UPDATE)"
+    "  WHERE id = $15::text AND revision = $16::bigint - 1 FOR UPDATE)"
 #define QM_POSTGRES_EFFECT                                                                                   \
     QM_POSTGRES_MESH_BLOBS ", mesh AS (INSERT INTO quadmeshd.meshes (" QM_POSTGRES_MESH_COLUMNS              \
                            ")  SELECT " QM_POSTGRES_MESH_VALUES " FROM ready WHERE $1::text IS NOT NULL),"   \
-                           " applied AS (UPDATE quadmeshd.reconstructions r SET mesh = $14, layout = $15,"   \
-                           "  steps = $16, records = $17, state = $18, revision = $13::bigint FROM ready"    \
-                           "  WHERE r.id = $12::text)"
+                           " applied AS (UPDATE quadmeshd.reconstructions r SET mesh = $17, layout = $18,"   \
+                           "  steps = $19, records = $20, state = $21, revision = $16::bigint FROM ready"    \
+                           "  WHERE r.id = $15::text)"
 
 /** Events as three arrays, of their numbers, names and members, which live until the statement has run. */
 typedef struct qm_postgres_events {

@@ -25,6 +25,9 @@ void qm_postgres_add_mesh(qm_postgres_query *query, const qm_store_mesh *mesh)
     qm_postgres_add_text(query, row->created);
     qm_postgres_add_text(query, mesh ? row->expires : NULL);
     qm_postgres_add_now(query);
+    qm_postgres_add_text(query, mesh ? row->notes.unit : NULL); /* texts live until the statement has run */
+    qm_postgres_add_real(query, row->notes.uncertainty);
+    qm_postgres_add_text(query, row->labels ? row->labels : "");
 }
 
 static const char has_mesh[] = "SELECT 1 FROM quadmeshd.meshes WHERE id = $1";
@@ -33,13 +36,9 @@ qm_stored qm_postgres_put_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
     qm_postgres_query query = {.sql = "WITH " QM_POSTGRES_MESH_BLOBS
                                       " INSERT INTO quadmeshd.meshes (" QM_POSTGRES_MESH_COLUMNS
-                                      ", unit, uncertainty, labels) VALUES (" QM_POSTGRES_MESH_VALUES
-                                      ", $12::text, $13::float8, $14::text)"
+                                      ") VALUES (" QM_POSTGRES_MESH_VALUES ")"
                                       " ON CONFLICT DO NOTHING RETURNING 1"};
     qm_postgres_add_mesh(&query, mesh);
-    qm_postgres_add_text(&query, mesh->notes.unit);
-    qm_postgres_add_real(&query, mesh->notes.uncertainty);
-    qm_postgres_add_text(&query, mesh->labels ? mesh->labels : "");
     return qm_postgres_create_row(store, &query, has_mesh, mesh->id);
 }
 

@@ -38,7 +38,7 @@ qm_stored qm_postgres_put_reconstruction(qm_store *store, const qm_store_reconst
                ")   SELECT " QM_POSTGRES_MESH_VALUES " WHERE $1::text IS NOT NULL)"
                " INSERT INTO quadmeshd.reconstructions (id, source, layout_id, mesh, layout, document, steps,"
                "  records, state, revision, cover_share, pull_curves, idempotency_key, request)"
-               " VALUES ($12, $13, $14, $15, $16, $17, $18, $19, $20, $21, $22, $23, $24, $25)"};
+               " VALUES ($15, $16, $17, $18, $19, $20, $21, $22, $23, $24, $25, $26, $27, $28)"};
     const char *const texts[] = {r->id,       r->source, r->layout_id, r->mesh, r->layout,
                                  r->document, r->steps,  r->records,   r->state};
     qm_postgres_add_mesh(&query, mesh);
@@ -57,11 +57,12 @@ qm_stored qm_postgres_put_reconstruction(qm_store *store, const qm_store_reconst
 
 void qm_postgres_add_effect(qm_postgres_query *query, const qm_store_effect *effect)
 {
-    const qm_store_reconstruction none = {0}, *r = effect ? effect->next : &none;
+    bool has_next = effect && effect->next;
+    const qm_store_reconstruction none = {0}, *r = has_next ? effect->next : &none;
     qm_postgres_add_mesh(query, effect ? effect->mesh : NULL);
-    qm_postgres_add_text(query, effect ? r->id : NULL);
+    qm_postgres_add_text(query, has_next ? r->id : NULL);
     qm_postgres_add_integer(query, r->revision);
-    qm_postgres_add_text(query, effect ? r->mesh : NULL);
+    qm_postgres_add_text(query, has_next ? r->mesh : NULL);
     qm_postgres_add_text(query, r->layout);
     qm_postgres_add_text(query, r->steps);
     qm_postgres_add_text(query, r->records);

@@ -364,18 +364,18 @@ qm_stored qm_postgres_finish_job(qm_store *store, const qm_store_job *end, const
         .sql =
             "WITH lease AS (SELECT r.sequence FROM quadmeshd.jobs j JOIN quadmeshd.job_runs r USING "
             "(sequence)"
-            "   WHERE j.id = $19 AND r.node = $20 AND r.epoch = $21::int + 1 FOR UPDATE OF r),"
+            "   WHERE j.id = $22 AND r.node = $23 AND r.epoch = $24::int + 1 FOR UPDATE OF r),"
             " " QM_POSTGRES_EFFECT_TARGET ","
-            " ready AS (SELECT sequence FROM lease WHERE $12::text IS NULL OR EXISTS (SELECT FROM target)),"
+            " ready AS (SELECT sequence FROM lease WHERE $15::text IS NULL OR EXISTS (SELECT FROM target)),"
             " " QM_POSTGRES_EFFECT ","
             " gone AS (DELETE FROM quadmeshd.job_runs r USING ready WHERE r.sequence = ready.sequence),"
             " search AS (DELETE FROM quadmeshd.job_bounds b USING ready WHERE b.sequence = ready.sequence),"
             " added AS (INSERT INTO quadmeshd.job_events (sequence, seq, name, members)"
             "   SELECT DISTINCT ON (e.seq) ready.sequence, e.seq, e.name, e.members"
-            "   FROM ready, unnest($26::bigint[], $27::text[], $28::text[]) WITH ORDINALITY"
+            "   FROM ready, unnest($29::bigint[], $30::text[], $31::text[]) WITH ORDINALITY"
             "     AS e(seq, name, members, place) ORDER BY e.seq, e.place DESC" REPLACE "),"
-            " ended AS (UPDATE quadmeshd.jobs j SET state = $22::smallint, document = $23, result = $24,"
-            "   revisions = $25, restarts = $21::int FROM ready WHERE j.sequence = ready.sequence)"
+            " ended AS (UPDATE quadmeshd.jobs j SET state = $25::smallint, document = $26, result = $27,"
+            "   revisions = $28, restarts = $24::int FROM ready WHERE j.sequence = ready.sequence)"
             " SELECT EXISTS (SELECT FROM lease), EXISTS (SELECT FROM ready)"};
     char node[QM_NODE_NAME_SIZE + 16];
     qm_postgres_events arrays = {0};

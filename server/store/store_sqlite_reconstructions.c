@@ -55,7 +55,7 @@ qm_stored qm_sqlite_apply_effect(qm_store *store, const qm_store_effect *effect)
 {
     const qm_store_reconstruction *r = effect->next;
     qm_stored stored = add_mesh(store, effect->mesh);
-    if (stored != QM_STORED) return stored;
+    if (stored != QM_STORED || !r) return stored;
     sqlite3_stmt *statement = qm_sqlite_prepare(
         store, "UPDATE reconstructions SET mesh = ?, layout = ?, steps = ?, records = ?, state = ?,"
                " revision = ? WHERE id = ? AND revision = ?");

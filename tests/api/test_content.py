@@ -101,6 +101,36 @@ def test_what_cannot_be_is_refused(client, sphere):
     assert b"1e+39" in download(client, far, format="obj").content
 
 
+def test_texture_coordinates_have_their_formats(client, sphere):
+    for query in ({"format": "off", "uv": "patches"}, {"format": "stl", "uv": "patches"}, {"format": "obj", "uv": "faces"},
+                  {"format": "obj", "uv": ""}):
+        problem = check_problem(client.get(f"/v1/meshes/{sphere['id']}/content", params=query), 400, "invalid_parameter")
+        assert "`uv`" in problem["detail"]
+    points = client.upload(b"0 0 0\n1 1 1\n", format="xyz")
+    triangles = client.upload(shapes.stl_binary(shapes.saddle(2)), format="stl")
+    polygon = client.upload(b"v 0 0 0\nv 2 0 0\nv 3 1 0\nv 1 3 0\nv 0 2 0\nf 1 2 3 4 5\nf 1 2 3 4\n", format="obj")
+    for mesh, words in ((points, "no quads"), (triangles, "no quads"), (polygon, "five corners")):
+        reply = client.get(f"/v1/meshes/{mesh['id']}/content", params={"format": "obj", "uv": "patches"})
+        assert words in check_problem(reply, 422, "unsupported_feature")["detail"]
+    plain, textured = (client.get(f"/v1/meshes/{sphere['id']}/content", params={"format": "obj", **more})
+                       for more in ({}, {"uv": "patches"}))
+    assert plain.headers["etag"] != textured.headers["etag"]
+    again = client.get(f"/v1/meshes/{sphere['id']}/content", params={"format": "obj", "uv": "patches"},
+                       headers={"If-None-Match": textured.headers["etag"]})
+    assert again.status_code == 304
+
+
+@pytest.mark.parametrize("name", ["obj", "ply", "glb"])
+def test_files_with_texture_coordinates_come_back(client, sphere, name):
+    reply = download(client, sphere, format=name, uv="patches")
+    assert name == "obj" or reply.headers["content-length"] == str(len(reply.content))
+    again = client.upload(reply.content, format=name)
+    assert again["faces"] == sphere["faces"]
+    assert (again["vertices"] == sphere["vertices"]) == (name == "obj")
+    distance = client.hausdorff(sphere["id"], again["id"], tolerance=1e-9)["result"]
+    assert distance["lower"] <= float(reply.headers["mesh-displacement"])
+
+
 def test_head_of_a_body_without_a_size_ends_with_its_headers(client, sphere):
     """The library would add a last chunk, which is then taken for the next reply on the connection."""
     job = client.hausdorff(sphere["id"], sphere["id"])["id"]

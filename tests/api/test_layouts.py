@@ -2,11 +2,13 @@
 import json
 import math
 import signal
+import socket
+import time
 
 import pytest
 
 import shapes
-from conftest import check_problem
+from conftest import PATIENCE, check_problem
 
 # A quad over [-1, 1] squared on the saddle, cut in two by the curve from node 1 to node 4.
 PLACES = [(-1, -1), (0, -1), (1, -1), (1, 1), (0, 1), (-1, 1)]
@@ -324,6 +326,45 @@ def test_bad_requests_for_automatic_layouts_name_the_place(client, saddle, chang
     reply = client.post("/v1/layouts", json={"mesh": saddle, "auto": True, **change})
     check_problem(reply, 400, "invalid_field")
     assert pointer in reply.text
+
+
+def test_a_layout_that_is_made_ends_at_its_deadline(client):
+    mesh = client.upload(shapes.sphere(0.25))["id"]
+    before = len(client.get("/v1/layouts", params={"mesh": mesh}).json()["layouts"])
+    for deadline in (1, 50, 400):
+        reply = client.post("/v1/layouts", json={"mesh": mesh, "auto": True, "quad_count": 100000, "deadline_ms": deadline})
+        assert f" {deadline} ms" in check_problem(reply, 504, "deadline_exceeded")["detail"]
+    assert len(client.get("/v1/layouts", params={"mesh": mesh}).json()["layouts"]) == before
+    for deadline in (0, -1, "1"):
+        problem = check_problem(client.post("/v1/layouts", json={"mesh": mesh, "auto": True, "deadline_ms": deadline}), 400)
+        assert problem["errors"][0]["pointer"] == "/deadline_ms"
+    made = client.post("/v1/layouts", json={"mesh": mesh, "auto": True, "quad_count": 300, "deadline_ms": 1e7})
+    assert made.status_code == 201
+
+
+def test_a_layout_is_not_made_for_a_client_that_has_left(make_daemon):
+    running = make_daemon()
+    with running.client() as client:
+        mesh = client.upload(shapes.sphere(0.25))["id"]
+        body = json.dumps({"mesh": mesh, "auto": True, "quad_count": 100000}).encode()
+        with socket.create_connection(("127.0.0.1", running.port)) as left:
+            left.sendall(b"POST /v1/layouts HTTP/1.1\r\nHost: 127.0.0.1:%d\r\nContent-Type: application/json\r\n"
+                         b"Content-Length: %d\r\n\r\n%s" % (running.port, len(body), body))
+            time.sleep(0.3)
+        ended = 'quadmeshd_request_seconds_count{method="POST",route="/v1/layouts",status="503"} 1'
+        end = time.monotonic() + PATIENCE
+        while ended not in client.get("/metrics").text:
+            assert time.monotonic() < end, "it goes on without its client"
+            time.sleep(0.05)
+        assert client.get("/v1/layouts", params={"mesh": mesh}).json()["layouts"] == []
+
+
+def test_the_daemon_limits_the_time_for_a_layout(make_daemon):
+    running = make_daemon("--max-job-seconds", 1)
+    with running.client() as client:
+        mesh = client.upload(shapes.sphere(0.25))["id"]
+        reply = client.post("/v1/layouts", json={"mesh": mesh, "auto": True, "quad_count": 100000, "deadline_ms": 1e6})
+        assert "1 s" in check_problem(reply, 504, "deadline_exceeded")["detail"]
 
 
 def test_a_point_set_gives_no_automatic_layout(client):

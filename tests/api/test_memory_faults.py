@@ -139,6 +139,27 @@ def test_jobs_of_two_meshes(frail, kind):
         headers={"Prefer": WAIT, "Cache-Control": "no-cache"}))
 
 
+@pytest.mark.parametrize("semi_regular", [False, True])
+def test_quads_of_a_surface(frail, semi_regular):
+    running, faults = frail
+    mesh = mesh_of(running, shapes.cut(shapes.cube(), 2))
+    fail_each(running, faults, lambda client, place: client.post(
+        "/v1/jobs", json={"type": "remesh", "mesh": mesh, "quads": 30, "semi_regular": semi_regular}, headers={"Prefer": WAIT}))
+    # Whatever failed on the way, no job names a mesh that is not there.
+    with running.client() as client:
+        listed = {made["id"] for made in client.get("/v1/meshes", params={"limit": 1000}).json()["meshes"]}
+        jobs = client.get("/v1/jobs", params={"type": "remesh", "limit": 1000}).json()["jobs"]
+        assert {job["result"]["mesh"] for job in jobs if "result" in job} <= listed
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "glb"])
+def test_texture_coordinates(frail, suffix):
+    running, faults = frail
+    mesh = mesh_of(running, shapes.saddle(3))
+    fail_each(running, faults, lambda client, place: client.get(
+        f"/v1/meshes/{mesh}/content", params={"format": suffix, "uv": "patches"}))
+
+
 def test_streams(frail):
     running, faults = frail
     a, b = mesh_of(running, shapes.cube()), mesh_of(running, shapes.cube(side=2.0))

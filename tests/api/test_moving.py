@@ -70,6 +70,7 @@ def fill(client):
     made = client.post("/v1/reconstructions", json={"layout": whole["id"]}, headers={"Idempotency-Key": "made"}).json()
     assert submit(client, type="reconstruction_step", reconstruction=made["id"],
                   until={"max_quads": 128})["state"] == "succeeded"
+    assert submit(client, type="remesh", mesh=bent, quads=60)["state"] == "succeeded"
 
 
 def start_slow(client, slow_files):

@@ -7,6 +7,7 @@ import json
 import struct
 
 import meshio
+import networkx
 import pytest
 import trimesh
 
@@ -101,6 +102,67 @@ def test_meshio_reads_what_comes_down(client, suffix, tmp_path):
     path = tmp_path / f"mesh.{suffix}"
     path.write_bytes(download(client, mesh, format=suffix).content)
     check_same(our_triangles(client, mesh), meshio_triangles(path))
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "glb"])
+def test_trimesh_reads_the_texture_coordinates_of_patches(client, suffix):
+    """Of a cube of 6 x 3 x 3 quads: rectangles of square cells, as many as the patches have, which do not overlap."""
+    points, faces, index = [], [], {}
+    def vertex(place):
+        return index.setdefault(place, len(index))
+    size = (6, 3, 3)
+    for axis in range(3):
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        for level in (0, size[axis]):
+            for i in range(size[a]):
+                for j in range(size[b]):
+                    quad = []
+                    for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1)):
+                        place = [0, 0, 0]
+                        place[axis], place[a], place[b] = level, i + di, j + dj
+                        quad.append(vertex(tuple(place)))
+                    faces.append(quad if level else quad[::-1])
+    points = [list(map(float, place)) for place in index]
+    mesh = client.upload((points, faces))
+    patches = client.get(f"/v1/meshes/{mesh['id']}/patches").json()["patches"]
+    content = download(client, mesh, format=suffix, uv="patches").content
+    loaded = trimesh.load(io.BytesIO(content), file_type=suffix, process=False)
+    loaded = loaded if isinstance(loaded, trimesh.Trimesh) else list(loaded.geometry.values())[0]
+    corners, uv = loaded.triangles, loaded.visual.uv[loaded.faces]
+    assert len(corners) == 2 * len(faces) and uv.min() > 0 and uv.max() < 1
+    # Counterclockwise in the picture as on the surface, all of one area, with the sides of the cells along the axes.
+    (x, y), (z, w) = (uv[:, 1] - uv[:, 0]).T, (uv[:, 2] - uv[:, 0]).T
+    areas = (x * w - y * z) / 2
+    side = (2 * areas[0]) ** 0.5
+    assert areas.min() == pytest.approx(areas.max(), rel=1e-4) and areas.min() > 0
+    # Each point of the surface has its place: equal lengths in space are equal lengths in the picture.
+    for k in range(3):
+        lengths = ((corners[:, k] - corners[:, k - 1]) ** 2).sum(axis=1) ** 0.5
+        drawn = ((uv[:, k] - uv[:, k - 1]) ** 2).sum(axis=1) ** 0.5
+        assert abs(drawn / side - lengths).max() < 1e-3
+    # The rectangles, by what is connected: as many as patches, with their sizes, apart from each other.
+    graph = networkx.Graph()
+    for triangle in loaded.faces:
+        graph.add_edges_from(zip(triangle, triangle[1:]))
+    boxes = []
+    for part in networkx.connected_components(graph):
+        places = loaded.visual.uv[sorted(part)]
+        boxes.append((places.min(axis=0), places.max(axis=0)))
+    sizes = sorted(tuple(round(float(x)) for x in (high - low) / side) for low, high in boxes)
+    assert sizes == sorted((patch["columns"], patch["rows"]) for patch in patches)
+    for n, (low, high) in enumerate(boxes):
+        for other_low, other_high in boxes[:n]:
+            assert max((low - other_high).max(), (other_low - high).max()) > 0.4 * side
+
+
+@pytest.mark.parametrize("suffix", ["ply"])
+def test_meshio_reads_texture_coordinates(client, suffix, tmp_path):
+    mesh = client.upload(shapes.rough(9, seed=7))
+    path = tmp_path / f"mesh.{suffix}"
+    path.write_bytes(download(client, mesh, format=suffix, uv="patches").content)
+    check_same(our_triangles(client, mesh), meshio_triangles(path))
+    loaded = meshio.read(path)
+    assert {"s", "t"} <= set(loaded.point_data) and len(loaded.point_data["s"]) == len(loaded.points)
 
 
 # Of the corpus: what trimesh must be able to read, so that the comparison does not shrink in silence.

@@ -65,6 +65,10 @@ def test_a_mesh_becomes_quads(client, saddle):
     # No node is irregular, and found by a search the two would be one; but they are known.
     assert found["patch_count"] == 2
     assert [(p["rows"], p["columns"]) for p in found["patches"]] == [(p["rows"], p["columns"]) for p in patches["patches"]]
+    # So are they in the texture coordinates: each has its vertices to itself.
+    textured = client.get(f"/v1/meshes/{result['mesh']}/content?format=ply&uv=patches").content
+    apart = sum((p["rows"] + 1) * (p["columns"] + 1) for p in patches["patches"])
+    assert f"element vertex {apart}\n".encode() in textured and b"property float s\n" in textured
     content = client.get(f"/v1/meshes/{result['mesh']}/content?format=obj").content
     assert client.upload(content, format="obj")["patches"] == 1
 

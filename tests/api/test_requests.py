@@ -291,6 +291,7 @@ def test_strict_bodies_refuse_unknown_members(client):
                        (f"/v1/layouts/{layout}/curves/merge", {"first": 0, "second": 1}),
                        ("/v1/reconstructions", {"layout": layout}),
                        ("/v1/jobs", {"type": "reconstruction_step", "reconstruction": "r_1"}),
+                       ("/v1/jobs", {"type": "remesh", "mesh": mesh}),
                        ("/v1/jobs", {"type": "distance", "a": mesh, "b": mesh})):
         problem = check_problem(client.post(path, json={**body, "nonsense": 1}), 400)
         assert "nonsense" in str(problem), (path, problem)

@@ -214,3 +214,16 @@ def test_vertices_move_at_the_end(quadmesh, surface, layout, tmp_path):
     assert told["upper_relative"] <= 1.25 * lines[-2]["hausdorff"]["upper_relative"]
     both = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--settle", "--keep-curves")
     assert both.returncode == 2 and "--keep-curves" in both.stderr
+
+
+def test_texture_coordinates_of_its_patches(quadmesh, surface, layout, tmp_path):
+    run = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--quads", "200", "--uv", "--json")
+    assert run.returncode == 0, run.stderr
+    lines = (tmp_path / "out.obj").read_text().splitlines()
+    uv = [tuple(map(float, line.split()[1:])) for line in lines if line.startswith("vt ")]
+    faces = [[tuple(map(int, corner.split("/"))) for corner in line.split()[1:]] for line in lines if line.startswith("f ")]
+    # One patch: a square of square cells.
+    assert len(uv) == sum(line.startswith("v ") for line in lines) == len({t for face in faces for _, t in face})
+    for face in faces:
+        (a, b), (c, d) = uv[face[0][1] - 1], uv[face[2][1] - 1]
+        assert c - a == pytest.approx(d - b) and c > a

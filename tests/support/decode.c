@@ -138,7 +138,7 @@ void qm_encoded_bytes(const qm_mesh *mesh, qm_format format, qm_bytes *bytes)
     qm_encoder *encoder;
     qm_text out = {0};
     assert_int_equal(qm_mesh_find_facts(&ctx, mesh, &facts), QM_OK);
-    assert_int_equal(qm_encoder_create(&ctx, mesh, &facts, format, 0, &encoder), QM_OK);
+    assert_int_equal(qm_encoder_create(&ctx, mesh, &facts, format, 0, NULL, &encoder), QM_OK);
     while (qm_encoder_next(encoder, &out))
         continue;
     assert_false(out.failed);

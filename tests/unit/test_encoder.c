@@ -25,7 +25,7 @@ static written write_mesh(const qm_mesh *mesh, qm_format format, int bits)
     qm_mesh_facts facts;
     qm_encoder *encoder;
     assert_int_equal(qm_mesh_find_facts(&ctx, mesh, &facts), QM_OK);
-    out.status = qm_encoder_create(&ctx, mesh, &facts, format, bits, &encoder);
+    out.status = qm_encoder_create(&ctx, mesh, &facts, format, bits, NULL, &encoder);
     memcpy(out.message, ctx.message, sizeof out.message);
     if (out.status != QM_OK) return out;
     out.losses = qm_encoder_losses(encoder);
@@ -355,7 +355,7 @@ static void test_memory_that_runs_out_is_a_status(void **state)
         qm_context ctx = qm_context_make();
         ctx.allocator = qm_failing_allocator_hook(&failing);
         qm_encoder *encoder;
-        qm_status status = qm_encoder_create(&ctx, &mesh, &facts, QM_FORMAT_DRC, 12, &encoder);
+        qm_status status = qm_encoder_create(&ctx, &mesh, &facts, QM_FORMAT_DRC, 12, NULL, &encoder);
         if (status == QM_OK) qm_encoder_destroy(encoder);
         assert_int_equal(failing.live_blocks, 0);
         if (status == QM_OK) break;

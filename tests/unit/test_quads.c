@@ -333,6 +333,55 @@ static void memory_and_cancel_end_the_call(void **state)
     qm_shape_free(&surface);
 }
 
+/** Raises the flag at a poll. */
+typedef struct cancel_at {
+    atomic_bool looks, cancel;
+    size_t polls, at;
+} cancel_at;
+
+static void count_poll(void *user)
+{
+    cancel_at *c = user;
+    if (c->polls++ == c->at) atomic_store(&c->cancel, true);
+}
+
+/** Wherever the engine polls, it ends there, with nothing; and it polls in every sweep of the fields. */
+static void every_poll_can_end_the_call(void **state)
+{
+    (void)state;
+    qm_mesh surface = triangles_of(cube_grid(6, to_box));
+    qm_context ctx = qm_context_make();
+    qm_bvh *bvh;
+    assert_int_equal(qm_bvh_build(&ctx, &surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
+    qm_quads_options options = qm_quads_options_default();
+    options.quads = 200;
+    cancel_at c = {.looks = true, .at = SIZE_MAX};
+    qm_context watched = qm_context_make();
+    watched.cancel = &c.cancel;
+    watched.pause = &c.looks;
+    watched.wait = count_poll;
+    watched.wait_user = &c;
+    qm_mesh out;
+    assert_int_equal(qm_quads_make(&watched, bvh, &options, &out, NULL), QM_OK);
+    qm_mesh_reset(&watched, &out);
+    size_t all = c.polls;
+    QM_CHECK(all > 100, "%zu polls", all);
+    for (size_t at = 0; at < all; at += 1 + at / 16) {
+        qm_failing_allocator memory = {.fail_at = SIZE_MAX};
+        watched.allocator = qm_failing_allocator_hook(&memory);
+        c.polls = 0;
+        c.at = at;
+        atomic_store(&c.cancel, false);
+        qm_status status = qm_quads_make(&watched, bvh, &options, &out, NULL);
+        QM_CHECK(status == QM_E_CANCELED, "poll %zu: %d", at, status);
+        QM_CHECK(c.polls < at + 24, "poll %zu: %zu more", at, c.polls - at);
+        assert_null(out.faces);
+        QM_CHECK(memory.live_blocks == 0, "poll %zu leaves %zu blocks", at, memory.live_blocks);
+    }
+    qm_bvh_destroy(&ctx, bvh);
+    qm_shape_free(&surface);
+}
+
 /* ---- the triangle mesh ---- */
 
 /** Every half-edge and its twin run between the same vertices; the Euler number by counting. */
@@ -414,7 +463,7 @@ int main(void)
         cmocka_unit_test(creases_are_followed),           cmocka_unit_test(open_shapes_keep_their_boundaries),
         cmocka_unit_test(components_stay_apart),          cmocka_unit_test(any_soup_becomes_manifold_quads),
         cmocka_unit_test(threads_do_not_change_the_mesh), cmocka_unit_test(bad_input_is_told),
-        cmocka_unit_test(memory_and_cancel_end_the_call),
+        cmocka_unit_test(memory_and_cancel_end_the_call), cmocka_unit_test(every_poll_can_end_the_call),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -199,6 +199,17 @@ static void triangles_over_one_patch_take_few_parts(void **state)
     check_parts(pairs, sizeof pairs / sizeof *pairs);
 }
 
+/** Needles along the line between two sheets, and slivers at an apex: strips of two triangles each were cut in half again
+ * and again, 900, 1,039 and 733 parts. */
+static void needles_take_few_parts(void **state)
+{
+    (void)state;
+    const known_pair pairs[] = {{QM_FOLD_DIAGONAL, QM_REGRIDDED_TRIANGLES, 925, 204324, 100},
+                                {QM_FOLD_AT_EDGE, QM_REGRIDDED_TRIANGLES, 787, 202379, 900},
+                                {QM_FOLD_AT_EDGE, QM_REGRIDDED_TRIANGLES, 931, 202343, 550}};
+    check_parts(pairs, sizeof pairs / sizeof *pairs);
+}
+
 /** One cell is missing in a noisy grid over a patch: the search finds the hole, in whichever of the rectangles it lies that
  * are left beside the cell under the centre. */
 static void a_hole_beside_the_centre_is_found(void **state)
@@ -239,6 +250,7 @@ int main(void)
         cmocka_unit_test(fans_of_patches_take_few_parts),
         cmocka_unit_test(coarse_grids_take_few_parts),
         cmocka_unit_test(triangles_over_one_patch_take_few_parts),
+        cmocka_unit_test(needles_take_few_parts),
         cmocka_unit_test(a_hole_beside_the_centre_is_found),
         cmocka_unit_test(heaps_that_a_patch_just_reaches_converge),
         cmocka_unit_test(shuffled_heaps_converge),

@@ -123,7 +123,7 @@ static qm_text encode(const qm_mesh *mesh, int bits)
     qm_encoder *encoder;
     qm_text file = {0};
     assert_int_equal(qm_mesh_find_facts(&ctx, mesh, &facts), QM_OK);
-    assert_int_equal(qm_encoder_create(&ctx, mesh, &facts, QM_FORMAT_DRC, bits, &encoder), QM_OK);
+    assert_int_equal(qm_encoder_create(&ctx, mesh, &facts, QM_FORMAT_DRC, bits, NULL, &encoder), QM_OK);
     assert_false(qm_encoder_next(encoder, &file));
     qm_encoder_destroy(encoder);
     return file;

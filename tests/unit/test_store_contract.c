@@ -56,7 +56,9 @@ static qm_store_mesh make_mesh(qm_store *store, const char *id, const char *cont
                           .name = "a \"name\"",
                           .document = "{\"a\":\"\\\\ \\u00e9\"}",
                           .created = "2026-01-02T03:04:05.678Z",
-                          .format = 3};
+                          .format = 3,
+                          .notes = {.unit = "mm", .uncertainty = 0.125},
+                          .labels = "a:1 b"};
     snprintf(mesh.id, sizeof mesh.id, "%s", id);
     assert_true(qm_stored_keep_blob(store, content, mesh.hash));
     return mesh;
@@ -775,6 +777,37 @@ static void test_effects(void **state)
     qm_store_job_reset(&found);
 }
 
+/** The end of a job and a mesh alone: both are stored, or neither. */
+static void test_an_effect_that_is_a_mesh(void **state)
+{
+    qm_store *store = ((qm_stored_fixture *)*state)->store;
+    qm_store_job job = make_job("j_a", NULL), end = job, found;
+    qm_store_mesh mesh = make_mesh(store, "m_1", "mesh 1"), twin = mesh, none;
+    const qm_store_event last = {"j_a", 5, "result", "\"x\":1"};
+    qm_store_effect effect = {NULL, &mesh};
+    snprintf(twin.id, sizeof twin.id, "m_2");
+    end.state = QM_JOB_SUCCEEDED, end.document = "\"state\":\"succeeded\"";
+    assert_int_equal(submit(store, &job), QM_STORED);
+    assert_int_equal(qm_store_finish_job(store, &end, "", &last, 1, &effect), QM_STORED);
+    check_mesh(store, &mesh);
+    check_events(store, "j_a", 0, "5 result \"x\":1\n");
+    assert_int_equal(qm_store_finish_job(store, &end, "", &last, 1, &effect), QM_STORED);
+    /* The content of the mesh has another row by now; the job ends with that. */
+    qm_store_job second = make_job("j_b", NULL);
+    effect.mesh = &twin, end.id[2] = 'b';
+    assert_int_equal(submit(store, &second), QM_STORED);
+    assert_int_equal(qm_store_finish_job(store, &end, "", NULL, 0, &effect), QM_STORED_LATE);
+    assert_int_equal(qm_store_find_job(store, "j_b", &found), QM_STORED);
+    assert_null(found.document);
+    qm_store_job_reset(&found);
+    assert_int_equal(qm_store_find_mesh(store, "m_2", &none), QM_STORED_NONE);
+    effect.mesh = NULL;
+    assert_int_equal(qm_store_finish_job(store, &end, "", NULL, 0, &effect), QM_STORED);
+    assert_int_equal(qm_store_find_job(store, "j_b", &found), QM_STORED);
+    assert_int_equal(found.state, QM_JOB_SUCCEEDED);
+    qm_store_job_reset(&found);
+}
+
 static void finish_one_job(task *t)
 {
     qm_store_job end = make_job("j_a", NULL);
@@ -959,6 +992,7 @@ static void test_parts_by_threads(void **state)
             cmocka_unit_test_setup_teardown(test_edits_by_threads, set_up, qm_stored_tear_down),             \
             cmocka_unit_test_setup_teardown(test_reconstructions, set_up, qm_stored_tear_down),              \
             cmocka_unit_test_setup_teardown(test_effects, set_up, qm_stored_tear_down),                      \
+            cmocka_unit_test_setup_teardown(test_an_effect_that_is_a_mesh, set_up, qm_stored_tear_down),     \
             cmocka_unit_test_setup_teardown(test_one_end, set_up, qm_stored_tear_down),                      \
             cmocka_unit_test_setup_teardown(test_parts, set_up, qm_stored_tear_down),                        \
             cmocka_unit_test_setup_teardown(test_parts_by_threads, set_up, qm_stored_tear_down),             \

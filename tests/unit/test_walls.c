@@ -10,6 +10,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #define QUADS 1200
 
@@ -183,6 +184,52 @@ static void curves_on_opposite_walls_do_not_cross(void **state)
     }
 }
 
+/**
+ * Near the edge of a blade of 60 degrees the walls are nearer than a tenth of the segments, but their normals are not
+ * opposed.
+ */
+static void curves_round_the_edge_of_a_blade_do_not_cross(void **state)
+{
+    (void)state;
+    double half = sin(30 * QM_DEGREE) / cos(30 * QM_DEGREE);
+    /* The walls meet at x = 1, z = 0. */
+    const double corner[6][3] = {{0, -1, half}, {1, -1, 0},     {1, 1, 0},
+                                 {0, 1, half},  {0, -1, -half}, {0, 1, -half}};
+    static const uint32_t face[2][4] = {{0, 1, 2, 3}, {4, 5, 2, 1}};
+    qm_mesh mesh = {
+        .positions = malloc(sizeof corner), .vertex_count = 6, .faces = malloc(sizeof face), .face_count = 2};
+    assert_true(mesh.positions && mesh.faces);
+    memcpy(mesh.positions, corner, sizeof corner);
+    memcpy(mesh.faces, face, sizeof face);
+    qm_ground g;
+    qm_ground_make(&g, mesh);
+    qm_layout layout = {0};
+    /* By x, y and the side of z: over each other at x = 0.95, where the blade is 0.06 thick. */
+    static const double line[3][2][3] = {{{0.92, -0.4, 1}, {0.98, 0.4, 1}},   /* on top */
+                                         {{0.98, -0.4, -1}, {0.92, 0.4, -1}}, /* below, across it */
+                                         {{0.98, -0.3, 1}, {0.92, 0.5, 1}}};  /* on top, across it */
+    for (uint32_t c = 0; c < 3; c++) {
+        double points[2][3];
+        for (uint32_t k = 0; k < 2; k++) {
+            memcpy(points[k], line[c][k], sizeof points[k]);
+            points[k][2] *= half * (1 - points[k][0]);
+            assert_int_equal(qm_layout_add_node(&g.ctx, &layout, points[k]), QM_OK);
+        }
+        assert_int_equal(qm_layout_add_curve(&g.ctx, &layout, 2 * c, 2 * c + 1, points[0], 2), QM_OK);
+    }
+    qm_layout_issues issues = {0};
+    assert_int_equal(qm_layout_find_crossings(&g.ctx, &layout, &g.source, &issues), QM_OK);
+    assert_int_equal(issues.count, 1);
+    assert_int_equal(issues.items[0].curve[0], 0);
+    assert_int_equal(issues.items[0].curve[1], 2);
+    qm_layout_issues_reset(&g.ctx, &issues);
+    assert_int_equal(qm_layout_find_crossings(&g.ctx, &layout, NULL, &issues), QM_OK);
+    assert_true(issues.count > 1);
+    qm_layout_issues_reset(&g.ctx, &issues);
+    qm_layout_free(&layout);
+    qm_ground_free(&g);
+}
+
 /** The warnings of a reconstruction of a few steps; returns their number. */
 static size_t warnings_of(qm_mesh surface, const qm_layout *layout, qm_reconstruction_warning out[4],
                           double *distance, const qm_mesh *truth)
@@ -321,6 +368,7 @@ int main(void)
         cmocka_unit_test(sheets_close_together_stay_apart),
         cmocka_unit_test(knife_edges_stay_sharp),
         cmocka_unit_test(curves_on_opposite_walls_do_not_cross),
+        cmocka_unit_test(curves_round_the_edge_of_a_blade_do_not_cross),
         cmocka_unit_test(a_patch_in_a_hole_is_spanned_and_told),
         cmocka_unit_test(one_sided_and_inside_out_results_are_told),
     };

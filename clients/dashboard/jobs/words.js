@@ -5,11 +5,11 @@ import { count, length } from "../core/format.js";
 import { nameOf } from "../core/state.js";
 import { multiply } from "../view/transform.js";
 
-/** @import { AlignmentResult, CollisionResult, ComparisonResult, DeviationResult, Job, MatrixResult, StepResult } from "../../js/types.js" */
+/** @import { AlignmentResult, CollisionResult, ComparisonResult, DeviationResult, Job, MatrixResult, RemeshResult, StepResult } from "../../js/types.js" */
 
 export const KINDS = /** @type {Record<string, string>} */ ({
   hausdorff: "Hausdorff distance", deviation: "Deviation", comparison: "Comparison", heatmap: "Heat map", project: "Nearest points", collision: "Collisions",
-  self_collision: "Self-collisions", distance: "Least distance", alignment: "Alignment", reconstruction_step: "Remeshing",
+  self_collision: "Self-collisions", distance: "Least distance", alignment: "Alignment", reconstruction_step: "Remeshing", remesh: "Quads at once",
   matrix: "All pairs" });
 
 /** Kinds whose view shows A where it was moved to. */
@@ -52,6 +52,10 @@ export function answerOf(job) {
     const { pair_count: pairs, searched_pairs: searched } = /** @type {MatrixResult} */ (job.result);
     return `${count(pairs)} pairs, ${count(searched)} searched`;
   }
+  if (job.type === "remesh" && job.result) {
+    const { quads, hausdorff } = /** @type {RemeshResult} */ (job.result);
+    return `${count(quads)} quads, ${length(hausdorff.lower, 5)} to ${length(hausdorff.upper, 5)} away`;
+  }
   if (job.type === "reconstruction_step" && job.result) return `${count(/** @type {StepResult} */ (job.result).quads)} quads`;
   if (job.type === "alignment" && job.result) {
     const { lower, upper } = /** @type {AlignmentResult} */ (job.result).hausdorff;
@@ -80,7 +84,8 @@ export function viewOf({ id, type, request, result }) {
     hausdorff: `#compare?a=${a}&b=${b}&job=${id}`, deviation: `#compare?a=${a}&b=${b}&quads=${quads}&heat=1${lookOf(request)}`,
     comparison: `#compare?a=${a}&b=${b}&quads=${quads}&comparison=${id}${lookOf(request)}`, heatmap: `#compare?a=${a}&b=${b}&quads=${quads}&heat=1`,
     collision: `#collide?a=${a}&b=${b}&quads=${quads}&found=1`, distance: `#collide?a=${a}&b=${b}&quads=${quads}&found=1${limit === null ? "" : `&limit=${limit}`}`,
-    self_collision: `#collide?a=${a}&b=${isMoved ? first.mesh : first}&quads=${quads}&found=1`, reconstruction_step: `#remesh?reconstruction=${reconstruction}` });
+    self_collision: `#collide?a=${a}&b=${isMoved ? first.mesh : first}&quads=${quads}&found=1`, reconstruction_step: `#remesh?reconstruction=${reconstruction}`,
+    remesh: `#remesh?a=${first}&job=${id}` });
   return address[type] ?? null;
 }
 

@@ -59,6 +59,18 @@ export class Picture {
     this.patches = patches;
   }
 
+  /**
+   * Shows quads that came at once.
+   * @param {Mesh | undefined} source
+   * @param {Mesh} quads
+   */
+  async showAtOnce(source, quads) {
+    this.forgetError();
+    this.meshes = { source, quads };
+    this.patches = null;
+    await show(this.wishes(false));
+  }
+
   /** @param {boolean} isShown */
   async setSource(isShown) {
     this.hasSource = isShown;

@@ -5,7 +5,7 @@ import { client } from "../core/connection.js";
 import { refreshMeshes } from "../core/data.js";
 import { isHeld } from "../core/deletion.js";
 import { figures, h, select } from "../core/dom.js";
-import { count, percent, time } from "../core/format.js";
+import { count, duration, percent, time } from "../core/format.js";
 import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { changed, meshOf, on, state } from "../core/state.js";
@@ -13,11 +13,13 @@ import { downloads } from "../meshes/facts.js";
 import { drawTools, toggle } from "../view/tools.js";
 import { look, setLook } from "../view/view.js";
 import { makeGoal } from "./goal.js";
+import { makeOnce } from "./once.js";
 import { Picture } from "./picture.js";
 import { Runner } from "./runner.js";
 import { distanceOf, drawBounds, drawSteps, stepTable } from "./steps.js";
+import { textured } from "./texture.js";
 
-/** @import { LayoutBrief, Reconstruction, ReconstructionBrief } from "../../js/types.js" */
+/** @import { LayoutBrief, Mesh, Reconstruction, ReconstructionBrief, RemeshResult } from "../../js/types.js" */
 /** @import { Goal } from "./runner.js" */
 
 const MOST_STEPS = 64;
@@ -26,6 +28,8 @@ const MOST_STEPS = 64;
 export function showRemesh(panel) {
   /** @type {Reconstruction | null} */
   let current = null;
+  /** Quads that came at once are shown. */
+  let isAtOnce = false;
   const picture = new Picture();
   const side = h("div", { className: "form" });
   const outcome = h("p", { className: "outcome muted", id: "remesh", role: "status" });
@@ -42,10 +46,14 @@ export function showRemesh(panel) {
   const distance = h("section", { className: "section", "aria-labelledby": "error-title" },
     h("header", {}, h("h2", { id: "error-title" }, "Distance to the surface"), heat), bounds, chart, table);
   const download = h("section", { className: "section", "aria-labelledby": "download-title" }, h("h2", { id: "download-title" }, "Download"), files);
+  const once = makeOnce({ surface: () => state.a, onMade: acceptAtOnce });
   panel.append(
     h("section", { className: "section", "aria-labelledby": "remesh-title" },
-      h("header", {}, h("h2", { id: "remesh-title" }, "Remesh"), edit), side, h("div", { className: "row" }, start, take)),
-    h("section", { className: "section", "aria-label": "Refinement" }, goal.form, outcome, picture.search.element, grown), distance, download);
+      h("header", {}, h("h2", { id: "remesh-title" }, "Remesh"), edit), side), once.section,
+    h("section", { className: "section", "aria-labelledby": "steps-title" },
+      h("header", {}, h("h2", { id: "steps-title" }, "By a layout, step by step")), h("div", { className: "row" }, start, take),
+      goal.form, outcome),
+    h("section", { className: "section", "aria-label": "Quads" }, picture.search.element, grown), distance, download);
 
   const runner = new Runner(async ({ reconstruction }) => {
     await accept(await client.reconstructions.get(reconstruction));
@@ -75,31 +83,58 @@ export function showRemesh(panel) {
     edit.hidden = state.a === null;
     edit.textContent = layout === "" ? "Sketch a layout" : "Edit the layout";
     edit.href = `#sketch?a=${state.a}${layout === "" ? "" : `&layout=${layout}`}`;
-    heat.disabled = isRunning || !current;
+    heat.disabled = isRunning || !(current || isAtOnce);
+    once.draw();
+  }
+
+  /** Shows quads with their tools and their files. @param {Mesh} quads @param {Mesh | undefined} source */
+  function drawMade(quads, source) {
+    distance.hidden = download.hidden = false;
+    heat.setAttribute("aria-pressed", "false");
+    files.replaceChildren(downloads(quads), textured(quads));
+    drawTools(source ? [quads, source] : [quads], { hasStructure: true, more: [
+      toggle("Surface", "Show the surface through the quads", picture.hasSource, (isOn) => { run(() => picture.setSource(isOn)); })] });
+  }
+
+  /** @param {string} surface @param {RemeshResult} made */
+  async function acceptAtOnce(surface, made) {
+    current = null;
+    isAtOnce = true;
+    setParameters({ reconstruction: null });
+    outcome.textContent = "";
+    grown.replaceChildren(figures([
+      ["Quads", count(made.quads)], ["Patches", made.patches ? count(made.patches) : "–"], ["Irregular vertices", count(made.irregular_vertices)],
+      ["Folded quads", count(made.folded)], ["Least Jacobian", made.least_scaled_jacobian.toFixed(3)], ["Time", duration(made.elapsed_ms)]]));
+    drawBounds(bounds, made, [`The surface lies ${percent(made.from_surface.upper_relative)} from the quads at most, and the quads ${percent(made.from_quads.upper_relative)} from it: both are proven`]);
+    chart.hidden = table.hidden = true;
+    await refreshMeshes();
+    const quads = meshOf(made.mesh) ?? await client.meshes.get(made.mesh), source = meshOf(surface);
+    drawMade(quads, source);
+    drawChoices();
+    await picture.showAtOnce(source, quads);
   }
 
   /** @param {Reconstruction} now */
   async function accept(now) {
     current = now;
-    setParameters({ reconstruction: now.id });
-    heat.setAttribute("aria-pressed", "false");
+    isAtOnce = false;
+    once.forget();
+    setParameters({ reconstruction: now.id, job: null });
     const last = now.steps.at(-1);
     const share = now.coverage.samples > 0 ? now.coverage.uncovered_samples / now.coverage.samples : 0;
     grown.replaceChildren(figures([
       ["Quads", count(now.quads)], ["Patches", count(now.patch_count)], ["Steps", count(now.step_count)],
       ["Uncovered", percent(share)], ["Folded quads", count(last?.quality.folded_quads)],
       ["Corners off 90°", last ? `${last.quality.mean_angle_deviation_deg.toFixed(1)}°` : "–"]]));
-    distance.hidden = !last;
-    download.hidden = false;
+    chart.hidden = table.hidden = false;
     drawBounds(bounds, last);
     table.replaceChildren(stepTable(now.steps));
     drawSteps(chart, now.steps);
     await refreshMeshes();
     const quads = meshOf(now.mesh) ?? await client.meshes.get(now.mesh);
-    files.replaceChildren(downloads(quads));
     const source = meshOf(now.source);
-    drawTools(source ? [quads, source] : [quads], { hasStructure: true, more: [
-      toggle("Surface", "Show the surface through the quads", picture.hasSource, (isOn) => { run(() => picture.setSource(isOn)); })] });
+    drawMade(quads, source);
+    distance.hidden = !last;
     drawChoices();
     await picture.showQuads(source, quads, now);
   }
@@ -136,6 +171,9 @@ export function showRemesh(panel) {
     changed("choice");
   }
 
+  /** A job that the address names, which is opened once. */
+  let job = parameter("job");
+
   async function openAll() {
     const source = state.a;
     [layouts, all] = [[], []];
@@ -146,19 +184,27 @@ export function showRemesh(panel) {
     if (source !== state.a) return;
     const wanted = parameter("reconstruction");
     const found = all.find(({ id }) => id === wanted) ?? (parameter("layout") ? undefined : all.at(-1));
-    if (found) await accept(await client.reconstructions.get(found.id));
+    const asked = job;
+    job = null;
+    if (asked) {
+      await showSource();
+      await once.open(asked);
+    } else if (found) await accept(await client.reconstructions.get(found.id));
     else await showSource();
   }
 
   async function showSource() {
     const mesh = meshOf(state.a);
     current = null;
+    isAtOnce = false;
+    once.forget();
+    setParameters({ job: null });
     distance.hidden = download.hidden = true;
     grown.replaceChildren();
     outcome.textContent = layouts.length > 0 || !mesh ? "" : "There is no layout on this surface yet: sketch one first.";
     drawTools(mesh ? [mesh] : [], {});
     drawChoices();
-    await picture.showSource(mesh, "Choose a surface that has a layout.");
+    await picture.showSource(mesh, "Choose a surface.");
   }
 
   async function begin() {
@@ -197,6 +243,7 @@ export function showRemesh(panel) {
     const key = `${state.a} ${state.hasMeshes}`;
     if (key === source) return;
     source = key;
+    once.leave();
     if (state.hasMeshes) openAll().catch(sayFault);
   }
 
@@ -209,6 +256,7 @@ export function showRemesh(panel) {
   return () => {
     off.forEach((each) => each());
     runner.isStopped = true;
+    once.leave();
     picture.forgetError();
     setLook(before);
   };

@@ -6,11 +6,16 @@ import { prepare } from "../core/canvas.js";
 
 /** @import { StepRecord } from "../../js/types.js" */
 
-/** How far the surface lies from the quads; of a point set, as far as it is covered. @param {StepRecord | undefined} record */
+/** How far the surface lies from the quads; of a point set, as far as it is covered. @param {Partial<StepRecord> | undefined} record */
 export const distanceOf = (record) => record?.covered ?? record?.hausdorff ?? null;
 
-/** Both bounds of the distance after the last step. @param {HTMLElement} place @param {StepRecord | undefined} last */
-export function drawBounds(place, last) {
+/**
+ * Both bounds of the distance after the last step, or of quads that came at once.
+ * @param {HTMLElement} place
+ * @param {Partial<StepRecord> | undefined} last
+ * @param {string[]} [notes]
+ */
+export function drawBounds(place, last, notes = []) {
   const hausdorff = distanceOf(last);
   const bound = (/** @type {"lower" | "upper"} */ name) => h("div", {},
     h("dt", {}, h("span", { className: `swatch ${name}` }), `${name} bound`),
@@ -18,7 +23,7 @@ export function drawBounds(place, last) {
   const { uncovered_points: uncovered = 0, beyond_points: beyond = 0, mesh_to_points: back } = last ?? {};
   const others = uncovered + beyond;
   const more = [others ? `${count(others)} points that no patch covers are left out` : "",
-    back ? `The quads lie ${percent(back.upper_relative)} from the points at most` : ""].filter((words) => words !== "");
+    back ? `The quads lie ${percent(back.upper_relative)} from the points at most` : "", ...notes].filter((words) => words !== "");
   place.replaceChildren(h("dl", { className: "bounds" }, bound("lower"), bound("upper")),
     ...more.map((words) => h("p", { className: "muted small" }, `${words}.`)));
 }

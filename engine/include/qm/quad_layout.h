@@ -55,7 +55,7 @@ qm_status qm_quad_layout_make(qm_context *ctx, const qm_mesh *quads, const qm_re
 
 /**
  * Makes quads of a surface (quads.h), and a layout of them on it, whose curves follow the creases that the quads follow:
- * the angle and the creases of the options are not used. While curves cross, up to three numbers of quads about the wanted
+ * the angle and the creases of the options are not used. While curves cross, up to four numbers of quads about the wanted
  * one are tried, and the layout with the fewest crossings is kept.
  *
  * grids  receives a grid of each patch (QM_LAYOUT_GRID), with which a reconstruction can start; the caller's, for

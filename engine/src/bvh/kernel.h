@@ -127,10 +127,11 @@ typedef struct qm_candidates {
 /** What single precision decides about a cover. */
 typedef enum qm_float_verdict { QM_FLOAT_OPEN, QM_FLOAT_COVERED, QM_FLOAT_TOO_COARSE } qm_float_verdict;
 
-/** A convex polygon of a source piece; in_reach has a bit for each lane within its cutoff of a
- * corner. */
+/** A convex polygon of a source piece, or the hull of four corners, which one facet must reach as a whole; in_reach has a bit
+ * for each lane within its cutoff of a corner. */
 typedef struct qm_polygon {
     int count;
+    bool is_hull;
     int cuts_left; /* cuts left in its rounding budget, see core/rounding.h */
     qm_vec corner[QM_COVER_CORNERS];
     uint64_t in_reach[QM_COVER_CORNERS];

@@ -66,6 +66,11 @@ static double polar(const double v[6], const double a[3], const double b[3])
            a[2] * (b[0] * v[5] + b[1] * v[4] + b[2] * v[2]);
 }
 
+double qm_quadratic_at(const double value[6], const double weight[3])
+{
+    return polar(value, weight, weight);
+}
+
 void qm_quadratic_restrict(const double value[6], const double corner[3][3], double part[6])
 {
     for (int k = 0; k < 3; k++) {
@@ -81,6 +86,14 @@ int qm_quadratic_count_cells(const double value[6], double room)
     QM_ASSERT(room >= 0.0);
     double cells = ceil(sqrt((open[0] + open[1]) / room));
     return cells < QM_QUADRATIC_CELLS ? (int)qm_max(1.0, cells) : QM_QUADRATIC_CELLS;
+}
+
+void qm_quadratic_cells_open(const qm_quadratic *bend, double open[2])
+{
+    double part = 1.0 / (double)(bend->cells * bend->cells);
+    qm_quadratic_linear_error(bend->value, open);
+    open[0] = open[0] * part + bend->below;
+    open[1] = open[1] * part + bend->above;
 }
 
 void qm_quadratic_values(const qm_quadratic *bend, double at[QM_QUADRATIC_CORNERS])

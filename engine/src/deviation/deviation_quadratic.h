@@ -46,11 +46,18 @@ void qm_quadratic_open(const double value[6], double low[3], double high[3]);
  * linear. */
 void qm_quadratic_raise(const double value[6], double high[3]);
 
+/** The value at a point. */
+double qm_quadratic_at(const double value[6], const double weight[3]);
+
 /** The coefficients over a triangle within the piece, whose corners have these weights. */
 void qm_quadratic_restrict(const double value[6], const double corner[3][3], double part[6]);
 
 /** The smallest n with a linear error of at most room in each cell; at most QM_QUADRATIC_CELLS. */
 int qm_quadratic_count_cells(const double value[6], double room);
+
+/** The most by which the function is below that which is linear in each cell with the values of q at its corners,
+ * and above it. */
+void qm_quadratic_cells_open(const qm_quadratic *bend, double open[2]);
 
 /** The values at the corners of all cells, row by row; qm_quadratic_cell gives the indices of one cell's. */
 void qm_quadratic_values(const qm_quadratic *bend, double at[QM_QUADRATIC_CORNERS]);

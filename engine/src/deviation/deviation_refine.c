@@ -22,7 +22,7 @@
 #define ROOM_A_CUT 4        /* pieces that there must be room for, for each that is cut in a round */
 #define MIN_CUT_SHARE 1024  /* pieces: a round, which visits all, must have room to cut one of this many */
 #define ROOM_A_PART 2       /* of the room for parts that each of them has on average: most need less */
-#define KEPT_SHARE 0.7      /* of the accuracy: pieces that together leave no more open are not cut */
+#define KEPT_SHARE 0.95     /* of the accuracy: pieces that together leave no more open are not cut */
 #define EXPONENTS 4096      /* of doubles */
 #define EXPONENT_BIAS 2100
 #define BLUR_ROOM 8.0 /* the mean blur may be this many accuracies of the mean */
@@ -179,7 +179,10 @@ static qm_status choose_cuts(qm_refinement *work, size_t room)
     int last = EXPONENTS; /* of two: the least one that is chosen */
     while (last > 1 && rest > kept && chosen < room) {
         begin[--last] = chosen;
-        count[last] = count[last] < room - chosen ? count[last] : room - chosen;
+        /* Of the least exponent no more than are needed. */
+        double share = open[last] > rest - kept ? (rest - kept) / open[last] : 1.0;
+        size_t most = (size_t)ceil(share * (double)count[last]);
+        count[last] = most < room - chosen ? most : room - chosen;
         chosen += count[last];
         rest -= open[last];
     }

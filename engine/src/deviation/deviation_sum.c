@@ -1,7 +1,6 @@
 /**
- * deviation_sum.c: shares of the area within many distances in one pass over the pieces; and percentiles as
- * the points where a lower and an upper bound of that share reach a number, narrowed by regula falsi and
- * bisection.
+ * deviation_sum.c: shares of the area within many distances in one pass over the pieces; and the
+ * histogram, which is made of them.
  */
 #include "deviation_sum.h"
 
@@ -10,14 +9,15 @@
 #include "core/rounding.h"
 
 #define BORDER_ROUNDINGS 0x1p-50 /* relative: of a quotient and a product, whichever comes first */
-#define FIRST_SAMPLES 16         /* of each percentile in the first round */
-#define SAMPLES 3        /* of each end of a percentile, in each further round; 2 of them at most 16 */
-#define NEAR_PART 0x1p-5 /* of a range: how near the samples are to the predicted end */
-#define MAX_ROUNDS 24
-#define END_SHARE 0x1p-6 /* of a percentile's own interval: its ends are found no closer */
 /* Of a share of up to 256 cells: 512 terms of 2 in all, and as many steps of 1 in all and their 768 sums. */
 #define CELL_ROUNDINGS 4096.0
 #define CANCEL_STRIDE 0x400 /* pieces: each may have a part at every distance */
+
+int qm_deviation_compare_numbers(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
 
 /* ---- shares ---- */
 
@@ -234,8 +234,16 @@ static void add_cells(int cells, const double at[QM_QUADRATIC_CORNERS], double a
                       const double *x, size_t count, double *share, double *steps)
 {
     int corners = (cells + 1) * (cells + 2) / 2;
-    double part = 1.0 / (double)(cells * cells);
+    double part = 1.0 / (double)(cells * cells), least = at[0], greatest = at[0];
+    for (int i = 1; i < corners; i++) {
+        least = qm_min(least, at[i]);
+        greatest = qm_max(greatest, at[i]);
+    }
     for (int k = 0; k < 2; k++) {
+        if (!((k ? below - least : greatest + above) > 0.0)) {
+            steps[0] += part * (cells * cells); /* nothing lies on this side */
+            continue;
+        }
         cell_corner corner[QM_QUADRATIC_CORNERS];
         size_t index = 0;
         for (int i = 0; i < corners; i++) {
@@ -286,10 +294,8 @@ static void add_bent(const share_sums *sums, const qm_deviation_bounds *piece, c
     double *share = rows, *steps = rows + (end - begin + 1), sum = 0.0;
     for (size_t i = 0; i < 2 * (end - begin + 1); i++)
         rows[i] = 0.0;
-    double open[2], part = 1.0 / (double)(bend->cells * bend->cells);
-    qm_quadratic_linear_error(bend->value, open);
-    open[0] = open[0] * part + bend->below;
-    open[1] = open[1] * part + bend->above;
+    double open[2];
+    qm_quadratic_cells_open(bend, open);
     if (!heights->is_set) qm_quadratic_values(bend, heights->at);
     heights->is_set = true;
     add_cells(bend->cells, heights->at, from_above ? open[1] : -open[0], from_above ? open[0] : -open[1],
@@ -388,113 +394,6 @@ qm_status qm_deviation_shares(qm_context *ctx, qm_deviation_piece_list pieces, c
         share[i] = qm_deviation_share(&areas[i], pieces.leak, pieces.count);
     qm_context_free(ctx, areas, count, sizeof *areas);
     return status;
-}
-
-/* ---- percentiles ---- */
-
-/** The point where an increasing function first reaches a share, between two points where it is known. */
-typedef struct crossing {
-    qm_interval x, share;
-} crossing;
-
-/** Where the ends of a percentile's interval are: where the greatest share that is possible first reaches it,
- * and where the least one does. */
-typedef struct percentile_search {
-    double share;
-    crossing lower, upper;
-} percentile_search;
-
-int qm_deviation_compare_numbers(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-/**
- * Places to look at next: one on each side of where the straight line through both ends reaches the share,
- * and the centroid of the range in case that the function is far from straight. None when the remainder of
- * the range hardly adds to the width of the interval.
- */
-static size_t add_samples(double *x, size_t count, const crossing *at, double share, double width)
-{
-    double range = at->x.upper - at->x.lower, rise = at->share.upper - at->share.lower;
-    if (!(range > END_SHARE * width)) return count;
-    double part = rise > 0.0 ? qm_clamp((share - at->share.lower) / rise, NEAR_PART, 1.0 - NEAR_PART) : 0.5;
-    const double parts[SAMPLES] = {part - 0.5 * NEAR_PART, 0.5, part + 0.5 * NEAR_PART};
-    for (int i = 0; i < SAMPLES; i++)
-        x[count++] = at->x.lower + range * parts[i];
-    return count;
-}
-
-static void narrow(crossing *at, double share, double x, double here)
-{
-    if (here < share && x > at->x.lower) {
-        at->x.lower = x;
-        at->share.lower = here;
-    } else if (!(here < share) && x < at->x.upper) {
-        at->x.upper = x;
-        at->share.upper = here;
-    }
-}
-
-/** x and share have room for FIRST_SAMPLES of each percentile. What is found until the call is canceled
- * holds. */
-static qm_status find_percentiles(qm_context *ctx, qm_deviation_piece_list pieces, percentile_search *search,
-                                  size_t count, double *x, qm_interval *share, long double *work)
-{
-    size_t used = 0;
-    for (size_t i = 0; i < count; i++) {
-        qm_interval range = search[i].lower.x;
-        for (int k = 1; k <= FIRST_SAMPLES; k++)
-            x[used++] = range.lower + (range.upper - range.lower) * k / (FIRST_SAMPLES + 1);
-    }
-    for (int round = 0; round < MAX_ROUNDS && used > 0; round++) {
-        qsort(x, used, sizeof *x, qm_deviation_compare_numbers);
-        qm_status status = qm_deviation_shares(ctx, pieces, x, used, work, share);
-        if (status != QM_OK) return status;
-        for (size_t i = 0; i < count; i++)
-            for (size_t k = 0; k < used; k++) {
-                narrow(&search[i].lower, search[i].share, x[k], share[k].upper);
-                narrow(&search[i].upper, search[i].share, x[k], share[k].lower);
-            }
-        used = 0;
-        for (size_t i = 0; i < count; i++) {
-            percentile_search *p = &search[i];
-            double width = fmax(0.0, p->upper.x.lower - p->lower.x.upper);
-            used = add_samples(x, used, &p->lower, p->share, width);
-            used = add_samples(x, used, &p->upper, p->share, width);
-        }
-    }
-    return QM_OK;
-}
-
-qm_status qm_deviation_percentiles(qm_context *ctx, const qm_deviation_piece_list *pieces,
-                                   const qm_deviation_survey *survey, double max, const double *percent,
-                                   size_t count, qm_interval *out)
-{
-    if (count == 0) return QM_OK;
-    size_t samples = FIRST_SAMPLES * count;
-    percentile_search *search = qm_context_alloc(ctx, count, sizeof *search);
-    double *x = qm_context_alloc(ctx, samples, sizeof *x);
-    qm_interval *share = qm_context_alloc(ctx, samples, sizeof *share);
-    long double *work = qm_context_alloc(ctx, QM_SHARE_ROWS * (samples + 1), sizeof *work);
-    qm_status status = QM_E_NO_MEMORY;
-    if (search && x && share && work) {
-        for (size_t i = 0; i < count; i++) {
-            double part = percent[i] / 100.0;
-            const crossing start = {qm_deviation_survey_percentile(survey, part, max), {0.0, 1.0}};
-            search[i] = (percentile_search){part, start, start};
-        }
-        status = pieces ? find_percentiles(ctx, *pieces, search, count, x, share, work) : QM_OK;
-        for (size_t i = 0; i < count; i++)
-            out[i] = (qm_interval){search[i].lower.x.lower, search[i].upper.x.upper};
-    }
-    qm_context_free(ctx, search, count, sizeof *search);
-    qm_context_free(ctx, x, samples, sizeof *x);
-    qm_context_free(ctx, share, samples, sizeof *share);
-    qm_context_free(ctx, work, QM_SHARE_ROWS * (samples + 1), sizeof *work);
-    return status == QM_E_NO_MEMORY ? qm_context_fail(ctx, status, "out of memory for the percentiles")
-                                    : status;
 }
 
 /* ---- histogram ---- */

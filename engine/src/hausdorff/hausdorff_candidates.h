@@ -11,12 +11,13 @@
 #define QM_NEAR_QUADS 4   /* patches of the target examined for one part */
 #define QM_STRICT_DEPTH 8 /* from here on a corner must be reached with half the tolerance to spare */
 
-/** A triangle of the piece, with its corners' candidates; in_reach holds for one generation of candidates. */
+/** A triangle or a strip of the piece, with its corners' candidates; in_reach holds for one generation of
+ * candidates. */
 typedef struct qm_part {
-    qm_vec corner[3];
-    uint64_t in_reach[3];
+    qm_vec corner[4];
+    uint64_t in_reach[4];
     unsigned generation;
-    uint8_t depth, cuts_left;
+    uint8_t count, depth, cuts_left;
 } qm_part;
 
 /** A piece on its way through one visit. */

@@ -179,12 +179,12 @@ static bool cover_in_doubles(const qm_piece_work *work, const qm_shortlist *list
     uint64_t labels = ~UINT64_C(0);
     for (int i = 0; i < polygon->count; i++)
         labels &= polygon->in_reach[i] = work->kernel->in_reach(&nearest, polygon->corner[i]);
-    return labels != 0 || (polygon->count == 3 && work->kernel->cover(&nearest, polygon, moved));
+    return labels != 0 || (!polygon->is_hull && work->kernel->cover(&nearest, polygon, moved));
 }
 
 /**
  * Covers a polygon by the facets nearest to its centroid: mostly sufficient, and much cheaper than by all
- * candidates. A polygon of four corners stands for a hull, which one label must reach as a whole.
+ * candidates.
  */
 static bool cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
 {
@@ -335,49 +335,89 @@ static void queue_part(qm_piece_work *work, const qm_part *from)
     piece.corner_count = 3;
     piece.cuts = (uint16_t)(work->cut_limit - from->cuts_left);
     piece.depth = from->depth;
-    for (int i = 0; i < 3; i++)
-        piece.corner[i] = from->corner[i];
-    queue_piece(work, &piece);
+    for (int i = 1; i + 1 < from->count; i++) {
+        piece.corner[0] = from->corner[0];
+        piece.corner[1] = from->corner[i];
+        piece.corner[2] = from->corner[i + 1];
+        queue_piece(work, &piece);
+    }
 }
 
-/** Puts a triangle of a polygon on the stack; queues it when the stack is full. */
-static void stack_part(qm_piece_work *work, const qm_polygon *polygon, int a, int b, int c, uint8_t depth)
+/** Puts a triangle or a strip of a polygon on the stack; queues it when the stack is full. */
+static void stack_part(qm_piece_work *work, const qm_polygon *polygon, const int *index, int count,
+                       uint8_t depth)
 {
     QM_ASSERT(work->height >= 0 && work->height <= QM_PART_STACK);
-    qm_part kept = {
-        .corner = {polygon->corner[a], polygon->corner[b], polygon->corner[c]},
-        .in_reach = {polygon->in_reach[a], polygon->in_reach[b], polygon->in_reach[c]},
-        .generation = work->generation,
-        .depth = depth,
-        .cuts_left = (uint8_t)polygon->cuts_left,
-    };
+    QM_ASSERT(count == 3 || count == 4);
+    qm_part kept = {.generation = work->generation,
+                    .count = (uint8_t)count,
+                    .depth = depth,
+                    .cuts_left = (uint8_t)polygon->cuts_left};
+    for (int i = 0; i < count; i++) {
+        kept.corner[i] = polygon->corner[index[i]];
+        kept.in_reach[i] = polygon->in_reach[index[i]];
+    }
     if (work->height < QM_PART_STACK)
         work->stack[work->height++] = kept;
     else
         queue_part(work, &kept);
 }
 
+/** Appends the midpoint of two corners to a polygon; returns its place. */
+static int append_midpoint(const qm_piece_work *work, qm_polygon *polygon, int a, int b)
+{
+    QM_ASSERT(polygon->count < QM_COVER_CORNERS);
+    qm_vec at = qm_vec_mix(polygon->corner[a], polygon->corner[b], 0.5);
+    polygon->corner[polygon->count] = at;
+    polygon->in_reach[polygon->count] = work->kernel->in_reach(&work->candidates, at);
+    return polygon->count++;
+}
+
+/** The first of two opposite sides of four corners that are short beside the others; -1 where there are none. */
+static int find_strip_side(const qm_polygon *polygon)
+{
+    if (polygon->count != 4) return -1;
+    double length2[4], max2 = 0.0;
+    for (int i = 0; i < 4; i++) {
+        length2[i] = qm_vec_norm2(qm_vec_sub(polygon->corner[(i + 1) % 4], polygon->corner[i]));
+        max2 = fmax(max2, length2[i]);
+    }
+    for (int i = 0; i < 2; i++)
+        if (fmax(length2[i], length2[i + 2]) < SHORT_SIDE * SHORT_SIDE * max2) return i;
+    return -1;
+}
+
+/** Puts a strip on the stack in two parts, cut across. */
+static void stack_halves(qm_piece_work *work, qm_polygon *strip, int side, uint8_t depth)
+{
+    const int at[4] = {side, side + 1, (side + 2) % 4, (side + 3) % 4};
+    int ahead = append_midpoint(work, strip, at[1], at[2]),
+        behind = append_midpoint(work, strip, at[3], at[0]);
+    stack_part(work, strip, (const int[]){at[0], at[1], ahead, behind}, 4, depth);
+    stack_part(work, strip, (const int[]){behind, ahead, at[2], at[3]}, 4, depth);
+}
+
 /**
  * Puts a triangle of a polygon on the stack in four parts, cut at the midpoints: each has half the diameter.
  * A side much shorter than the others is not cut: else two or three parts share its location on every level,
- * and where that is the one that is hard to cover, they would be exponentially many. The cut is the one that
+ * and where that is the one that is hard to cover, they would be exponentially many. What is beside it stays one part, a
+ * strip, for the same reason: of two triangles each would be cut in two again there. The cut is the one that
  * process_part reserves.
  */
 static void stack_quarters(qm_piece_work *work, const qm_polygon *polygon, int a, int b, int c, uint8_t depth)
 {
     const int index[3] = {a, b, c};
     qm_polygon six;
-    six.count = 6;
+    six.count = 3;
     six.cuts_left = polygon->cuts_left;
     for (int i = 0; i < 3; i++) {
         six.corner[i] = polygon->corner[index[i]];
         six.in_reach[i] = polygon->in_reach[index[i]];
-        six.corner[3 + i] = qm_vec_mix(polygon->corner[index[i]], polygon->corner[index[(i + 1) % 3]], 0.5);
-        six.in_reach[3 + i] = work->kernel->in_reach(&work->candidates, six.corner[3 + i]);
     }
     double min2 = INFINITY, max2 = 0.0;
     int side = 0; /* the shortest, i to i + 1 */
     for (int i = 0; i < 3; i++) {
+        append_midpoint(work, &six, i, (i + 1) % 3);
         double length2 = qm_vec_norm2(qm_vec_sub(six.corner[(i + 1) % 3], six.corner[i]));
         max2 = fmax(max2, length2);
         if (!(length2 < min2)) continue;
@@ -386,15 +426,14 @@ static void stack_quarters(qm_piece_work *work, const qm_polygon *polygon, int a
     }
     if (min2 < SHORT_SIDE * SHORT_SIDE * max2) {
         int next = (side + 1) % 3, tip = (side + 2) % 3;
-        stack_part(work, &six, side, next, 3 + tip, depth);
-        stack_part(work, &six, 3 + tip, next, 3 + next, depth);
-        stack_part(work, &six, 3 + tip, 3 + next, tip, depth);
+        stack_part(work, &six, (const int[]){side, next, 3 + next, 3 + tip}, 4, depth);
+        stack_part(work, &six, (const int[]){3 + tip, 3 + next, tip}, 3, depth);
         return;
     }
-    stack_part(work, &six, 0, 3, 5, depth);
-    stack_part(work, &six, 3, 1, 4, depth);
-    stack_part(work, &six, 5, 4, 2, depth);
-    stack_part(work, &six, 4, 5, 3, depth);
+    stack_part(work, &six, (const int[]){0, 3, 5}, 3, depth);
+    stack_part(work, &six, (const int[]){3, 1, 4}, 3, depth);
+    stack_part(work, &six, (const int[]){5, 4, 2}, 3, depth);
+    stack_part(work, &six, (const int[]){4, 5, 3}, 3, depth);
 }
 
 /** The diameter of a polygon. */
@@ -415,16 +454,24 @@ static double diameter(const qm_vec *corner, int count)
  */
 static void split_remainder(qm_piece_work *work, const qm_part *from, qm_polygon *remainder, bool moved)
 {
-    bool halve =
-        !moved || diameter(remainder->corner, remainder->count) > MIN_SHRINK * diameter(from->corner, 3);
+    bool halve = !moved || diameter(remainder->corner, remainder->count) >
+                               MIN_SHRINK * diameter(from->corner, from->count);
     if (!halve) remainder->cuts_left++;
     uint8_t depth = from->depth;
     uint8_t deeper = (uint8_t)(depth < UINT8_MAX ? depth + 1 : UINT8_MAX);
+    int strip_side = find_strip_side(remainder);
+    if (strip_side >= 0) {
+        if (halve)
+            stack_halves(work, remainder, strip_side, deeper);
+        else
+            stack_part(work, remainder, (const int[]){0, 1, 2, 3}, 4, deeper);
+        return;
+    }
     for (int i = 1; i + 1 < remainder->count; i++) {
         if (halve)
             stack_quarters(work, remainder, 0, i, i + 1, deeper);
         else
-            stack_part(work, remainder, 0, i, i + 1, deeper);
+            stack_part(work, remainder, (const int[]){0, i, i + 1}, 3, deeper);
     }
 }
 
@@ -438,7 +485,11 @@ static bool overlay_reached(const qm_piece_work *work, const qm_part *part)
     bool is_due = worker->overlay_part_tries++ % OVERLAY_INTERVAL == 0;
     if (!is_due && worker->overlay_part_hits * MIN_OVERLAY_SHARE < worker->overlay_part_probes) return false;
     uint64_t before = worker->overlay_cost;
-    bool is_covered = qm_overlay_test_face(worker, work->side, part->corner, work->slack, work->near);
+    bool is_covered = true;
+    for (int i = 1; i + 1 < part->count && is_covered; i++) {
+        const qm_vec triangle[3] = {part->corner[0], part->corner[i], part->corner[i + 1]};
+        is_covered = qm_overlay_test_face(worker, work->side, triangle, work->slack, work->near);
+    }
     worker->overlay_cost = before; /* it is about the overlays of whole faces */
     worker->overlay_part_probes++;
     worker->overlay_part_hits += is_covered;
@@ -480,10 +531,12 @@ static void process_part(qm_piece_work *work, const qm_part *from)
 {
     QM_ASSERT(from->cuts_left > 1);
     bool moved = false;
+    /* One cut is reserved for that into quarters. */
     qm_polygon polygon;
-    polygon.count = 3;
-    polygon.cuts_left = from->cuts_left - 1; /* one is reserved for a cut into quarters */
-    for (int i = 0; i < 3; i++) {
+    polygon.count = from->count;
+    polygon.is_hull = false;
+    polygon.cuts_left = from->cuts_left - 1;
+    for (int i = 0; i < from->count; i++) {
         polygon.corner[i] = from->corner[i];
         polygon.in_reach[i] = from->in_reach[i];
     }
@@ -503,6 +556,7 @@ static void stack_triangle(qm_piece_work *work, qm_vec a, qm_vec b, qm_vec c)
     QM_ASSERT(work->height < QM_PART_STACK);
     work->stack[work->height++] = (qm_part){
         .corner = {a, b, c},
+        .count = 3,
         .depth = work->piece.depth,
         .cuts_left = (uint8_t)(work->cut_limit - work->piece.cuts),
     };
@@ -542,6 +596,7 @@ static bool hull_reached(const qm_piece_work *work, qm_polygon *corners)
 {
     uint64_t labels = ~UINT64_C(0);
     corners->count = 4;
+    corners->is_hull = true;
     for (int i = 0; i < 4; i++) {
         corners->corner[i] = work->piece.corner[i];
         corners->in_reach[i] = work->kernel->in_reach(&work->candidates, work->piece.corner[i]);
@@ -567,7 +622,7 @@ static bool triangles_reached(qm_piece_work *work, const qm_bilinear_halves *hal
     set_slack(work, halves->slack);
     qm_candidates_refill(work);
     const qm_vec *c = halves->corner;
-    qm_polygon whole = {.count = 4, .corner = {c[0], c[1], c[2], c[3]}};
+    qm_polygon whole = {.count = 4, .is_hull = true, .corner = {c[0], c[1], c[2], c[3]}};
     qm_refined refined;
     bool is_refined = qm_candidates_refine(work, &whole, centre, near, &refined);
     bool covered = true, moved = false;
@@ -837,7 +892,7 @@ static bool rectangle_is_covered(qm_piece_work *work)
     remainder_list remainder;
     if (counterpart_reached(work, &patch, &remainder) && remainder.count == 0) return true;
     if (hinted_reached(work, &patch)) return true;
-    qm_polygon hull = {.count = 4, .corner = {c[0], c[1], c[2], c[3]}};
+    qm_polygon hull = {.count = 4, .is_hull = true, .corner = {c[0], c[1], c[2], c[3]}};
     bool moved = false, covered = cover_by_nearest(work, &hull, &moved);
     if (covered) return true;
     qm_bilinear_halves halves = qm_bilinear_halve(c, (qm_vec){0, 0, 0});

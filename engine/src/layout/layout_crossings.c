@@ -2,7 +2,8 @@
  * layout_crossings.c: curves that cross without a node.
  *
  * Two segments cross if the nearest points of their lines lie inside both and are much nearer to each other
- * than the segments are long, unless they lie on two walls of the surface. A sweep compares segments whose
+ * than the segments are long, unless they lie on two walls of the surface: of a thin part of a mesh, where they must
+ * still cross as they are halved again and again on it. A sweep compares segments whose
  * ranges along two directions overlap, and no others. The directions are oblique, as the curves of a part lie
  * in planes parallel to the axes, often thousands in one, which a sweep along an axis would meet all at once.
  */
@@ -11,6 +12,9 @@
 #define NEAR 0.1           /* of the sum of two lengths: crossing segments are nearer than that */
 #define TOUCH 1e-6         /* of that sum: nearer ones meet, whatever walls they lie on */
 #define END_TOLERANCE 1e-9 /* of a segment's length */
+#define HALVINGS 5         /* of two segments that seem to cross on a mesh: they must still do */
+#define BEYOND 0.1         /* of a piece: a crossing may move so far as pieces are projected */
+#define WALL_REACH 0.05    /* of the diagonal: the wall of a curve is sought no farther away */
 #define HAND_JITTER 0.1    /* of a curve's points: a loop over fewer of its segments is hand jitter */
 
 /* Of length 1 or a little less, nearly at right angles, and oblique to the axes and to their diagonals. */
@@ -62,6 +66,96 @@ static qm_vec segment_end(const qm_layout *layout, const segment *p, uint32_t en
     return qm_vec_load(layout->curves[p->curve].points + 3 * (size_t)(p->index + end));
 }
 
+/** The nearest points of the lines of two segments. */
+typedef struct meeting {
+    double s, t; /* where they are on the segments */
+    qm_vec at[2];
+    double gap, size; /* between them; of both segments */
+} meeting;
+
+/** False where the segments are nearly parallel. */
+static bool find_meeting(const qm_vec a[2], const qm_vec b[2], meeting *out)
+{
+    qm_vec d = qm_vec_sub(a[1], a[0]), e = qm_vec_sub(b[1], b[0]), r = qm_vec_sub(a[0], b[0]);
+    double dd = qm_vec_norm2(d), ee = qm_vec_norm2(e), de = qm_vec_dot(d, e), dr = qm_vec_dot(d, r),
+           er = qm_vec_dot(e, r), det = dd * ee - de * de;
+    if (!(det > 1e-6 * dd * ee)) return false;
+    out->s = (de * er - ee * dr) / det;
+    out->t = (dd * er - de * dr) / det;
+    out->at[0] = qm_vec_axpy(a[0], out->s, d);
+    out->at[1] = qm_vec_axpy(b[0], out->t, e);
+    out->gap = qm_vec_distance(out->at[0], out->at[1]);
+    out->size = sqrt(dd) + sqrt(ee);
+    return true;
+}
+
+/** A part of a segment on a surface. */
+typedef struct piece {
+    qm_vec end[2], normal[2];
+    bool is_last[2]; /* the end is one of the curve */
+} piece;
+
+static void place(const qm_ref_surface *surface, qm_vec toward, qm_vec *at, qm_vec *normal)
+{
+    double p[3], facing[3];
+    qm_vec_store(p, *at);
+    qm_vec_store(facing, toward);
+    qm_ref_surface_point on;
+    if (!(qm_vec_norm2(toward) > 0) ||
+        !qm_ref_surface_project_toward(surface, p, facing, WALL_REACH * surface->diagonal, &on))
+        qm_ref_surface_project(surface, p, &on);
+    *at = qm_vec_load(on.position);
+    *normal = qm_vec_load(on.normal);
+}
+
+static piece half(const piece *whole, int which, qm_vec middle, qm_vec normal)
+{
+    piece out = *whole;
+    out.end[1 - which] = middle;
+    out.normal[1 - which] = normal;
+    out.is_last[1 - which] = false;
+    return out;
+}
+
+/** True for a place on a piece, or a little beyond its end, where the curve goes on elsewhere; not for the end of the curve. */
+static bool is_on_piece(const piece *p, double s)
+{
+    return s >= (p->is_last[0] ? END_TOLERANCE : -BEYOND) &&
+           s <= (p->is_last[1] ? 1 - END_TOLERANCE : 1 + BEYOND);
+}
+
+/** True when two pieces still cross as they are halved, on the surface. Walls that are apart no longer do when the pieces are
+ * shorter than the walls are thick. */
+static bool pieces_cross(const qm_ref_surface *surface, const piece *a, const piece *b, int depth)
+{
+    meeting m;
+    if (!find_meeting(a->end, b->end, &m) || !is_on_piece(a, m.s) || !is_on_piece(b, m.t) ||
+        !(m.gap < NEAR * m.size))
+        return false;
+    if (depth == 0) return true;
+    const piece *whole[2] = {a, b};
+    piece part[2][2];
+    for (int i = 0; i < 2; i++) {
+        qm_vec middle = qm_vec_mix(whole[i]->end[0], whole[i]->end[1], 0.5), normal;
+        place(surface, qm_vec_add(whole[i]->normal[0], whole[i]->normal[1]), &middle, &normal);
+        for (int k = 0; k < 2; k++)
+            part[i][k] = half(whole[i], k, middle, normal);
+    }
+    for (int k = 0; k < 4; k++)
+        if (pieces_cross(surface, &part[0][k & 1], &part[1][k >> 1], depth - 1)) return true;
+    return false;
+}
+
+static piece make_piece(const qm_layout *layout, const qm_ref_surface *surface, const segment *p)
+{
+    piece out = {.is_last = {p->index == 0, p->index + 2 == layout->curves[p->curve].point_count}};
+    for (uint32_t k = 0; k < 2; k++) {
+        out.end[k] = segment_end(layout, p, k);
+        place(surface, (qm_vec){0, 0, 0}, &out.end[k], &out.normal[k]);
+    }
+    return out;
+}
+
 /**
  * True if parameter s of a segment is an end of its curve: a curve that touches another there does not cross
  * it.
@@ -76,25 +170,24 @@ static bool is_curve_end(const qm_layout *layout, const segment *p, double s)
 static bool segments_cross(const qm_layout *layout, const qm_ref_surface *surface, const segment *a,
                            const segment *b, qm_vec *at)
 {
-    qm_vec p = segment_end(layout, a, 0), q = segment_end(layout, b, 0);
-    qm_vec d = qm_vec_sub(segment_end(layout, a, 1), p), e = qm_vec_sub(segment_end(layout, b, 1), q);
-    qm_vec r = qm_vec_sub(p, q);
-    double dd = qm_vec_norm2(d), ee = qm_vec_norm2(e), de = qm_vec_dot(d, e), dr = qm_vec_dot(d, r),
-           er = qm_vec_dot(e, r), det = dd * ee - de * de;
-    if (!(det > 1e-6 * dd * ee)) return false;
-    double s = (de * er - ee * dr) / det, t = (dd * er - de * dr) / det;
-    if (s < -END_TOLERANCE || s > 1.0 + END_TOLERANCE || t < -END_TOLERANCE || t > 1.0 + END_TOLERANCE)
+    const qm_vec one[2] = {segment_end(layout, a, 0), segment_end(layout, a, 1)},
+                 other[2] = {segment_end(layout, b, 0), segment_end(layout, b, 1)};
+    meeting m;
+    if (!find_meeting(one, other, &m)) return false;
+    if (m.s < -END_TOLERANCE || m.s > 1.0 + END_TOLERANCE || m.t < -END_TOLERANCE ||
+        m.t > 1.0 + END_TOLERANCE)
         return false;
-    if (is_curve_end(layout, a, s) || is_curve_end(layout, b, t)) return false;
-    *at = qm_vec_axpy(p, s, d);
-    qm_vec other = qm_vec_axpy(q, t, e);
-    double gap = qm_vec_distance(*at, other), size = sqrt(dd) + sqrt(ee);
-    if (!(gap < NEAR * size)) return false;
-    if (!surface || gap <= TOUCH * size) return true;
+    if (is_curve_end(layout, a, m.s) || is_curve_end(layout, b, m.t)) return false;
+    if (!(m.gap < NEAR * m.size)) return false;
+    *at = m.at[0];
+    if (!surface || m.gap <= TOUCH * m.size) return true;
     double on_a[3], on_b[3];
-    qm_vec_store(on_a, *at);
-    qm_vec_store(on_b, other);
-    return !qm_ref_surface_is_between_walls(surface, on_a, on_b);
+    qm_vec_store(on_a, m.at[0]);
+    qm_vec_store(on_b, m.at[1]);
+    if (qm_ref_surface_is_between_walls(surface, on_a, on_b)) return false;
+    if (surface->is_cloud) return true;
+    piece part[2] = {make_piece(layout, surface, a), make_piece(layout, surface, b)};
+    return pieces_cross(surface, &part[0], &part[1], HALVINGS);
 }
 
 /** True if there is an issue for this pair of curves: a pair is reported once, however often it crosses. */

@@ -75,15 +75,17 @@ static qm_status drop_fine(qm_context *ctx, qm_trimesh *m, double angle, double 
     uint32_t *seen = qm_context_alloc(ctx, faces, sizeof *seen),
              *queue = qm_context_alloc(ctx, faces, sizeof *queue);
     uint8_t *is_kept = qm_context_alloc(ctx, halves, 1);
-    bool has_memory = seen && queue && is_kept;
+    qm_status status = seen && queue && is_kept ? QM_OK : QM_E_NO_MEMORY;
     double cosine = cos(angle * QM_DEGREE);
-    if (has_memory) {
+    if (status == QM_OK) {
         uint32_t mark_value = 0;
         memset(seen, 0, faces * sizeof *seen);
         memcpy(is_kept, m->is_feature, halves);
-        for (uint32_t h = 0; h < halves; h++) {
+        for (uint32_t h = 0; h < halves && status == QM_OK; h++) {
             uint32_t t = m->twin[h];
             if (!m->is_feature[h] || t == QM_NO_INDEX || t < h) continue;
+            /* many faces of the surface may lie within the radius of one quad */
+            if (qm_context_canceled(ctx)) status = QM_E_CANCELED;
             qm_vec middle = qm_vec_mix(m->position[m->from[h]], m->position[m->from[t]], 0.5);
             crease_side a = gather_side(m, h / 3, t / 3, middle, radius, seen, ++mark_value, queue);
             crease_side b = gather_side(m, t / 3, h / 3, middle, radius, seen, ++mark_value, queue);
@@ -96,7 +98,7 @@ static qm_status drop_fine(qm_context *ctx, qm_trimesh *m, double angle, double 
     qm_context_free(ctx, seen, faces, sizeof *seen);
     qm_context_free(ctx, queue, faces, sizeof *queue);
     qm_context_free(ctx, is_kept, halves, 1);
-    return has_memory ? QM_OK : QM_E_NO_MEMORY;
+    return status;
 }
 
 /** Creases by vertex: those of v are half[start[v]] ... half[start[v + 1] - 1], which run from it. */

@@ -39,9 +39,9 @@ static qm_vec into_plane(qm_vec q, qm_vec n)
     return qm_vec_scale(1.0 / qm_vec_norm(flat), flat);
 }
 
-static void smooth(const qm_quads_graph *g, const uint8_t *is_set, qm_vec *cross, int sweeps)
+static void smooth(qm_context *ctx, const qm_quads_graph *g, const uint8_t *is_set, qm_vec *cross, int sweeps)
 {
-    for (int sweep = 0; sweep < sweeps; sweep++) {
+    for (int sweep = 0; sweep < sweeps && !qm_context_canceled(ctx); sweep++) {
         for (uint32_t i = 0; i < g->count; i++) {
             if (is_set[i]) continue;
             qm_vec n = g->normal[i], sum = cross[i];
@@ -125,7 +125,8 @@ static bool smooth_normals(qm_context *ctx, qm_quads_graph *g, const uint8_t *is
 }
 
 /** The arrays of all levels lie one after the other. */
-static void solve(const qm_quads_levels *levels, const size_t *offset, uint8_t *is_set, qm_vec *cross)
+static void solve(qm_context *ctx, const qm_quads_levels *levels, const size_t *offset, uint8_t *is_set,
+                  qm_vec *cross)
 {
     int top = levels->count - 1;
     for (int k = 0; k < top; k++)
@@ -140,7 +141,7 @@ static void solve(const qm_quads_levels *levels, const size_t *offset, uint8_t *
             for (uint32_t i = 0; i < g->count; i++)
                 if (!is_set[offset[k] + i])
                     cross[offset[k] + i] = into_plane(cross[offset[k + 1] + g->parent[i]], g->normal[i]);
-        smooth(g, is_set + offset[k], cross + offset[k], k == 0 ? FINEST_SWEEPS : SWEEPS);
+        smooth(ctx, g, is_set + offset[k], cross + offset[k], k == 0 ? FINEST_SWEEPS : SWEEPS);
     }
 }
 
@@ -172,7 +173,8 @@ qm_status qm_quads_find_crosses(qm_context *ctx, const qm_trimesh *m, qm_vec *cr
         if (is_set && all) {
             memcpy(is_set, first_set, m->face_count);
             memcpy(all, cross, m->face_count * sizeof *all);
-            solve(&levels, offset, is_set, all);
+            solve(ctx, &levels, offset, is_set, all);
+            if (qm_context_canceled(ctx)) status = QM_E_CANCELED;
             lay_into_faces(m, all, cross);
         } else {
             status = QM_E_NO_MEMORY;

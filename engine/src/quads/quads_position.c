@@ -47,10 +47,10 @@ static qm_vec hold(const grid_nodes *l, uint32_t i, qm_vec origin)
     return qm_vec_axpy(anchor, qm_vec_dot(q, qm_vec_sub(origin, anchor)), q);
 }
 
-static void smooth(const grid_nodes *l, double size)
+static void smooth(qm_context *ctx, const grid_nodes *l, double size)
 {
     const qm_quads_graph *g = l->graph;
-    for (int sweep = 0; sweep < SWEEPS; sweep++) {
+    for (int sweep = 0; sweep < SWEEPS && !qm_context_canceled(ctx); sweep++) {
         for (uint32_t i = 0; i < g->count; i++) {
             if (l->kind[i] == QM_TRIMESH_CORNER) continue;
             qm_vec sum = l->origin[i], p = l->position[i], q = l->cross[i], n = g->normal[i];
@@ -170,7 +170,7 @@ static void spread_crosses(const qm_trimesh *m, const qm_vec *face_cross, const 
     }
 }
 
-static void solve(const qm_quads_levels *levels, grid_nodes *nodes, double size)
+static void solve(qm_context *ctx, const qm_quads_levels *levels, grid_nodes *nodes, double size)
 {
     int top = levels->count - 1;
     for (int k = 0; k < top; k++)
@@ -185,7 +185,7 @@ static void solve(const qm_quads_levels *levels, grid_nodes *nodes, double size)
             origin = qm_vec_axpy(origin, -qm_vec_dot(n, qm_vec_sub(origin, l->position[i])), n);
             l->origin[i] = hold(l, i, nearest_corner(origin, l->cross[i], n, l->position[i], size));
         }
-        smooth(l, size);
+        smooth(ctx, l, size);
     }
 }
 
@@ -211,7 +211,8 @@ qm_status qm_quads_find_grids(qm_context *ctx, const qm_trimesh *m, const qm_vec
             done += levels.graph[k].count;
         }
         spread_crosses(m, cross, &levels.graph[0], &nodes[0]);
-        solve(&levels, nodes, size);
+        solve(ctx, &levels, nodes, size);
+        if (qm_context_canceled(ctx)) status = QM_E_CANCELED;
         size_t bytes = m->vertex_count * sizeof(qm_vec);
         memcpy(out->normal, levels.graph[0].normal, bytes);
         memcpy(out->cross, nodes[0].cross, bytes);

@@ -429,6 +429,7 @@ static qm_status grow_paths(steps_work *w)
         if (!has_memory) return QM_E_NO_MEMORY;
     }
     for (size_t popped = 0; w->heap.count > 0; popped++) {
+        if (popped % 4096 == 0 && qm_context_canceled(w->ctx)) return QM_E_CANCELED;
         qm_heap_item item = qm_heap_pop(&w->heap);
         uint32_t node = item.number, h = node / 4;
         if (item.key > w->node[node].distance) continue;
@@ -447,7 +448,6 @@ static qm_status grow_paths(steps_work *w)
         }
         if (!arrive(w, h / 3, axis, sign, node, item.key) || !leave(w, h / 3, axis, sign, h, item.key, node))
             return QM_E_NO_MEMORY;
-        if (popped % 4096 == 0 && qm_context_canceled(w->ctx)) return QM_E_CANCELED;
     }
     return QM_OK;
 }

@@ -11,7 +11,7 @@
 
 /* Of the quads that are wanted, those of each trial to make a layout of a surface without crossings: a few quads more or
  * less move the irregular vertices. */
-static const double trial_shares[] = {1.0, 1.2, 0.8};
+static const double trial_shares[] = {1.0, 1.2, 0.8, 1.5};
 
 enum { GRID_SIZE = 3 * QM_LAYOUT_GRID_POINTS * sizeof(double) };
 
@@ -41,6 +41,7 @@ typedef struct layout_work {
     qm_patch_set set;
     qm_tmesh_quads quads;
     qm_tmesh tmesh;
+    qm_tmesh_source source;
     uint32_t *length;
     bool *is_held;
 } layout_work;
@@ -74,7 +75,7 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_drawi
             qm_tmesh_classes_find(&work->scratch, &work->quads, &work->tmesh, work->length, 1, &classes);
         if (status == QM_OK)
             status = qm_tmesh_draw_curves(&work->scratch, &work->quads, &work->set, &work->tmesh,
-                                          work->length, &classes, surface, &drawing, &faults);
+                                          work->length, &classes, surface, &work->source, &drawing, &faults);
         size_t count = status == QM_OK ? faults.folds + FOLDS_A_CROSSING * faults.crossings : SIZE_MAX;
         /* More patches are worth less crossings, but not less folds when they are many. */
         bool is_good = crossings == 0 && classes.face_count > MOST_PATCHES * work->quads.required_count;
@@ -109,6 +110,9 @@ static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surfa
         return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the lengths of arcs");
     status = qm_tmesh_find_lengths(work->ctx, &work->quads, &work->tmesh, options->patches, options->effort,
                                    work->length);
+    if (status == QM_OK)
+        status = qm_tmesh_source_of_quads(&work->lasting, &work->quads, &work->set, &work->tmesh, surface,
+                                          &work->source);
     return status == QM_OK ? draw(work, surface, out) : status;
 }
 

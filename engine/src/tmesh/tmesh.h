@@ -1,7 +1,7 @@
 /**
  * tmesh.h: shared by the files that make a layout of a quad mesh (quad_layout.c): the mesh made ready
  * (tmesh_quads.c), its T-mesh (tmesh.c), whether integer lengths of the arcs give a layout (tmesh_classes.c),
- * lengths for which they do (tmesh_lengths.c), and the layout's curves (tmesh_curves.c).
+ * lengths for which they do (tmesh_lengths.c), and the layout's curves (tmesh_curves.c, from tmesh_source.c).
  *
  * A T-mesh divides the quads into patches: rectangles of rows x columns, between cuts. Nodes are the corners of
  * patches, and all points where something meets a cut. An arc is a part of a cut between two nodes. A side of a patch
@@ -17,6 +17,7 @@
 #define QM_TMESH_H
 
 #include "core/arena.h"
+#include "core/vec.h"
 #include "qm/patch.h"
 #include "qm/quad_layout.h"
 
@@ -187,6 +188,25 @@ qm_status qm_tmesh_spread_lengths(qm_context *ctx, const qm_tmesh_quads *quads, 
 
 /* ---- curves ---- */
 
+/** Where a drawing starts: points along arcs and in patches, in cells. Its arrays are the arena's. */
+typedef struct qm_tmesh_source {
+    uint32_t *arc_cells;     /* by arc; 0: it is one point */
+    size_t *first_arc_point; /* by arc: of its arc_cells + 1 points */
+    uint32_t *arc_points, *node_points;
+    size_t *first_cell;  /* by patch: of its grid, where that has an area */
+    uint32_t *grid;      /* points of each patch, row by row */
+    qm_vec *at, *normal; /* by point; the normal of the wall that it is on, of any length */
+    bool is_oriented;    /* walls of the surface are told apart by normals */
+} qm_tmesh_source;
+
+/** Makes a source of the quads themselves. Returns QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_tmesh_source_of_quads(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
+                                   const qm_tmesh *tmesh, const qm_ref_surface *surface,
+                                   qm_tmesh_source *out);
+
+/** The mesh's vertex after so many edges of an arc. */
+uint32_t qm_tmesh_arc_vertex(const qm_tmesh_quads *quads, const qm_patch_set *set, const qm_tmesh *tmesh,
+                             uint32_t arc, uint32_t i);
 /** A layout, the curves of it that cross, and a grid of each of its patches. */
 typedef struct qm_drawing {
     qm_layout layout;
@@ -204,8 +224,8 @@ typedef struct qm_tmesh_faults {
 } qm_tmesh_faults;
 
 /**
- * Draws the layout of lengths on a surface: each face is a lattice of steps x steps cells, which starts where the quads
- * are, and relaxes on the surface; required vertices stay, and points of features slide along them.
+ * Draws the layout of lengths on a surface: each face is a lattice of cells, which starts where the source
+ * is, and relaxes on the surface where it folds; points of features slide along them.
  *
  * out  empty; the caller's, also after an error
  *
@@ -213,6 +233,7 @@ typedef struct qm_tmesh_faults {
  */
 qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
                                const qm_tmesh *tmesh, const uint32_t *length, const qm_tmesh_classes *classes,
-                               const qm_ref_surface *surface, qm_drawing *out, qm_tmesh_faults *faults);
+                               const qm_ref_surface *surface, const qm_tmesh_source *source, qm_drawing *out,
+                               qm_tmesh_faults *faults);
 
 #endif

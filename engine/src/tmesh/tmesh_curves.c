@@ -14,12 +14,15 @@
 #include "tmesh/tmesh.h"
 
 #define STEPS QM_LAYOUT_GRID
-/* Rounds of sweeps, until no cell is folded. A required vertex is pulled to its place by PULL of the way, and by SLACKEN times
- * less after each round in which it is a corner of a folded face. */
+/* Rounds of sweeps, until no cell is folded. A point is pulled to its place by LEAST_PULL of the way: a lattice round an ear
+ * would come off it otherwise. A required vertex is pulled by PULL, and by SLACKEN times less after each round in
+ * which it is a corner of a folded face. */
 #define ROUNDS 12
 #define SWEEPS 6
 #define PULL 0.3
 #define SLACKEN 0.5
+#define LEAST_PULL 0.03
+#define REACH 0.1 /* of the diagonal: how far from the surface a lattice may be */
 /* Folds that sweeps do not take out: rounds over their points, each of which tries places in TRIAL_WAYS directions at
  * TRIAL_SIZES distances, from half the mean edge on by halves, until all sines round it are GOOD_SINE. From farther places
  * cells may wind round a point twice, which no sine tells. */
@@ -30,8 +33,7 @@
 
 /** A vertex of the lattices. */
 typedef struct lattice_point {
-    qm_vec at, sum;
-    double normal[3];
+    qm_vec at, sum, normal, normal_sum;
     uint32_t count; /* of neighbours in sum */
     bool is_fixed, is_pinned, is_loose;
     uint32_t chain; /* that a fixed point may slide on; QM_NO_INDEX */
@@ -70,6 +72,7 @@ typedef struct curve_drawer {
     const uint32_t *length;
     const qm_tmesh_classes *classes;
     const qm_ref_surface *surface;
+    const qm_tmesh_source *source;
     lattice_point *points;
     size_t point_count;
     uint32_t *of_class;   /* by point class: its lattice point */
@@ -94,35 +97,35 @@ static qm_vec vertex_at(const curve_drawer *d, uint32_t vertex)
     return qm_vec_load(d->quads->mesh.positions + 3 * (size_t)vertex);
 }
 
-/** The mesh's vertex after so many edges of an arc. */
 static uint32_t arc_vertex(const curve_drawer *d, uint32_t arc, uint32_t i)
 {
-    const qm_tmesh_slot *slot = &d->tmesh->slots[d->tmesh->arcs[arc].slot[0]];
-    const qm_tmesh_patch *patch = &d->tmesh->patches[slot->patch];
-    uint32_t at = slot->start + (slot->forward ? i : d->tmesh->arcs[arc].length - i), row, column;
-    switch (slot->side) {
-    case 0:
-        row = 0, column = at;
-        break;
-    case 1:
-        row = at, column = patch->columns;
-        break;
-    case 2:
-        row = patch->rows, column = patch->columns - at;
-        break;
-    default:
-        row = patch->rows - at, column = 0;
-        break;
-    }
-    return qm_patch_vertex(d->set, &d->quads->mesh, slot->patch, row, column);
+    return qm_tmesh_arc_vertex(d->quads, d->set, d->tmesh, arc, i);
 }
 
-/** The position on an arc, by edges from its start. */
-static qm_vec arc_position(const curve_drawer *d, uint32_t arc, double edges)
+/** A place of the source, and the normal that the surface has about there. */
+typedef struct source_place {
+    qm_vec at, normal;
+} source_place;
+
+static source_place source_point(const curve_drawer *d, uint32_t point)
 {
-    uint32_t last = d->tmesh->arcs[arc].length - 1, i = (uint32_t)qm_clamp(floor(edges), 0, last);
-    return qm_vec_mix(vertex_at(d, arc_vertex(d, arc, i)), vertex_at(d, arc_vertex(d, arc, i + 1)),
-                      edges - i);
+    return (source_place){d->source->at[point], d->source->normal[point]};
+}
+
+static source_place mix_places(source_place a, source_place b, double share)
+{
+    return (source_place){qm_vec_mix(a.at, b.at, share), qm_vec_mix(a.normal, b.normal, share)};
+}
+
+/** The place at a share of an arc. */
+static source_place arc_place(const curve_drawer *d, uint32_t arc, double share)
+{
+    const uint32_t *points = d->source->arc_points + d->source->first_arc_point[arc];
+    uint32_t cells = d->source->arc_cells[arc];
+    if (cells == 0) return source_point(d, points[0]);
+    double along = share * cells;
+    uint32_t i = (uint32_t)qm_clamp(floor(along), 0, cells - 1);
+    return mix_places(source_point(d, points[i]), source_point(d, points[i + 1]), along - i);
 }
 
 /* ---- features as polylines ---- */
@@ -260,9 +263,10 @@ static uint32_t arc_point(const curve_drawer *d, uint32_t arc, uint32_t step)
     return step == d->length[arc] ? d->tmesh->arcs[arc].to : d->classes->first_point[arc] + step - 1;
 }
 
-static void gather(lattice_point *to, qm_vec at)
+static void gather(lattice_point *to, source_place place)
 {
-    to->sum = qm_vec_add(to->sum, at);
+    to->sum = qm_vec_add(to->sum, place.at);
+    to->normal_sum = qm_vec_add(to->normal_sum, place.normal);
     to->count++;
 }
 
@@ -288,13 +292,12 @@ static void place_classes(curve_drawer *d)
 {
     const qm_tmesh *tmesh = d->tmesh;
     for (uint32_t n = 0; n < tmesh->node_count; n++)
-        gather(&d->points[class_of(d, n)], vertex_at(d, tmesh->node_vertex[n]));
+        gather(&d->points[class_of(d, n)], source_point(d, d->source->node_points[n]));
     for (uint32_t a = 0; a < tmesh->arc_count; a++) {
         const chain_arc *in_chain = &d->arcs[a];
         uint32_t steps = d->length[a];
         for (uint32_t i = 1; i < steps; i++)
-            gather(&d->points[class_of(d, arc_point(d, a, i))],
-                   arc_position(d, a, (double)i / steps * tmesh->arcs[a].length));
+            gather(&d->points[class_of(d, arc_point(d, a, i))], arc_place(d, a, (double)i / steps));
         for (uint32_t i = 0; i <= steps && in_chain->chain != QM_NO_INDEX; i++) {
             uint32_t station = d->chains[in_chain->chain].first_station + in_chain->step + i;
             fix_on_chain(d, &d->points[class_of(d, arc_point(d, a, in_chain->forward ? i : steps - i))],
@@ -304,14 +307,20 @@ static void place_classes(curve_drawer *d)
     for (uint32_t n = 0; n < tmesh->node_count; n++)
         if (d->quads->is_required[tmesh->node_vertex[n]]) {
             lattice_point *to = &d->points[class_of(d, n)];
-            fix(to, vertex_at(d, tmesh->node_vertex[n]));
-            to->is_fixed = d->quads->is_on_feature[tmesh->node_vertex[n]];
+            qm_vec at = vertex_at(d, tmesh->node_vertex[n]);
+            if (d->quads->is_on_feature[tmesh->node_vertex[n]]) fix(to, at);
             to->is_pinned = true;
-            to->pin = to->at;
+            to->pin = at;
+            source_place place = source_point(d, d->source->node_points[n]);
+            to->sum = place.at;
+            to->normal_sum = place.normal;
+            to->count = 1;
         }
-    for (size_t i = 0; i < d->point_count; i++)
-        if (!d->points[i].is_fixed && !d->points[i].is_pinned && d->points[i].count > 0)
-            d->points[i].at = qm_vec_scale(1.0 / d->points[i].count, d->points[i].sum);
+    for (size_t i = 0; i < d->point_count; i++) {
+        lattice_point *point = &d->points[i];
+        point->normal = point->normal_sum;
+        if (!point->is_fixed && point->count > 0) point->at = qm_vec_scale(1.0 / point->count, point->sum);
+    }
 }
 
 /** True when a segment's lattice points run as its arc: from the lower class to the higher. */
@@ -331,6 +340,8 @@ static void place_segments(curve_drawer *d)
             for (uint32_t k = 1; k < STEPS; k++) {
                 lattice_point *to = &d->points[d->of_segment[segment] + (up ? k : STEPS - k) - 1];
                 double share = (double)k / STEPS;
+                source_place place = arc_place(d, a, (i + share) / steps);
+                if (is_own) to->normal = place.normal;
                 if (in_chain->chain != QM_NO_INDEX) {
                     uint32_t station = d->chains[in_chain->chain].first_station + in_chain->step +
                                        (in_chain->forward ? i : steps - 1 - i);
@@ -339,7 +350,7 @@ static void place_segments(curve_drawer *d)
                                  d->station[station] +
                                      along * (d->station[station + 1] - d->station[station]));
                 } else if (is_own && !to->is_fixed) {
-                    to->at = arc_position(d, a, (i + share) / steps * d->tmesh->arcs[a].length);
+                    to->at = place.at;
                 }
             }
         }
@@ -368,50 +379,52 @@ static void join_sides(curve_drawer *d, size_t p, uint32_t *grid, uint32_t colum
     }
 }
 
-/** Where a side has a place of the layout, in edges of the quads: linear on each arc, in the middle of a jump. */
-static double side_edges(const curve_drawer *d, size_t p, int side, double place)
+/** Where a side has a place of the layout, in cells of the source: linear on each arc, in the middle of a jump. */
+static double side_cells(const curve_drawer *d, size_t p, int side, double place)
 {
     const uint32_t *first = d->tmesh->patches[p].first;
-    double steps = 0, sum = 0;
+    double steps = 0, start = 0, sum = 0;
     uint32_t count = 0;
     for (uint32_t s = first[side]; s < first[side + 1]; s++) {
         const qm_tmesh_slot *slot = &d->tmesh->slots[s];
-        double length = d->length[slot->arc], edges = d->tmesh->arcs[slot->arc].length;
+        double length = d->length[slot->arc], cells = d->source->arc_cells[slot->arc];
         if (place >= steps && place <= steps + length) {
-            sum += length > 0 ? slot->start + (place - steps) / length * edges : slot->start + 0.5 * edges;
+            sum += start + (length > 0 ? (place - steps) / length : 0.5) * cells;
             count++;
         }
         steps += length;
+        start += cells;
     }
     return count > 0 ? sum / count : 0;
 }
 
-static qm_vec patch_position(const curve_drawer *d, size_t p, double column, double row)
+static source_place patch_place(const curve_drawer *d, size_t p, const uint32_t size[2], double column,
+                                double row)
 {
-    const qm_tmesh_patch *patch = &d->tmesh->patches[p];
-    uint32_t c = (uint32_t)qm_clamp(floor(column), 0, patch->columns - 1),
-             r = (uint32_t)qm_clamp(floor(row), 0, patch->rows - 1);
-    qm_vec corner[4];
-    for (uint32_t i = 0; i < 4; i++)
-        corner[i] =
-            vertex_at(d, qm_patch_vertex(d->set, &d->quads->mesh, p, r + (i > 1), c + (i == 1 || i == 2)));
-    return qm_vec_mix(qm_vec_mix(corner[0], corner[1], column - c),
-                      qm_vec_mix(corner[3], corner[2], column - c), row - r);
+    uint32_t c = (uint32_t)qm_clamp(floor(column), 0, size[0] - 1),
+             r = (uint32_t)qm_clamp(floor(row), 0, size[1] - 1);
+    const uint32_t *cell = d->source->grid + d->source->first_cell[p] + (size_t)r * (size[0] + 1) + c;
+    source_place low = mix_places(source_point(d, cell[0]), source_point(d, cell[1]), column - c),
+                 high = mix_places(source_point(d, cell[size[0] + 1]), source_point(d, cell[size[0] + 2]),
+                                   column - c);
+    return mix_places(low, high, row - r);
 }
 
 /** Adds the inner points of a patch's grid, at the places that its sides have in the quads. */
 static void place_inside(curve_drawer *d, size_t p, uint32_t *grid, uint32_t columns, uint32_t rows)
 {
-    const qm_tmesh_patch *patch = &d->tmesh->patches[p];
+    const uint32_t size[2] = {qm_tmesh_side_length(d->tmesh, d->source->arc_cells, p, 0),
+                              qm_tmesh_side_length(d->tmesh, d->source->arc_cells, p, 1)};
     for (uint32_t row = 1; row < rows; row++) {
-        double v = (double)row / STEPS, height = (double)rows / STEPS, right = side_edges(d, p, 1, v),
-               left = patch->rows - side_edges(d, p, 3, height - v);
+        double v = (double)row / STEPS, height = (double)rows / STEPS, right = side_cells(d, p, 1, v),
+               left = size[1] - side_cells(d, p, 3, height - v);
         for (uint32_t column = 1; column < columns; column++) {
             double u = (double)column / STEPS, width = (double)columns / STEPS;
-            double bottom = side_edges(d, p, 0, u), top = patch->columns - side_edges(d, p, 2, width - u);
-            double x = bottom + v / height * (top - bottom), y = left + u / width * (right - left);
+            double bottom = side_cells(d, p, 0, u), top = size[0] - side_cells(d, p, 2, width - u);
+            source_place place = patch_place(d, p, size, bottom + v / height * (top - bottom),
+                                             left + u / width * (right - left));
             grid[(size_t)row * (columns + 1) + column] = (uint32_t)d->point_count;
-            d->points[d->point_count++] = (lattice_point){.at = patch_position(d, p, x, y)};
+            d->points[d->point_count++] = (lattice_point){.at = place.at, .normal = place.normal};
         }
     }
 }
@@ -461,17 +474,21 @@ static bool make_lattices(curve_drawer *d)
 
 /* ---- relaxation ---- */
 
-/** False, and the point is where it was, when that is the other side of a thin wall. */
+/** Puts a point onto the wall of the surface that looks as it did there, one of a feature onto any. False, and the point is as it
+ * was, where there is none near. */
 static bool project(const curve_drawer *d, lattice_point *point)
 {
-    double at[3];
+    double at[3], normal[3];
     qm_ref_surface_point on;
     qm_vec_store(at, point->at);
-    qm_ref_surface_project(d->surface, at, &on);
-    qm_vec old = qm_vec_load(point->normal), normal = qm_vec_load(on.normal);
-    if (qm_vec_dot(old, normal) < -0.2 && !d->surface->is_cloud) return false;
+    qm_vec_store(normal, point->normal);
+    if (point->is_fixed || d->surface->is_cloud || !d->source->is_oriented ||
+        qm_vec_norm2(point->normal) == 0)
+        qm_ref_surface_project(d->surface, at, &on);
+    else if (!qm_ref_surface_project_toward(d->surface, at, normal, REACH * d->surface->diagonal, &on))
+        return false;
     point->at = qm_vec_load(on.position);
-    memcpy(point->normal, on.normal, sizeof on.normal);
+    point->normal = qm_vec_load(on.normal);
     return true;
 }
 
@@ -518,13 +535,12 @@ static bool list_cells(curve_drawer *d)
 static qm_vec corner_normal(const curve_drawer *d, const lattice_cell *cell, uint32_t i)
 {
     const lattice_point *point = &d->points[cell->corner[i]];
-    if (!point->is_fixed) return qm_vec_load(point->normal);
+    if (!point->is_fixed) return point->normal;
     qm_vec sum = {0};
     for (uint32_t k = 0; k < 4; k++)
-        if (!d->points[cell->corner[k]].is_fixed)
-            sum = qm_vec_add(sum, qm_vec_load(d->points[cell->corner[k]].normal));
+        if (!d->points[cell->corner[k]].is_fixed) sum = qm_vec_add(sum, d->points[cell->corner[k]].normal);
     double length = qm_vec_norm(sum);
-    return length > 0 ? qm_vec_scale(1 / length, sum) : qm_vec_load(point->normal);
+    return length > 0 ? qm_vec_scale(1 / length, sum) : point->normal;
 }
 
 /** Twice the area of the triangle at a corner of a cell, about the surface's normal. */
@@ -556,6 +572,17 @@ static void find_signs(curve_drawer *d)
     }
 }
 
+/** Lets all points of a face move. */
+static void loosen_face(curve_drawer *d, const lattice_cell *cell)
+{
+    for (uint32_t i = 0; i <= STEPS; i++)
+        for (uint32_t j = 0; j <= STEPS; j++) {
+            lattice_point *at = &d->points[d->grid[cell->face + (size_t)i * cell->stride + j]];
+            at->is_loose = true;
+            if (i % STEPS == 0 && j % STEPS == 0) at->pull = fmax(LEAST_PULL, SLACKEN * at->pull);
+        }
+}
+
 /** Counts the folded cells; lets the points of their faces move, and pulls the required vertices of these less. */
 static size_t count_folds(curve_drawer *d)
 {
@@ -567,39 +594,37 @@ static size_t count_folds(curve_drawer *d)
             cell->is_folded |= corner_area(d, cell, i) <= 0;
         if (!cell->is_folded) continue;
         folds++;
-        for (uint32_t i = 0; i <= STEPS; i++)
-            for (uint32_t j = 0; j <= STEPS; j++) {
-                lattice_point *at = &d->points[d->grid[cell->face + (size_t)i * cell->stride + j]];
-                at->is_loose = true;
-                if (i % STEPS == 0 && j % STEPS == 0) at->pull *= SLACKEN;
-            }
+        loosen_face(d, cell);
     }
     return folds;
 }
 
-/** Moves a point to the mean of its neighbours. */
+/** Moves a point to the mean of its neighbours, onto the wall that they are on. */
 static void smooth_point(curve_drawer *d, uint32_t index)
 {
-    lattice_point *point = &d->points[index];
-    qm_vec sum = {0}, old = point->at;
+    lattice_point *point = &d->points[index], old = *point;
+    qm_vec sum = {0}, normal = {0};
     uint32_t count = 0;
     for (uint32_t i = d->first_at[index]; i < d->first_at[index + 1]; i++)
-        for (uint32_t k = 1; k < 4; k += 2, count++)
-            sum = qm_vec_add(sum, d->points[d->cells[d->at[i] / 4].corner[(d->at[i] + k) & 3]].at);
+        for (uint32_t k = 1; k < 4; k += 2, count++) {
+            const lattice_point *other = &d->points[d->cells[d->at[i] / 4].corner[(d->at[i] + k) & 3]];
+            sum = qm_vec_add(sum, other->at);
+            normal = qm_vec_add(normal, other->normal);
+        }
     if (count == 0) return;
-    qm_vec mean = qm_vec_scale(1.0 / count, sum);
-    if (point->pull > 0) mean = qm_vec_mix(mean, point->pin, point->pull);
-    point->at = mean;
-    if (!project(d, point)) point->at = old;
+    point->at = qm_vec_scale(1.0 / count, sum);
+    if (point->pull > 0) point->at = qm_vec_mix(point->at, point->pin, point->pull);
+    point->normal = normal;
+    if (!project(d, point)) *point = old;
 }
 
 static void place_on_surface(curve_drawer *d)
 {
     for (size_t i = 0; i < d->point_count; i++) {
         lattice_point *point = &d->points[i];
-        memset(point->normal, 0, sizeof point->normal);
         project(d, point);
-        point->pull = point->is_pinned ? PULL : 0;
+        if (!point->is_pinned) point->pin = point->at;
+        point->pull = point->is_pinned ? PULL : LEAST_PULL;
     }
 }
 
@@ -662,7 +687,7 @@ static bool untangle_point(curve_drawer *d, uint32_t index)
             if (point->is_fixed) {
                 is_on = slide(d, point, way == 0 ? reach : -reach);
             } else {
-                qm_vec normal = qm_vec_load(point->normal), across = qm_vec_perpendicular(normal);
+                qm_vec normal = point->normal, across = qm_vec_perpendicular(normal);
                 double length = qm_vec_norm(across), angle = 360.0 * QM_DEGREE * way / TRIAL_WAYS;
                 qm_vec right = length > 0 ? qm_vec_scale(1 / length, across) : (qm_vec){1, 0, 0};
                 qm_vec along =
@@ -766,8 +791,9 @@ static qm_status curve_of(layout_maker *maker, const uint32_t *point, uint32_t *
             const lattice_point *at = &d->points[point[i]];
             qm_vec_store(line[2 * i], at->at);
             if (i == 0) continue;
-            lattice_point middle = d->points[point[i - 1]];
-            middle.at = qm_vec_mix(middle.at, at->at, 0.5);
+            const lattice_point *before = &d->points[point[i - 1]];
+            lattice_point middle = before->is_fixed ? *at : *before; /* fixed where both are */
+            middle.at = qm_vec_mix(before->at, at->at, 0.5);
             project(d, &middle);
             qm_vec_store(line[2 * i - 1], middle.at);
         }
@@ -846,7 +872,8 @@ static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, uint8_t *clas
 
 qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
                                const qm_tmesh *tmesh, const uint32_t *length, const qm_tmesh_classes *classes,
-                               const qm_ref_surface *surface, qm_drawing *out, qm_tmesh_faults *faults)
+                               const qm_ref_surface *surface, const qm_tmesh_source *source, qm_drawing *out,
+                               qm_tmesh_faults *faults)
 {
     curve_drawer d = {.arena = arena,
                       .quads = quads,
@@ -854,7 +881,8 @@ qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, con
                       .tmesh = tmesh,
                       .length = length,
                       .classes = classes,
-                      .surface = surface};
+                      .surface = surface,
+                      .source = source};
     *faults = (qm_tmesh_faults){.class_fault = qm_arena_zeroed(arena, classes->point_count, 1)};
     out->grid_count = classes->face_count;
     out->grids =

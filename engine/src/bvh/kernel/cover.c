@@ -171,6 +171,7 @@ static inline void cut_off(qm_polygon *p, corner_run run, cut_point before, cut_
     QM_ASSERT(p->count - run.length + 2 <= QM_COVER_CORNERS && p->cuts_left > 0);
     qm_polygon remainder;
     remainder.count = 0;
+    remainder.is_hull = false;
     remainder.cuts_left = p->cuts_left - 1;
     for (int i = run.length; i < p->count; i++) {
         int from = (run.first + i) % p->count;
@@ -235,6 +236,6 @@ qm_float_verdict QM_KERNEL(float_cover)(const qm_float_pack *pack, const float *
     uint64_t common = ~UINT64_C(0);
     for (int i = 0; i < p->count; i++)
         common &= p->in_reach[i] = lanes_at(&work, p->corner[i]);
-    bool is_covered = common != 0 || (p->count == 3 && cover(&work, p, moved));
+    bool is_covered = common != 0 || (!p->is_hull && cover(&work, p, moved));
     return is_covered ? QM_FLOAT_COVERED : QM_FLOAT_OPEN;
 }
