@@ -167,13 +167,14 @@
  *   deadline_ms?: number }} AutoLayoutRequest */
 /** @typedef {{ id: string, mesh: string, revision: number, can_undo: boolean, can_redo: boolean, complete: boolean,
  *   created: string }} LayoutBrief */
-/** @typedef {{ kind: "dangling_end" | "cell_sides" | "crossing", curve: number, other_curve?: number, node?: number,
+/** @typedef {{ kind: "dangling_end" | "cell_sides" | "apart" | "crossing", curve: number, other_curve?: number, node?: number,
  *   sides?: number, point: Point, detail: string }} LayoutIssue */
 /** @typedef {LayoutBrief & { nodes: Point[], curves: Curve[], patches: number[][], issues: LayoutIssue[] }} Layout */
 /** @typedef {Layout & { changed: { added_curves: number[], changed_curves: number[], removed_curves: number[] },
- *   stroke?: { curve: number, points: number, missed_points: number } }} EditedLayout */
+ *   filled_cells?: number, stroke?: { curve: number, points: number, missed_points: number } }} EditedLayout */
+/** @typedef {{ point: Point, normal: Point }} Mirror a plane */
 /** @typedef {{ points: [number, number][], view: number[], projection: number[], viewport: number[], radius_px?: number,
- *   depth?: number, snap?: number }} Stroke */
+ *   depth?: number, snap?: number, mirror?: Mirror }} Stroke */
 /** @typedef {{ layout: string, source?: string, cover_share?: number, pull_curves?: boolean }} ReconstructionRequest */
 /** @typedef {{ id: string, source: string, layout: string, patch_count: number, cover_share: number,
  *   pull_curves: boolean, coverage: { samples: number, uncovered_samples: number }, created: string, mesh: string,

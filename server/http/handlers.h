@@ -44,6 +44,15 @@ void qm_handle_curve_split(qm_request *request);
 void qm_handle_curve_snap(qm_request *request);
 void qm_handle_curve_redraw(qm_request *request);
 void qm_handle_curve_delete(qm_request *request);
+void qm_handle_curve_slide(qm_request *request);
+void qm_handle_chord_split(qm_request *request);
+void qm_handle_node_merge(qm_request *request);
+void qm_handle_node_move(qm_request *request);
+void qm_handle_layout_ring(qm_request *request);
+void qm_handle_layout_link(qm_request *request);
+void qm_handle_layout_tube(qm_request *request);
+void qm_handle_layout_fill(qm_request *request);
+void qm_handle_layout_mirror(qm_request *request);
 
 void qm_handle_reconstruction_create(qm_request *request);
 void qm_handle_reconstruction_list(qm_request *request);

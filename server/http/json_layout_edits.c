@@ -8,6 +8,7 @@
 
 #include "ops/json_layout.h"
 #include "ops/json_request.h"
+#include "qm/layout_edit.h"
 
 void qm_layout_edit_reset(qm_layout_edit *edit)
 {
@@ -35,10 +36,32 @@ static bool read_array(const cJSON *object, const char *name, int count, double 
     return qm_json_reject(problem, message, pointer, 0, 0);
 }
 
-static bool read_stroke(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+/** Reads the plane of a mirror. */
+static bool read_plane(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
-    static const char *const names[] = {"points",    "view",  "projection", "viewport",
-                                        "radius_px", "depth", "snap",       NULL};
+    if (!read_array(object, "point", 3, out->point, problem) ||
+        !read_array(object, "normal", 3, out->normal, problem))
+        return false;
+    if (out->normal[0] != 0.0 || out->normal[1] != 0.0 || out->normal[2] != 0.0) return true;
+    return qm_json_reject(problem, "must not be 0 0 0", "/normal", 0, 0);
+}
+
+/** Reads the member "mirror" of a stroke, which may be absent. */
+static bool read_mirror_of_stroke(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+{
+    static const char *const names[] = {"point", "normal", NULL};
+    const cJSON *value = cJSON_GetObjectItemCaseSensitive(object, "mirror");
+    if (!value) return true;
+    out->has_mirror = true;
+    if (!cJSON_IsObject(value))
+        return qm_json_reject(problem, "must be an object with point and normal", "/mirror", 0, 0);
+    return qm_json_check_members(value, names, problem) && read_plane(value, out, problem);
+}
+
+static bool read_window(const cJSON *object, size_t min_points, qm_layout_edit *out, qm_problem *problem)
+{
+    static const char *const names[] = {"points", "view", "projection", "viewport", "radius_px",
+                                        "depth",  "snap", "mirror",     NULL};
     out->in_window = true;
     return qm_json_check_members(object, names, problem) &&
            read_array(object, "view", 16, out->camera.view, problem) &&
@@ -47,8 +70,63 @@ static bool read_stroke(const cJSON *object, qm_layout_edit *out, qm_problem *pr
            read_amount(object, "radius_px", &out->pick.radius_px, problem) &&
            read_amount(object, "depth", &out->pick.depth, problem) &&
            read_amount(object, "snap", &out->radius, problem) &&
-           qm_json_read_table(cJSON_GetObjectItemCaseSensitive(object, "points"), 2, 2, "points",
+           read_mirror_of_stroke(object, out, problem) &&
+           qm_json_read_table(cJSON_GetObjectItemCaseSensitive(object, "points"), 2, min_points, "points",
                               &out->points, &out->point_count, problem);
+}
+
+static bool read_stroke(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+{
+    return read_window(object, 2, out, problem);
+}
+
+static bool read_ring(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+{
+    return read_window(object, 1, out, problem);
+}
+
+static bool read_fill(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+{
+    static const char *const names[] = {"point", NULL};
+    out->has_point = cJSON_HasObjectItem(object, "point");
+    return qm_json_check_members(object, names, problem) &&
+           (!out->has_point || read_array(object, "point", 3, out->point, problem));
+}
+
+static bool read_mirror(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+{
+    static const char *const names[] = {"point", "normal", "radius", NULL};
+    return qm_json_check_members(object, names, problem) && read_plane(object, out, problem) &&
+           read_amount(object, "radius", &out->radius, problem);
+}
+
+static bool read_move(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+{
+    static const char *const names[] = {"point", NULL};
+    if (cJSON_GetObjectItemCaseSensitive(object, "view")) return read_window(object, 1, out, problem);
+    return qm_json_check_members(object, names, problem) &&
+           read_array(object, "point", 3, out->point, problem);
+}
+
+static bool read_slide(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+{
+    static const char *const names[] = {"from", "to", NULL};
+    if (cJSON_GetObjectItemCaseSensitive(object, "view")) return read_window(object, 2, out, problem);
+    return qm_json_check_members(object, names, problem) &&
+           read_array(object, "from", 3, out->from, problem) &&
+           read_array(object, "to", 3, out->point, problem);
+}
+
+static bool read_split_chord(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+{
+    static const char *const names[] = {"parts", NULL};
+    const cJSON *parts = cJSON_GetObjectItemCaseSensitive(object, "parts");
+    out->parts = 2;
+    if (!qm_json_check_members(object, names, problem)) return false;
+    if (!parts ||
+        (qm_json_read_index(parts, &out->parts) && out->parts >= 2 && out->parts <= QM_CHORD_PARTS_MAX))
+        return true;
+    return qm_json_reject(problem, "must be a whole number from 2 to 16", "/parts", 0, 0);
 }
 
 static bool read_split(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
@@ -86,9 +164,9 @@ static bool read_merge(const cJSON *object, qm_layout_edit *out, qm_problem *pro
     static const char *const names[] = {"first", "second", NULL};
     if (!qm_json_check_members(object, names, problem)) return false;
     if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(object, "first"), &out->first))
-        return qm_json_reject(problem, "must be the id of a curve", "/first", 0, 0);
+        return qm_json_reject(problem, "must be a whole number of 0 or more", "/first", 0, 0);
     if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(object, "second"), &out->second))
-        return qm_json_reject(problem, "must be the id of a curve", "/second", 0, 0);
+        return qm_json_reject(problem, "must be a whole number of 0 or more", "/second", 0, 0);
     return true;
 }
 
@@ -100,7 +178,13 @@ bool qm_json_read_layout_edit(const char *text, size_t size, qm_layout_edit_kind
                                                     [QM_EDIT_SPLIT] = read_split,
                                                     [QM_EDIT_SNAP] = read_snap,
                                                     [QM_EDIT_REDRAW] = read_redraw,
-                                                    [QM_EDIT_MERGE] = read_merge};
+                                                    [QM_EDIT_MERGE] = read_merge,
+                                                    [QM_EDIT_RING] = read_ring,
+                                                    [QM_EDIT_FILL] = read_fill,
+                                                    [QM_EDIT_MIRROR] = read_mirror,
+                                                    [QM_EDIT_MOVE] = read_move,
+                                                    [QM_EDIT_SLIDE] = read_slide,
+                                                    [QM_EDIT_SPLIT_CHORD] = read_split_chord};
     *out = (qm_layout_edit){0};
     cJSON *object = qm_json_parse_object(text, size, "an edit", problem);
     if (!object) return false;

@@ -220,7 +220,11 @@ void qm_json_add_layout(qm_text *out, const qm_layout *layout)
 
 void qm_layout_issue_text(const qm_layout_issue *issue, char out[QM_ISSUE_TEXT])
 {
-    if (issue->fault == QM_LAYOUT_DANGLING_END)
+    if (issue->fault == QM_LAYOUT_APART)
+        snprintf(out, QM_ISSUE_TEXT,
+                 "curve %u and what it is connected with lie apart from other curves: join them",
+                 issue->curve[0]);
+    else if (issue->fault == QM_LAYOUT_DANGLING_END)
         snprintf(out, QM_ISSUE_TEXT, "curve %u ends at node %u, where no other curve begins", issue->curve[0],
                  issue->node);
     else if (issue->fault == QM_LAYOUT_CELL_SIDES)
@@ -276,7 +280,7 @@ void qm_json_add_warnings(qm_text *out, const qm_reconstruction *reconstruction)
 
 static void write_issue(qm_text *out, const qm_layout_issue *issue)
 {
-    static const char *const names[] = {"dangling_end", "cell_sides", "crossing"};
+    static const char *const names[] = {"dangling_end", "cell_sides", "apart", "crossing"};
     _Static_assert(sizeof names / sizeof names[0] == QM_LAYOUT_FAULT_COUNT, "a name for each fault");
     QM_ASSERT(issue->fault < QM_LAYOUT_FAULT_COUNT);
     char message[QM_ISSUE_TEXT];

@@ -72,20 +72,33 @@ typedef enum qm_layout_edit_kind {
     QM_EDIT_SPLIT,
     QM_EDIT_SNAP,
     QM_EDIT_REDRAW,
-    QM_EDIT_MERGE
+    QM_EDIT_MERGE, /* of curves or nodes; a link of nodes, a tube between curves */
+    QM_EDIT_RING,
+    QM_EDIT_FILL,
+    QM_EDIT_MIRROR,
+    QM_EDIT_MOVE,
+    QM_EDIT_SLIDE,
+    QM_EDIT_SPLIT_CHORD
 } qm_layout_edit_kind;
 
 /** An edit; the fields of other kinds are zero. */
 typedef struct qm_layout_edit {
     double *points; /* x y in the window, or x y z, of each point; malloc'ed */
     size_t point_count;
-    bool in_window; /* always of a stroke, optional of a redraw: points are picked with camera and pick */
+    bool
+        in_window; /* always of a stroke and a ring, optional of a redraw, move, slide: points are picked with camera
+                       and pick */
     qm_camera camera;
     qm_pick_options pick;
-    double radius;          /* stroke, snap: the distance at which ends snap; 0 if absent */
-    double point[3];        /* split, snap */
+    double radius;          /* the distance at which ends snap; 0 if absent */
+    double point[3];        /* split, snap, fill, move; of the mirror's plane */
+    bool has_point;         /* fill */
+    double normal[3];       /* of the mirror's plane */
+    bool has_mirror;        /* stroke, ring: point and normal are those of a mirror */
+    double from[3];         /* slide: the place that is held; point is where it goes */
     int end;                /* snap: 0 from, 1 to */
     uint32_t first, second; /* merge */
+    uint32_t parts;         /* split of a chord */
 } qm_layout_edit;
 
 /** False with a problem (400, 507); else *out is the caller's, for qm_layout_edit_reset. */

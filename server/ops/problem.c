@@ -41,6 +41,8 @@ static const char *const explanations[QM_PROBLEM_COUNT] = {
     [QM_PROBLEM_JOB_NOT_FOUND] = "No job has this id. Jobs that have ended are kept for a time and a number "
                                  "that the operator sets (--kept-jobs, --kept-hours).",
     [QM_PROBLEM_LAYOUT_NOT_FOUND] = "No layout has this id. GET /v1/layouts lists all.",
+    [QM_PROBLEM_NODE_NOT_FOUND] = "Nodes are numbered from 0 in the order of nodes; an edit may have "
+                                  "renumbered them. GET the layout again.",
     [QM_PROBLEM_CURVE_NOT_FOUND] =
         "The layout has no curve of this number. An edit may have removed or split it.",
     [QM_PROBLEM_RECONSTRUCTION_NOT_FOUND] =

@@ -22,6 +22,7 @@
     XX(JOB_NOT_FOUND, 404, "job_not_found", "There is no such job")                                          \
     XX(LAYOUT_NOT_FOUND, 404, "layout_not_found", "There is no such layout")                                 \
     XX(CURVE_NOT_FOUND, 404, "curve_not_found", "The layout has no such curve")                              \
+    XX(NODE_NOT_FOUND, 404, "node_not_found", "The layout has no such node")                                 \
     XX(RECONSTRUCTION_NOT_FOUND, 404, "reconstruction_not_found", "There is no such reconstruction")         \
     XX(METHOD_NOT_ALLOWED, 405, "method_not_allowed", "The resource does not have this method")              \
     XX(NOT_ACCEPTABLE, 406, "not_acceptable", "No representation fits the Accept header")                    \

@@ -17,7 +17,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 BUILD = ROOT / os.environ.get("QM_BUILD", "build")
 DATA = pathlib.Path(os.environ.get("QM_TEST_DATA", ROOT / "../shared/data"))
 # What is about the folder of collected meshes is there when the folder is, and what needs a database when a server is.
-collect_ignore = [] if DATA.is_dir() else ["test_collection.py"]
+collect_ignore = [] if DATA.is_dir() else ["test_collection.py", "test_plans.py"]
 if not os.environ.get("QM_TEST_POSTGRES"):
     collect_ignore += ["test_moving.py", "test_two_nodes.py"]
 # Seconds. Sanitized builds need several times the time of a release; 600 are what the daemon would wait for at most.

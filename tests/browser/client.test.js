@@ -6,9 +6,10 @@ import path from "node:path";
 import { after, before, test } from "node:test";
 
 import { Client, ConnectionError, FOOT_WIDTH, ProblemError } from "../../clients/js/index.js";
+import { LayoutTools } from "../../clients/js/layout_tools.js";
 import { Daemon, until } from "./support/daemon.js";
 import {
-  SLOW, SPHERE_DISTANCE, SPHERE_TURN, ball, ballLayout, box, boxLayout, heaps, moved, off, ply, sphere,
+  SLOW, SPHERE_DISTANCE, SPHERE_TURN, ball, ballLayout, box, boxLayout, heaps, moved, off, ply, sphere, roundedBox,
 } from "./support/shapes.js";
 
 let daemon;
@@ -253,6 +254,41 @@ test("a stroke in the window becomes a curve", async () => {
   assert(edited.curves[0].points.every(([, y, z]) => Math.abs(y - 0.5) < 1e-9 && z === 1), JSON.stringify(edited.curves));
   assert.equal(edited.stroke.missed_points, 0);
   assert.equal(edited.issues.filter((issue) => issue.kind === "dangling_end").length, 2);
+});
+
+test("tools edit layouts from outside the client", async () => {
+  const { mesh } = await client.meshes.create(off(roundedBox(10)), { name: "tools.off" });
+  const tools = new LayoutTools(client.layouts);
+  const { id } = await client.layouts.create({ mesh: mesh.id });
+  // Without perspective, along z; a stroke down the middle, and one beside it.
+  const view = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, -5, 1];
+  const projection = [0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, -0.2, 0, 0, 0, -1, 1];
+  const down = (x) => ({ points: [[x, 120], [x, 150], [x, 180]], view, projection, viewport: [0, 0, 300, 300] });
+  const first = (await tools.ring(id, down(180))).stroke.curve;
+  const second = (await tools.ring(id, down(120))).stroke.curve;
+  let now = await tools.tube(id, first, second);
+  assert.deepEqual([now.curves.length, now.patches.length, now.complete], [12, 6, true]);
+  now = await tools.splitChord(id, now.changed.added_curves[0], { parts: 3 });
+  assert(now.complete && now.patches.length === 14, `${now.patches.length} ${JSON.stringify(now.issues)}`);
+  const [node, other] = [now.curves[0].from, now.curves[0].to];
+  now = await tools.moveNode(id, node, { point: now.nodes[node].map((value) => value * 0.98) });
+  assert(now.changed.changed_curves.length >= 3);
+  const { points } = now.curves[0];
+  now = await tools.slide(id, now.curves[0].id, { from: points[Math.floor(points.length / 2)], to: points[Math.floor(points.length / 2)].map((value, k) => (k === 0 ? value + 0.1 : value)) });
+  assert.deepEqual(now.changed.changed_curves, [now.curves[0].id]);
+  now = await tools.mergeNodes(id, node, other);
+  assert(!now.complete);
+  now = await tools.link(id, 0, now.nodes.length - 1);
+  assert.equal(now.changed.added_curves.length, 1);
+  for (let k = 0; k < 2; k++) await client.layouts.undo(id);
+  now = await tools.mirror(id, { point: [0, 0, 0], normal: [1, 0, 0] });
+  assert(now.complete, JSON.stringify(now.issues));
+  // A curve less makes one cell of six sides of two patches; a fill divides it again.
+  const shared = now.curves.find(({ id: curve }) => now.patches.filter((sides) => sides.includes(curve)).length === 2);
+  now = await client.layouts.deleteCurve(id, shared.id);
+  assert(!now.complete);
+  now = await tools.fill(id);
+  assert(now.filled_cells === 1 && now.complete, JSON.stringify(now.issues));
 });
 
 test("refusals name their location", async () => {

@@ -301,3 +301,92 @@ test("fingers and pens draw as mice do; strokes that go on are joined, and cut w
   await says(page, "6 curves");
   await finish(page);
 });
+
+test("rings, tubes, rows, links, fills and mirrors are drawn by mouse, pen and finger; nodes and curves are dragged", async () => {
+  const { mesh: own } = await daemon.client().meshes.create(off(roundedBox(10)), { name: "a box for tools.off" });
+  const page = await browser.open(`${daemon.url}/#sketch?a=${own.id}`, { hasTouch: true });
+  await waitForPen(page);
+  const input = await page.context().newCDPSession(page);
+  const touch = (type, ...fingers) => input.send("Input.dispatchTouchEvent", { type, touchPoints: fingers.map(([x, y], id) => ({ x, y, id })) });
+  const tool = (name) => page.getByRole("group", { name: "A stroke" }).getByRole("button", { name, exact: true }).click();
+  const place = (points) => lookAt(page, [0, 0, 1], points);
+  const upright = (x, ys = [-0.4, -0.2, 0, 0.2, 0.4]) => ys.map((y) => [x, y, 1]);
+
+  // A ring by the mouse, and one by a finger.
+  await tool("Ring");
+  await draw(page, await place(upright(0.3)));
+  await did(page, "A ring is drawn; 4 curves are new.");
+  await says(page, "4 curves, 2 patches; every cell is closed");
+  const [start, ...rest] = await place(upright(-0.35));
+  await touch("touchStart", start);
+  for (const point of rest) await touch("touchMove", point);
+  await touch("touchEnd");
+  await says(page, "8 curves");
+  await page.locator(".issues li", { hasText: "lie apart" }).waitFor();
+
+  await tool("Draw");
+  const [one, other] = await place([[0.3, 0.25, 1], [-0.35, 0.25, 1]]);
+  await page.mouse.click(...one);
+  await page.mouse.click(...other);
+  await page.getByRole("button", { name: "Tube" }).click();
+  await says(page, "12 curves, 6 patches; every cell is closed");
+
+  // One row more, and back.
+  await page.mouse.click(...one);
+  await page.getByRole("button", { name: "Add row" }).click();
+  await did(page, "is divided");
+  await page.locator("#sketch", { hasText: "every cell is closed" }).waitFor();
+  await page.keyboard.press("Control+z");
+  await says(page, "12 curves, 6 patches");
+
+  // A stroke across one patch ends inside its neighbours' sides: they have five, until they are filled.
+  const sides = await daemon.client().layouts.get(new URLSearchParams(new URL(page.url()).hash.split("?")[1]).get("layout"));
+  assert(sides.complete);
+  await draw(page, await place([0.3, 0.15, 0, -0.15, -0.35].map((x) => [x, 0.25, 1])));
+  await page.locator(".issues li", { hasText: "5 sides, not four" }).first().waitFor();
+  await page.getByRole("button", { name: "Fill" }).click();
+  await did(page, "2 cells are filled");
+  await page.locator("#sketch", { hasText: "every cell is closed" }).waitFor();
+
+  // A node and a curve by the pen.
+  await tool("Move");
+  const pen = (type, [x, y], buttons) => input.send("Input.dispatchMouseEvent", { type, x, y, button: "left", buttons, pointerType: "pen", clickCount: 1 });
+  const drag = async (from, to) => {
+    await pen("mousePressed", from, 1);
+    for (const share of [0.3, 0.6, 1]) await pen("mouseMoved", from.map((value, k) => value + share * (to[k] - value)), 1);
+    await pen("mouseReleased", to, 0);
+  };
+  const layoutOf = async () => daemon.client().layouts.get(sides.id);
+  const node = (await layoutOf()).nodes.find(([x, y, z]) => z > 0.9 && x > 0 && Math.abs(y) < 0.1);
+  await drag(...await place([node, [0.45, 0.05, 1]]));
+  await did(page, "is moved");
+  const curve = (await layoutOf()).curves.find(({ points }) => points.every(([x, y, z]) => z > 0.9 && Math.abs(y) < 0.12));
+  const middle = curve.points[Math.floor(curve.points.length / 2)];
+  await drag(...await place([middle, [middle[0], middle[1] - 0.12, 1]]));
+  await did(page, `Curve ${curve.id} is bent`);
+  await page.keyboard.press("Control+z");
+  await page.keyboard.press("Control+z");
+  await did(page, "Undone");
+
+  // From node to node, which makes two cells of a patch.
+  await tool("Link");
+  const ends = (await layoutOf()).nodes.filter(([x, y, z]) => z > 0.9 && y < 0.3 && y > -0.3);
+  const [low, high] = [ends.find(([x, y]) => x > 0 && y < 0.1), ends.find(([x, y]) => x < 0 && y > 0.1)];
+  await drag(...await place([low, high]));
+  await did(page, "is new");
+  await page.locator(".issues li", { hasText: "3 sides, not four" }).first().waitFor();
+  await page.keyboard.press("Control+z");
+  await did(page, "Undone");
+
+  // Rings are mirrored as they are drawn; one side becomes the image of the other.
+  await page.locator("select[name=layout]").selectOption("");
+  await says(page, "Nothing is drawn yet");
+  await page.locator("select[name=mirror]").selectOption("x");
+  await tool("Ring");
+  await draw(page, await place(upright(0.3)));
+  await says(page, "8 curves");
+  await page.getByRole("button", { name: "Mirror", exact: true }).click();
+  await did(page, "image of the other");
+  await says(page, "8 curves");
+  await finish(page);
+});

@@ -253,6 +253,31 @@ static void running_out_of_memory_is_a_status(void **state)
     qm_ground_free(&g);
 }
 
+static void a_plane_contains_both_places_and_the_view(void **state)
+{
+    (void)state;
+    qm_camera camera = camera_above();
+    const double a[3] = {-0.4, 0.1, 0.2}, b[3] = {0.5, 0.3, -0.1};
+    double normal[3], window[2];
+    assert_true(qm_pick_plane(&camera, a, b, normal));
+    qm_vec n = qm_vec_load(normal), d = qm_vec_sub(qm_vec_load(b), qm_vec_load(a));
+    assert_true(fabs(qm_vec_norm(n) - 1.0) < 1e-12 && fabs(qm_vec_dot(n, d)) < 1e-12);
+    /* Places of the plane at any depth are on one line of the window: that through both. */
+    double first[2], last[2];
+    window_of(&camera, qm_vec_load(a), first);
+    window_of(&camera, qm_vec_load(b), last);
+    qm_vec up = qm_vec_cross(n, d);
+    for (int k = -3; k <= 3; k++) {
+        window_of(&camera, qm_vec_axpy(qm_vec_mix(qm_vec_load(a), qm_vec_load(b), 0.3), 0.2 * k, up), window);
+        double off =
+            (last[0] - first[0]) * (window[1] - first[1]) - (last[1] - first[1]) * (window[0] - first[0]);
+        QM_CHECK(fabs(off) < 1e-6 * hypot(last[0] - first[0], last[1] - first[1]), "%g pixels off", off);
+    }
+    assert_false(qm_pick_plane(&camera, a, a, normal));
+    memset(camera.projection, 0, sizeof camera.projection);
+    assert_false(qm_pick_plane(&camera, a, b, normal));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -260,6 +285,7 @@ int main(void)
         cmocka_unit_test(a_ray_meets_the_same_triangle_as_all_of_them_tried),
         cmocka_unit_test(the_same_stroke_gives_the_same_bits),
         cmocka_unit_test(cameras_that_see_nothing_are_refused),
+        cmocka_unit_test(a_plane_contains_both_places_and_the_view),
         cmocka_unit_test(pulled_points_lie_on_the_sphere),
         cmocka_unit_test(normals_are_estimated_on_one_side),
         cmocka_unit_test(sources_of_no_size_are_refused),

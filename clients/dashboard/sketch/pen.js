@@ -30,9 +30,9 @@ function putMark(shown, target) {
 /**
  * @template Grip
  * @param {Stage} stage
- * @param {{ onStroke: (track: Track, isFree: boolean) => void, onClick: (x: number, y: number) => void, onDrop: (grip: Grip, target: Target | null) => void,
+ * @param {{ onStroke: (track: Track, isFree: boolean) => void, onClick: (x: number, y: number) => void, onDrop: (grip: Grip, target: Target | null, track: Track) => void,
  *   gripAt: (x: number, y: number) => Grip | null, targetAt: (x: number, y: number) => Target | null }} options
- *   isFree: its ends are to snap to nothing; gripAt: an end of a curve that can be held there; targetAt: what an end there would snap to
+ *   isFree: its ends are to snap to nothing; gripAt: what can be held and dragged there; targetAt: what an end there would snap to
  * @returns {{ look: () => void, putAway: () => void }} look: again at what the pen hovers over
  */
 export function takePen(stage, { onStroke, onClick, onDrop, gripAt, targetAt }) {
@@ -105,7 +105,7 @@ export function takePen(stage, { onStroke, onClick, onDrop, gripAt, targetAt }) 
     drop();
     if (event.type === "pointercancel") return;
     if (lengthOf(track) < CLICK_LENGTH) onClick(...track[0]);
-    else if (grip) onDrop(grip, targetAt(...at(event)));
+    else if (grip) onDrop(grip, targetAt(...at(event)), track);
     else onStroke(track, event.altKey);
   };
   const look = () => putMark(end, hover && !isFree ? targetAt(...hover) : null);

@@ -9,10 +9,13 @@ import { meshOf, on, state } from "../core/state.js";
 import { drawTools, toggle } from "../view/tools.js";
 import { currentStage, lookAt, setLook, show } from "../view/view.js";
 import { Editor } from "./editor.js";
+import { Tools } from "./tools.js";
 
 /** @import { Layout } from "../../js/types.js" */
 /** @import { DepthMap } from "../view/depth.js" */
 /** @import { Stage } from "../view/stage.js" */
+/** @import { Track } from "./pen.js" */
+/** @import { Held } from "./tools.js" */
 /** @import { Target } from "./window.js" */
 
 const GRIP_REACH = 14;
@@ -63,14 +66,16 @@ export function showSketch(panel) {
     event.preventDefault();
     run(makeLayout);
   });
+  const toolbox = new Tools(editor, button);
   panel.append(
     h("section", { className: "section", "aria-labelledby": "sketch-title" },
       h("header", {}, h("h2", { id: "sketch-title" }, "Sketch"), undo, redo), side,
       h("p", { className: "muted small" }, "Draw boundary curves on the surface until cells of four sides cover it. The right button,"
         + " or two fingers, turn the view; the middle one moves it. Ends snap to nodes and curves within 12 pixels, with Alt to none."
-        + " A click chooses a curve; the ends of a chosen one can be dragged."
+        + " A click chooses a curve; the ends of a chosen one can be dragged. A closed stroke is cut into four."
         + " By keyboard, in the view: D shows a pen that the arrow keys move; D puts it down, and lifts it.")),
     h("section", { className: "section", "aria-labelledby": "automatic-title" }, h("h2", { id: "automatic-title" }, "Automatic layout"), automatic),
+    toolbox.element,
     h("section", { className: "section", "aria-label": "Curves" },
       summary, words, h("div", { className: "row" }, h("label", { className: "inline" }, "Curve", curve)),
       h("div", { className: "row" }, split, merge, redraw, remove), h("div", { className: "row" }, remesh, discard)),
@@ -91,6 +96,7 @@ export function showSketch(panel) {
     merge.disabled = chosen.size !== 2;
     remove.disabled = chosen.size === 0;
     discard.disabled = layout === null;
+    toolbox.update();
     remesh.hidden = !layout || layout.patches.length === 0;
     remesh.href = `#remesh?a=${state.a}&layout=${layout?.id}`;
     summary.textContent = state.a === null ? "" : describe(layout);
@@ -165,9 +171,16 @@ export function showSketch(panel) {
 
   const isSeen = (/** @type {import("three").Vector3} */ place) => depth?.isSeen(place) ?? true;
 
-  /** The end of the one chosen curve that is at a place of the window. @param {number} x @param {number} y */
+  /** What is drawn at a place of the window. @param {Stage} stage @param {number} x @param {number} y */
+  const targetOf = (stage, x, y) => (editor.layout && tools ? tools[1].targetAt(stage, editor.layout, x, y, tools[1].snapRadius(stage, x, y), isSeen) : null);
+
+  /** What a stroke would hold: with Link and Move what is drawn there, else an end of the one chosen curve. @param {number} x @param {number} y */
   function gripAt(x, y) {
     const stage = currentStage();
+    if (stage && tools && toolbox.kind !== "draw") {
+      const found = editor.layout && tools[1].curveAt(stage, editor.layout.curves, x, y, isSeen);
+      return toolbox.held(targetOf(stage, x, y), found ? found.curve.id : -1);
+    }
     const held = editor.layout?.curves.find(({ id }) => id === editor.curve);
     if (!stage || !tools || !held || editor.isRedrawing) return null;
     for (const end of /** @type {const} */ (["from", "to"])) {
@@ -195,15 +208,26 @@ export function showSketch(panel) {
     pen?.putAway();
     pen = null;
     if (!stage || !tools || isTurning) return;
-    const { targetAt, snapRadius, strokeOf } = tools[1];
+    const { snapRadius, strokeOf } = tools[1];
+    /** @param {Track} track @param {boolean} isFree */
+    const bodyOf = (track, isFree) => {
+      const snap = Math.max(...[track[0], track[track.length - 1]].map((place) => snapRadius(stage, ...place)));
+      return { ...strokeOf(stage, track), ...(editor.isRedrawing || isFree ? {} : { snap }), mirror: editor.isRedrawing ? undefined : toolbox.mirror };
+    };
     pen = tools[0].takePen(stage, {
       onStroke: (track, isFree) => {
-        const snap = Math.max(...[track[0], track[track.length - 1]].map((place) => snapRadius(stage, ...place)));
-        run(() => editor.stroke({ ...strokeOf(stage, track), ...(editor.isRedrawing || isFree ? {} : { snap }) }));
+        if (toolbox.kind === "ring") run(() => toolbox.ring(bodyOf(track, isFree)));
+        else if (toolbox.kind === "draw" || editor.isRedrawing) run(() => editor.stroke(bodyOf(track, isFree)));
       },
-      onClick: choose, gripAt,
-      onDrop: (end, target) => { run(() => dropEnd(stage, end, target)); },
-      targetAt: (x, y) => (editor.layout ? targetAt(stage, editor.layout, x, y, snapRadius(stage, x, y), isSeen) : null),
+      onClick: (x, y) => {
+        if (toolbox.kind === "ring") run(() => toolbox.ring(bodyOf([[x, y]], false)));
+        else choose(x, y);
+      },
+      gripAt,
+      onDrop: (/** @type {"from" | "to" | Held} */ grip, target, track) => {
+        run(() => (typeof grip === "string" ? dropEnd(stage, grip, target) : toolbox.drop(grip, target, strokeOf(stage, track))));
+      },
+      targetAt: (x, y) => targetOf(stage, x, y),
     });
   }
 

@@ -101,7 +101,8 @@ qm_status qm_layout_validate_patches(qm_context *ctx, const qm_layout *layout, d
 typedef enum qm_layout_fault {
     QM_LAYOUT_DANGLING_END, /* curve[0] ends at node, where no other curve begins */
     QM_LAYOUT_CELL_SIDES,   /* the face of the curve arrangement left of curve[0] has not four sides */
-    QM_LAYOUT_CROSSING,     /* curve[0] and curve[1] cross at position without a node */
+    QM_LAYOUT_APART, /* no curves connect curve[0] at node with what is drawn elsewhere on the same component of a mesh */
+    QM_LAYOUT_CROSSING, /* curve[0] and curve[1] cross at position without a node */
     QM_LAYOUT_FAULT_COUNT
 } qm_layout_fault;
 
@@ -123,7 +124,7 @@ void qm_layout_issues_reset(qm_context *ctx, qm_layout_issues *issues);
 /**
  * Replaces the patches of a layout by those that its curves bound on a surface: sorts the curves around each
  * node in the surface's tangent plane, traces the faces of the arrangement, and takes the four-sided ones.
- * Faces that enclose a drawing from outside (corners of more than a straight angle on average) are neither
+ * Faces that enclose a drawing from outside (with three quarters of the curvature of a closed surface) are neither
  * patches nor faults. out lists the faults; it is the caller's.
  *
  * Returns: QM_OK, also when there are faults; QM_E_NO_MEMORY.

@@ -42,4 +42,70 @@ qm_status qm_layout_snap_end(qm_context *ctx, qm_layout *layout, uint32_t id, in
 qm_status qm_layout_add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
                                const double *points, size_t point_count, double radius, uint32_t *id);
 
+/**
+ * Fills cells that have not four sides by patterns of curves, so that patches remain. Sides may be cut for that, and then
+ * the whole chords of patches that they belong to: what a curve that ends inside another's side has begun goes on to
+ * the opposite side, and so on.
+ *
+ * near    a place in the one cell to be filled; NULL: all
+ * filled  number of cells that were
+ *
+ * QM_E_ARGUMENT: near is outside, in a patch, or in a cell in which a curve ends; there is nothing to fill.
+ */
+qm_status qm_layout_fill(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                         const double *near, size_t *filled);
+
+#define QM_CHORD_PARTS_MAX 16
+
+/** Cuts a curve into equal parts, and with it the opposite sides of its patches and so on: the whole chord; nodes along
+ * it are joined by new curves. Cells of other than four sides at its ends get more sides. QM_E_ARGUMENT also for more than
+ * 10000 curves. */
+qm_status qm_layout_split_chord(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                                uint32_t id, uint32_t parts);
+
+/** Moves a node to the place of the surface nearest to a point; its curves follow along the surface. */
+qm_status qm_layout_move_node(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                              uint32_t node, const double to[3]);
+
+/** Bends a curve between its nodes so that its place nearest to `from` comes to the place of the surface nearest to `to`. */
+qm_status qm_layout_slide_curve(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                                uint32_t id, const double from[3], const double to[3]);
+
+/** Moves the second node onto the first, with its curves. Curves between the two go; of a patch whose opposite corners they
+ * are, which closes, two sides go. */
+qm_status qm_layout_merge_nodes(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                                uint32_t first, uint32_t second);
+
+/**
+ * Adds the closed curve in which a plane through a place cuts the surface, as a stroke: it is cut where it meets other
+ * curves, else into four.
+ *
+ * plane   normal of the plane; NULL: of the planes along the surface's normal the one with the shortest curve
+ * radius  as for qm_layout_add_stroke
+ * id      of its first curve
+ *
+ * QM_E_ARGUMENT: the cut does not close, as at the boundary of an open mesh.
+ */
+qm_status qm_layout_add_ring(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                             const double through[3], const double *plane, double radius, uint32_t *id);
+
+/** Draws a curve along the surface from one node to another, round other curves where a plane through both allows. */
+qm_status qm_layout_add_link(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface, uint32_t from,
+                             uint32_t to);
+
+/** Joins the nodes of two rings, given by a curve of each, by curves along the surface. A ring goes on straight along the
+ * curve, or is the border of a cell beside it; of those with equally many nodes the nearest two are taken. */
+qm_status qm_layout_add_tube(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                             uint32_t first, uint32_t second);
+
+/** Replaces the curves behind a plane by the mirror images of those before it. Curves that pass through the plane are cut
+ * there, and joined to their images; nodes within radius of the plane belong to both sides. */
+qm_status qm_layout_mirror(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                           const double point[3], const double normal[3], double radius);
+
+/** Replaces points of the surface by their mirror images, projected onto the wall that looks the mirrored way. normal is
+ * not 0. */
+void qm_layout_reflect(const qm_ref_surface *surface, const double point[3], const double normal[3],
+                       double *points, size_t count);
+
 #endif

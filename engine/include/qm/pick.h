@@ -66,4 +66,8 @@ qm_status qm_pick_point(qm_context *ctx, const qm_pick_view *view, const double 
 qm_status qm_pick_stroke(qm_context *ctx, const qm_pick_view *view, const double *window, size_t point_count,
                          double *positions, size_t *count, size_t *missed);
 
+/** The normal of the plane through two places along the direction in which the viewer sees their middle. False if both are
+ * the same, or the camera is degenerate. */
+bool qm_pick_plane(const qm_camera *camera, const double a[3], const double b[3], double normal[3]);
+
 #endif

@@ -3,32 +3,32 @@
  * the patches.
  *
  * Each curve c is two darts (half-edges): 2 c runs along it and 2 c + 1 against it. The darts that leave
- * a node are ordered anticlockwise about the surface's normal. A face lies to the left of its darts; at the
+ * a node are ordered anticlockwise about the surface's normal. A face (cell) lies to the left of its darts; at the
  * end of a dart it continues with the dart that is next clockwise after the reversed one.
  */
+#include "bvh/bvh_tree.h"
 #include "layout_internal.h"
 
 #include <string.h>
 
 #define TANGENT_LENGTH                                                                                       \
     0.25 /* of the shortest curve at a node: the secants that give curves' directions there */
+#define FULL_TURN 6.283185307179586
 #define TRANSPORT_STEPS 4 /* samples of the normal on each segment of a curve, as it is transported along */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
 
 typedef struct arrangement {
-    qm_context *ctx;
     const qm_ref_surface *surface;
-    qm_layout *layout;
+    const qm_layout *layout;
     size_t dart_count;
     qm_vec *normal;  /* of each node, consistent along the curves; 0 while unknown */
     double *angle;   /* of each dart in the tangent plane of its start node */
     uint32_t *next;  /* the dart that follows on the same face */
     uint32_t *queue; /* nodes whose normals are to be propagated */
-    bool *is_traced; /* of each dart: its face has been found */
 } arrangement;
 
-static uint32_t start_node(const qm_layout *layout, uint32_t dart)
+uint32_t qm_layout_dart_start(const qm_layout *layout, uint32_t dart)
 {
     const qm_curve *curve = &layout->curves[dart / 2];
     return dart % 2 ? curve->to : curve->from;
@@ -81,8 +81,9 @@ static void propagate_normals(arrangement *arr, uint32_t start)
     arr->queue[queued++] = start;
     for (size_t at = 0; at < queued; at++) {
         for (uint32_t dart = 0; dart < arr->dart_count; dart++) {
-            uint32_t end = start_node(arr->layout, dart ^ 1);
-            if (start_node(arr->layout, dart) != arr->queue[at] || qm_vec_norm2(arr->normal[end]) > 0.0)
+            uint32_t end = qm_layout_dart_start(arr->layout, dart ^ 1);
+            if (qm_layout_dart_start(arr->layout, dart) != arr->queue[at] ||
+                qm_vec_norm2(arr->normal[end]) > 0.0)
                 continue;
             QM_ASSERT(queued < arr->layout->node_count);
             arr->normal[end] = transport_normal(arr, dart, arr->normal[arr->queue[at]]);
@@ -124,9 +125,9 @@ static void measure_angles(arrangement *arr, uint32_t node)
     qm_vec at_node = arr->normal[node], start = qm_vec_load(arr->layout->nodes + 3 * (size_t)node),
            sum = at_node;
     for (uint32_t a = 0; a < arr->dart_count; a++) {
-        if (start_node(arr->layout, a) != node) continue;
+        if (qm_layout_dart_start(arr->layout, a) != node) continue;
         for (uint32_t b = a + 1; b < arr->dart_count; b++) {
-            if (start_node(arr->layout, b) != node) continue;
+            if (qm_layout_dart_start(arr->layout, b) != node) continue;
             qm_vec between =
                 qm_vec_add(dart_direction(arr->layout, a, length), dart_direction(arr->layout, b, length));
             double at[3];
@@ -143,7 +144,7 @@ static void measure_angles(arrangement *arr, uint32_t node)
     x = qm_vec_scale(1.0 / qm_vec_norm(x), x);
     qm_vec y = qm_vec_cross(normal, x);
     for (uint32_t dart = 0; dart < arr->dart_count; dart++) {
-        if (start_node(arr->layout, dart) != node) continue;
+        if (qm_layout_dart_start(arr->layout, dart) != node) continue;
         qm_vec d = dart_direction(arr->layout, dart, length);
         arr->angle[dart] = atan2(qm_vec_dot(d, y), qm_vec_dot(d, x));
     }
@@ -161,93 +162,218 @@ static bool is_before(const arrangement *arr, uint32_t dart, uint32_t other)
  */
 static uint32_t next_clockwise(const arrangement *arr, uint32_t dart)
 {
-    uint32_t before = dart, last = dart, node = start_node(arr->layout, dart);
+    uint32_t before = dart, last = dart, node = qm_layout_dart_start(arr->layout, dart);
     for (uint32_t other = 0; other < arr->dart_count; other++) {
-        if (start_node(arr->layout, other) != node) continue;
+        if (qm_layout_dart_start(arr->layout, other) != node) continue;
         if (is_before(arr, last, other)) last = other;
         if (is_before(arr, other, dart) && (before == dart || is_before(arr, before, other))) before = other;
     }
     return before != dart ? before : last;
 }
 
-/** A face of the arrangement. */
-typedef struct arrangement_face {
-    uint32_t first, sides;
-    uint32_t dart[4];      /* the first four */
-    double angle;          /* sum over the corners */
-    bool is_on_both_sides; /* the face lies on both sides of some curve */
-} arrangement_face;
-
-/** True if a dart is on the face that another one lies on. */
-static bool is_on_face(const arrangement *arr, uint32_t first, uint32_t wanted)
+/** By how much a dart turns to the left along the surface between its ends. */
+static double dart_turning(const arrangement *arr, uint32_t dart)
 {
-    uint32_t dart = first;
-    do {
-        if (dart == wanted) return true;
-        dart = arr->next[dart];
-    } while (dart != first);
-    return false;
+    const qm_curve *curve = &arr->layout->curves[dart / 2];
+    qm_vec before = {0, 0, 0}, normal = arr->normal[qm_layout_dart_start(arr->layout, dart)];
+    double sum = 0.0;
+    for (size_t k = 1; k < curve->point_count; k++) {
+        qm_vec here = qm_vec_load(dart_point(curve, dart, k - 1));
+        qm_vec segment = qm_vec_sub(qm_vec_load(dart_point(curve, dart, k)), here);
+        if (qm_vec_norm2(segment) == 0.0) continue;
+        if (qm_vec_norm2(before) > 0.0) {
+            qm_vec own = surface_normal(arr->surface, dart_point(curve, dart, k - 1));
+            bool is_flipped = arr->surface->is_cloud && qm_vec_dot(own, normal) < 0.0;
+            if (qm_vec_norm2(own) > 0.0) normal = is_flipped ? qm_vec_scale(-1.0, own) : own;
+            sum += atan2(qm_vec_dot(qm_vec_cross(before, segment), normal), qm_vec_dot(before, segment));
+        }
+        before = segment;
+    }
+    return sum;
 }
 
-static arrangement_face trace_face(arrangement *arr, uint32_t first)
+/**
+ * True if a cell encloses a drawing from outside. By Gauss and Bonnet the curvature of a cell is the sum of its corners
+ * and a full turn, less a straight angle a side and what the sides turn towards it: about 0 in a flat cell, half of that of
+ * a whole closed surface in the end of a limb, nearly all of it outside a small drawing. Three quarters decide.
+ */
+static bool is_outside(const arrangement *arr, const uint32_t *dart, uint32_t sides, double corners)
 {
-    arrangement_face out = {.first = first};
-    uint32_t dart = first;
-    do {
-        if (out.sides < 4) out.dart[out.sides] = dart;
-        out.sides++;
-        QM_ASSERT(out.sides <= arr->dart_count);
-        arr->is_traced[dart] = true;
-        /* The anticlockwise angle from one dart of the node to the other, in (0, 2 pi]: 2 pi to itself. */
-        uint32_t to = dart ^ 1;
-        const double full_turn = 6.283185307179586;
-        double angle = arr->angle[to] - arr->angle[arr->next[dart]];
-        if (angle < 0.0 || (angle == 0.0 && to <= arr->next[dart])) angle += full_turn;
-        out.angle += angle;
-        out.is_on_both_sides |= is_on_face(arr, first, dart ^ 1);
-        dart = arr->next[dart];
-    } while (dart != first);
-    return out;
+    double curvature = FULL_TURN + corners - 0.5 * FULL_TURN * sides;
+    if (curvature < 0.5 * FULL_TURN) return false; /* sides that are not bent into hooks do not change that */
+    for (uint32_t k = 0; k < sides; k++)
+        curvature -= dart_turning(arr, dart[k]);
+    return curvature > 1.5 * FULL_TURN;
 }
 
-/** Appends a face with four sides to the patches, reports any other as an issue. */
-static qm_status store_face(arrangement *arr, const arrangement_face *found, qm_layout_issues *out)
+/** Traces the cell left of a dart, and appends it. */
+static void trace_cell(const arrangement *arr, uint32_t first, qm_layout_cells *out)
 {
-    const double straight = 3.141592653589793;
-    if (found->angle > straight * found->sides) return QM_OK; /* the face outside the drawing */
-    const qm_curve *curve = &arr->layout->curves[found->first / 2];
-    if (found->sides == 4 && !found->is_on_both_sides) {
+    qm_layout_cell *cell = &out->cells[out->count];
+    *cell = (qm_layout_cell){.first = out->count > 0 ? cell[-1].first + cell[-1].sides : 0};
+    double sum = 0.0;
+    uint32_t dart = first;
+    do {
+        size_t side = cell->first + cell->sides++;
+        QM_ASSERT(side < arr->dart_count);
+        out->dart[side] = dart;
+        out->of_dart[dart] = (uint32_t)out->count;
+        /* The anticlockwise angle from the next dart of the node to this one reversed, in (0, 2 pi]: 2 pi to itself. */
+        uint32_t to = dart ^ 1, next = arr->next[dart];
+        double angle = arr->angle[to] - arr->angle[next];
+        if (angle < 0.0 || (angle == 0.0 && to <= next)) angle += FULL_TURN;
+        sum += angle;
+        out->corner[next] = angle;
+        dart = next;
+    } while (dart != first);
+    cell->is_outside = is_outside(arr, out->dart + cell->first, cell->sides, sum);
+    out->count++;
+}
+
+/** Appends a cell with four sides to the patches, reports any other as an issue. */
+static qm_status store_cell(qm_context *ctx, qm_layout *layout, const qm_layout_cells *cells,
+                            const qm_layout_cell *cell, qm_layout_issues *out)
+{
+    const uint32_t *dart = cells->dart + cell->first;
+    if (cell->is_outside) return QM_OK;
+    if (qm_layout_cell_is_patch(cell)) {
         qm_layout_patch patch;
         for (int k = 0; k < 4; k++) {
-            patch.side[k] = found->dart[k] / 2;
-            patch.against[k] = found->dart[k] % 2;
+            patch.side[k] = dart[k] / 2;
+            patch.against[k] = dart[k] % 2;
         }
-        return qm_layout_append_patch(arr->ctx, arr->layout, &patch);
+        return qm_layout_append_patch(ctx, layout, &patch);
     }
+    const qm_curve *curve = &layout->curves[dart[0] / 2];
     qm_layout_issue issue = {.fault = QM_LAYOUT_CELL_SIDES,
                              .curve = {curve->id, QM_NO_INDEX},
-                             .node = start_node(arr->layout, found->first),
-                             .sides = found->sides};
+                             .node = qm_layout_dart_start(layout, dart[0]),
+                             .sides = cell->sides};
     memcpy(issue.position, curve->points + 3 * (curve->point_count / 2), POINT_SIZE);
-    return qm_layout_add_issue(arr->ctx, out, &issue);
+    return qm_layout_add_issue(ctx, out, &issue);
 }
 
-static qm_status report_dangling(arrangement *arr, qm_layout_issues *out)
+static qm_status report_dangling(qm_context *ctx, const qm_layout *layout, qm_layout_issues *out)
 {
-    for (uint32_t dart = 0; dart < arr->dart_count; dart++) {
-        uint32_t node = start_node(arr->layout, dart);
-        if (next_clockwise(arr, dart) != dart) continue;
+    for (uint32_t dart = 0; dart < 2 * layout->curve_count; dart++) {
+        uint32_t node = qm_layout_dart_start(layout, dart);
+        if (qm_layout_node_degree(layout, node) != 1) continue;
         qm_layout_issue issue = {.fault = QM_LAYOUT_DANGLING_END,
-                                 .curve = {arr->layout->curves[dart / 2].id, QM_NO_INDEX},
+                                 .curve = {layout->curves[dart / 2].id, QM_NO_INDEX},
                                  .node = node};
-        memcpy(issue.position, arr->layout->nodes + 3 * (size_t)node, POINT_SIZE);
-        qm_status status = qm_layout_add_issue(arr->ctx, out, &issue);
+        memcpy(issue.position, layout->nodes + 3 * (size_t)node, POINT_SIZE);
+        qm_status status = qm_layout_add_issue(ctx, out, &issue);
         if (status != QM_OK) return status;
     }
     return QM_OK;
 }
 
-static qm_status find_faces(arrangement *arr, qm_layout_issues *out)
+static uint32_t find_root(uint32_t *parent, uint32_t i)
+{
+    while (parent[i] != i)
+        i = parent[i] = parent[parent[i]];
+    return i;
+}
+
+static void join_roots(uint32_t *parent, uint32_t a, uint32_t b)
+{
+    a = find_root(parent, a);
+    b = find_root(parent, b);
+    parent[a > b ? a : b] = a > b ? b : a;
+}
+
+/** The component of the mesh that a place lies on, by its lowest vertex: that of the nearest vertex. */
+static uint32_t component_at(const qm_mesh *mesh, uint32_t *parent, const double p[3])
+{
+    double best = INFINITY;
+    uint32_t found = 0;
+    for (size_t i = 0; i < 4 * mesh->face_count; i++) {
+        uint32_t vertex = mesh->faces[i];
+        if (vertex == QM_NO_INDEX) continue;
+        double away = qm_vec_distance(qm_vec_load(p), qm_vec_load(mesh->positions + 3 * (size_t)vertex));
+        if (away >= best) continue;
+        best = away;
+        found = vertex;
+    }
+    return find_root(parent, found);
+}
+
+/** Joins the vertices of each face. */
+static void join_faces(const qm_mesh *mesh, uint32_t *parent)
+{
+    for (uint32_t i = 0; i < mesh->vertex_count; i++)
+        parent[i] = i;
+    for (size_t i = 0; i < 4 * mesh->face_count; i++)
+        if (mesh->faces[i] != QM_NO_INDEX) join_roots(parent, mesh->faces[i & ~(size_t)3], mesh->faces[i]);
+}
+
+/** True if the faces have several components. */
+static bool has_several(const qm_mesh *mesh, uint32_t *parent)
+{
+    uint32_t first = QM_NO_INDEX;
+    for (size_t i = 0; i < mesh->face_count; i++) {
+        uint32_t root = find_root(parent, mesh->faces[4 * i]);
+        if (first != QM_NO_INDEX && root != first) return true;
+        first = root;
+    }
+    return false;
+}
+
+/**
+ * Reports each part of the drawing that no curve connects with another one on the same component of a mesh: the cell between
+ * them has two borders, and is none of those that were traced. On a point set, whose components nobody knows, it reports
+ * nothing.
+ */
+static qm_status report_apart(qm_context *ctx, const qm_ref_surface *surface, const qm_layout *layout,
+                              qm_layout_issues *out)
+{
+    const qm_mesh *mesh = &surface->bvh->mesh;
+    size_t nodes = layout->node_count, parts = 0;
+    uint32_t *parent = qm_context_alloc(ctx, nodes, sizeof *parent);
+    uint32_t *vertex = NULL;
+    if (!parent) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the parts of the layout");
+    for (uint32_t i = 0; i < nodes; i++)
+        parent[i] = i;
+    for (size_t i = 0; i < layout->curve_count; i++)
+        join_roots(parent, layout->curves[i].from, layout->curves[i].to);
+    for (uint32_t i = 0; i < nodes; i++)
+        parts += find_root(parent, i) == i;
+    qm_status status = QM_OK;
+    if (parts > 1 && !surface->is_cloud) {
+        vertex = qm_context_alloc(ctx, mesh->vertex_count, sizeof *vertex);
+        if (vertex)
+            join_faces(mesh, vertex);
+        else
+            status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the components of the surface");
+    }
+    uint32_t *own =
+        qm_context_alloc(ctx, nodes, sizeof *own); /* the component under each part's first node */
+    if (!own) status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the parts of the layout");
+    bool has_components = vertex && has_several(mesh, vertex);
+    for (uint32_t i = 0; vertex && i < nodes && status == QM_OK; i++) {
+        if (find_root(parent, i) != i) continue;
+        own[i] = has_components ? component_at(mesh, vertex, layout->nodes + 3 * (size_t)i) : 0;
+        uint32_t other = 0;
+        while (other < i && (find_root(parent, other) != other || own[other] != own[i]))
+            other++;
+        size_t curve = 0;
+        while (curve < layout->curve_count && layout->curves[curve].from != i &&
+               layout->curves[curve].to != i)
+            curve++;
+        if (other == i || curve == layout->curve_count)
+            continue; /* the first there, or a node without curves */
+        qm_layout_issue issue = {
+            .fault = QM_LAYOUT_APART, .curve = {layout->curves[curve].id, QM_NO_INDEX}, .node = i};
+        memcpy(issue.position, layout->nodes + 3 * (size_t)i, POINT_SIZE);
+        status = qm_layout_add_issue(ctx, out, &issue);
+    }
+    qm_context_free(ctx, own, nodes, sizeof *own);
+    qm_context_free(ctx, parent, nodes, sizeof *parent);
+    qm_context_free(ctx, vertex, mesh->vertex_count, sizeof *vertex);
+    return status;
+}
+
+static void find_cells(arrangement *arr, qm_layout_cells *out)
 {
     for (uint32_t node = 0; node < arr->layout->node_count; node++)
         arr->normal[node] = (qm_vec){0, 0, 0};
@@ -257,15 +383,57 @@ static qm_status find_faces(arrangement *arr, qm_layout_issues *out)
         measure_angles(arr, node);
     for (uint32_t dart = 0; dart < arr->dart_count; dart++) {
         arr->next[dart] = next_clockwise(arr, dart ^ 1);
-        arr->is_traced[dart] = false;
+        out->of_dart[dart] = QM_NO_INDEX;
     }
-    qm_status status = report_dangling(arr, out);
-    for (uint32_t dart = 0; dart < arr->dart_count && status == QM_OK; dart++) {
-        if (arr->is_traced[dart]) continue;
-        arrangement_face found = trace_face(arr, dart);
-        status = store_face(arr, &found, out);
-    }
-    return status == QM_OK ? qm_layout_find_crossings(arr->ctx, arr->layout, arr->surface, out) : status;
+    for (uint32_t dart = 0; dart < arr->dart_count; dart++)
+        if (out->of_dart[dart] == QM_NO_INDEX) trace_cell(arr, dart, out);
+    for (uint32_t dart = 0; dart < arr->dart_count; dart++)
+        if (out->of_dart[dart] == out->of_dart[dart ^ 1])
+            out->cells[out->of_dart[dart]].is_on_both_sides = true;
+}
+
+static bool alloc_cells(qm_context *ctx, size_t darts, size_t nodes, qm_layout_cells *out)
+{
+    *out = (qm_layout_cells){.dart_count = darts, .node_count = nodes};
+    out->cells = qm_context_alloc(ctx, darts, sizeof *out->cells);
+    out->dart = qm_context_alloc(ctx, darts, sizeof *out->dart);
+    out->of_dart = qm_context_alloc(ctx, darts, sizeof *out->of_dart);
+    out->corner = qm_context_alloc(ctx, darts, sizeof *out->corner);
+    out->normal = qm_context_alloc(ctx, nodes, sizeof *out->normal);
+    return out->cells && out->dart && out->of_dart && out->corner && out->normal;
+}
+
+void qm_layout_cells_reset(qm_context *ctx, qm_layout_cells *cells)
+{
+    qm_context_free(ctx, cells->cells, cells->dart_count, sizeof *cells->cells);
+    qm_context_free(ctx, cells->dart, cells->dart_count, sizeof *cells->dart);
+    qm_context_free(ctx, cells->of_dart, cells->dart_count, sizeof *cells->of_dart);
+    qm_context_free(ctx, cells->corner, cells->dart_count, sizeof *cells->corner);
+    qm_context_free(ctx, cells->normal, cells->node_count, sizeof *cells->normal);
+    *cells = (qm_layout_cells){0};
+}
+
+qm_status qm_layout_find_cells(qm_context *ctx, const qm_ref_surface *surface, const qm_layout *layout,
+                               qm_layout_cells *out)
+{
+    QM_ASSERT(ctx && surface && layout && out && layout->curve_count > 0);
+    size_t nodes = layout->node_count, darts = 2 * layout->curve_count;
+    arrangement arr = {.surface = surface, .layout = layout, .dart_count = darts};
+    arr.queue = qm_context_alloc(ctx, nodes, sizeof *arr.queue);
+    arr.angle = qm_context_alloc(ctx, darts, sizeof *arr.angle);
+    arr.next = qm_context_alloc(ctx, darts, sizeof *arr.next);
+    qm_status status = QM_OK;
+    bool has_cells = alloc_cells(ctx, darts, nodes, out);
+    arr.normal = out->normal;
+    if (has_cells && arr.queue && arr.angle && arr.next)
+        find_cells(&arr, out);
+    else
+        status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the arrangement of the layout");
+    qm_context_free(ctx, arr.queue, nodes, sizeof *arr.queue);
+    qm_context_free(ctx, arr.angle, darts, sizeof *arr.angle);
+    qm_context_free(ctx, arr.next, darts, sizeof *arr.next);
+    if (status != QM_OK) qm_layout_cells_reset(ctx, out);
+    return status;
 }
 
 qm_status qm_layout_find_patches(qm_context *ctx, const qm_ref_surface *surface, qm_layout *layout,
@@ -275,23 +443,15 @@ qm_status qm_layout_find_patches(qm_context *ctx, const qm_ref_surface *surface,
     *out = (qm_layout_issues){0};
     qm_layout_clear_patches(ctx, layout);
     if (layout->curve_count == 0) return QM_OK;
-    size_t nodes = layout->node_count, darts = 2 * layout->curve_count;
-    arrangement arr = {.ctx = ctx, .surface = surface, .layout = layout, .dart_count = darts};
-    arr.normal = qm_context_alloc(ctx, nodes, sizeof *arr.normal);
-    arr.queue = qm_context_alloc(ctx, nodes, sizeof *arr.queue);
-    arr.angle = qm_context_alloc(ctx, darts, sizeof *arr.angle);
-    arr.next = qm_context_alloc(ctx, darts, sizeof *arr.next);
-    arr.is_traced = qm_context_alloc(ctx, darts, sizeof *arr.is_traced);
-    qm_status status = QM_E_NO_MEMORY;
-    if (arr.normal && arr.queue && arr.angle && arr.next && arr.is_traced)
-        status = find_faces(&arr, out);
-    else
-        qm_context_fail(ctx, status, "out of memory for the arrangement of the layout");
-    qm_context_free(ctx, arr.normal, nodes, sizeof *arr.normal);
-    qm_context_free(ctx, arr.queue, nodes, sizeof *arr.queue);
-    qm_context_free(ctx, arr.angle, darts, sizeof *arr.angle);
-    qm_context_free(ctx, arr.next, darts, sizeof *arr.next);
-    qm_context_free(ctx, arr.is_traced, darts, sizeof *arr.is_traced);
+    qm_layout_cells cells;
+    qm_status status = qm_layout_find_cells(ctx, surface, layout, &cells);
+    if (status != QM_OK) return status;
+    status = report_dangling(ctx, layout, out);
+    if (status == QM_OK) status = report_apart(ctx, surface, layout, out);
+    for (size_t i = 0; i < cells.count && status == QM_OK; i++)
+        status = store_cell(ctx, layout, &cells, &cells.cells[i], out);
+    qm_layout_cells_reset(ctx, &cells);
+    if (status == QM_OK) status = qm_layout_find_crossings(ctx, layout, surface, out);
     if (status != QM_OK) qm_layout_issues_reset(ctx, out);
     return status;
 }

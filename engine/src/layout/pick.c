@@ -451,3 +451,28 @@ qm_status qm_pick_stroke(qm_context *ctx, const qm_pick_view *view, const double
     }
     return QM_OK;
 }
+
+bool qm_pick_plane(const qm_camera *camera, const double a[3], const double b[3], double normal[3])
+{
+    double view[16], projection[16], clip[16], inverse[16];
+    transpose(camera->view, view);
+    transpose(camera->projection, projection);
+    multiply(projection, view, clip);
+    if (!all_finite(clip, 16) || !invert(clip, inverse)) return false;
+    qm_vec middle = qm_vec_mix(qm_vec_load(a), qm_vec_load(b), 0.5);
+    double w = apply_row(clip, 3, middle), end[2][4];
+    for (int k = 0; k < 2; k++) {
+        /* The places before and behind the middle in the window, on the near and on the far plane. */
+        const qm_vec at = {apply_row(clip, 0, middle) / w, apply_row(clip, 1, middle) / w,
+                           k == 0 ? -1.0 : 1.0};
+        for (int i = 0; i < 4; i++)
+            end[k][i] = apply_row(inverse, i, at);
+    }
+    qm_vec near = qm_vec_scale(1.0 / end[0][3], qm_vec_load(end[0])),
+           far = qm_vec_scale(1.0 / end[1][3], qm_vec_load(end[1]));
+    qm_vec across = qm_vec_cross(qm_vec_sub(qm_vec_load(b), qm_vec_load(a)), qm_vec_sub(far, near));
+    double length = qm_vec_norm(across);
+    if (!(length > 0.0) || !isfinite(length)) return false;
+    qm_vec_store(normal, qm_vec_scale(1.0 / length, across));
+    return true;
+}

@@ -1,0 +1,137 @@
+// The tools of Sketch beside the pen: rings, links, tubes, fills, mirrors, and moving what is drawn.
+
+import { LayoutTools } from "../js/layout_tools.js";
+import { client } from "../core/connection.js";
+import { h, select } from "../core/dom.js";
+import { count } from "../core/format.js";
+import { currentStage } from "../view/view.js";
+
+/** @import { Mirror, Point, Stroke } from "../../js/types.js" */
+/** @import { Editor } from "./editor.js" */
+/** @import { Target } from "./window.js" */
+/** @typedef {"draw" | "ring" | "link" | "move"} Kind what a stroke does */
+/** @typedef {{ node: number } | { curve: number }} Held what a stroke begins on */
+
+const KINDS = /** @type {[Kind, string, string][]} */ ([
+  ["draw", "Draw", "A stroke is a curve"],
+  ["ring", "Ring", "A click on a limb, or a stroke across it, draws a ring round it"],
+  ["link", "Link", "Drag from a node to another one: a curve along the surface joins them"],
+  ["move", "Move", "Drag a node, or a curve between its nodes; a node dropped on another one becomes one with it"],
+]);
+const AXES = /** @type {Record<string, Point>} */ ({ x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] });
+
+export class Tools {
+  /**
+   * @param {Editor} editor
+   * @param {(name: string, action: () => Promise<unknown>, title?: string) => HTMLButtonElement} button
+   */
+  constructor(editor, button) {
+    this.editor = editor;
+    this.calls = new LayoutTools(client.layouts);
+    /** @type {Kind} */
+    this.kind = "draw";
+    this.kinds = KINDS.map(([kind, words, title]) => h("button", {
+      type: "button", title, "aria-pressed": String(kind === this.kind), onclick: () => this.take(kind) }, words));
+    this.fill = button("Fill", () => this.fillAll(), "Divide all cells that have not four sides into patches");
+    this.tube = button("Tube", () => this.makeTube(), "Join the rings, or cells, of the two chosen curves");
+    this.row = button("Add row", () => this.splitRow(), "Divide all patches across the chosen curve");
+    this.axis = select("mirror", [["", "none"], ["x", "x"], ["y", "y"], ["z", "z"]], "");
+    this.axis.addEventListener("change", () => this.update());
+    this.image = button("Mirror", () => this.mirrorAll(), "Replace one half by the image of the other, which is kept");
+    this.element = h("section", { className: "section", "aria-label": "Tools" },
+      h("div", { className: "row", role: "group", "aria-label": "A stroke" }, ...this.kinds),
+      h("div", { className: "row" }, this.fill, this.tube, this.row),
+      h("div", { className: "row" }, h("label", { className: "inline" }, "Mirror plane across", this.axis), this.image));
+  }
+
+  /** @param {Kind} kind */
+  take(kind) {
+    this.kind = kind;
+    this.kinds.forEach((button, place) => button.setAttribute("aria-pressed", String(KINDS[place][0] === kind)));
+    currentStage()?.canvas.focus({ preventScroll: true });
+  }
+
+  update() {
+    const { layout, chosen } = this.editor;
+    this.fill.disabled = !layout?.issues.some(({ kind }) => kind === "cell_sides");
+    this.tube.disabled = chosen.size !== 2;
+    this.row.disabled = chosen.size !== 1;
+    this.image.disabled = !layout || layout.curves.length === 0 || this.axis.value === "";
+  }
+
+  /** The plane that strokes are mirrored at, through the middle of what is shown. @returns {Mirror | undefined} */
+  get mirror() {
+    const stage = currentStage();
+    const normal = AXES[this.axis.value];
+    return stage && normal ? { point: /** @type {Point} */ ([...stage.frame.centre]), normal } : undefined;
+  }
+
+  fillAll() {
+    return this.editor.edit((id) => this.calls.fill(id), (now) => {
+      const filled = "filled_cells" in now ? now.filled_cells ?? 0 : 0;
+      return `${count(filled)} cell${filled === 1 ? " is" : "s are"} filled.`;
+    });
+  }
+
+  makeTube() {
+    const [first, second] = this.editor.chosen.keys();
+    return this.editor.edit((id) => this.calls.tube(id, first, second), () => "The rings are joined.");
+  }
+
+  splitRow() {
+    const { curve } = this.editor;
+    return this.editor.edit((id) => this.calls.splitChord(id, curve), () => `The row of curve ${curve} is divided.`);
+  }
+
+  async mirrorAll() {
+    const { mirror } = this;
+    if (mirror) await this.editor.edit((id) => this.calls.mirror(id, mirror), () => "One side is the image of the other now.");
+  }
+
+  /** @param {Stroke} stroke */
+  ring(stroke) {
+    return this.editor.edit((id) => this.calls.ring(id, stroke), (now) => {
+      const added = "changed" in now ? now.changed.added_curves.length : 0;
+      return `A ring is drawn; ${count(added)} curve${added === 1 ? " is" : "s are"} new.`;
+    });
+  }
+
+  /**
+   * @param {Held} held
+   * @param {Target | null} target
+   * @param {Stroke} stroke from where it was held to where it was dropped
+   */
+  async drop(held, target, stroke) {
+    const node = target?.kind === "node" ? this.nodeOf(target.point) : -1;
+    if (this.kind === "link") {
+      if (!("node" in held) || node < 0 || node === held.node) throw new Error("A link goes from a node to another node; there is none.");
+      await this.editor.edit((id) => this.calls.link(id, held.node, node), (now) => {
+        const [curve] = "changed" in now ? now.changed.added_curves : [];
+        return `Curve ${curve} is new.`;
+      });
+    } else if (!("node" in held)) {
+      await this.editor.edit((id) => this.calls.slide(id, held.curve, stroke), () => `Curve ${held.curve} is bent.`);
+    } else if (node >= 0 && node !== held.node) {
+      await this.editor.edit((id) => this.calls.mergeNodes(id, node, held.node), () => `Nodes ${node} and ${held.node} are one now.`);
+    } else {
+      await this.editor.edit((id) => this.calls.moveNode(id, held.node, stroke), () => `Node ${held.node} is moved.`);
+    }
+  }
+
+  /** @param {Point} point */
+  nodeOf(point) {
+    return this.editor.layout?.nodes.findIndex((node) => node.every((value, k) => value === point[k])) ?? -1;
+  }
+
+  /**
+   * What a stroke at a place of the window would hold with this tool.
+   * @param {Target | null} target what is there
+   * @param {number} curve its curve, if it is on one, else -1
+   * @returns {Held | null}
+   */
+  held(target, curve) {
+    if (!target || (this.kind !== "link" && this.kind !== "move")) return null;
+    if (target.kind === "node") return { node: this.nodeOf(target.point) };
+    return this.kind === "move" && curve >= 0 ? { curve } : null;
+  }
+}

@@ -1,0 +1,121 @@
+// Tools that edit layouts: several curves by one call. Apart from the client, as most pages draw none:
+//
+//   import { LayoutTools } from "quadmeshd-client/layout_tools.js";
+//   await new LayoutTools(client.layouts).fill(layout.id);
+
+/** @import { EditedLayout, Mirror, Point, Stroke } from "./types.js" */
+/** @import { Layouts, Options } from "./layouts.js" */
+
+export class LayoutTools {
+  /** @param {Layouts} layouts */
+  constructor(layouts) {
+    this.layouts = layouts;
+  }
+
+  /**
+   * @param {string} id
+   * @param {string} path
+   * @param {unknown} body
+   * @param {Options} options
+   * @returns {Promise<EditedLayout>}
+   */
+  edit(id, path, body, options) {
+    return this.layouts.post(`/v1/layouts/${encodeURIComponent(id)}/${path}`, body, options);
+  }
+
+  /**
+   * Draws a closed curve round a limb by a stroke across it, or by one point.
+   * @param {string} id
+   * @param {Stroke} stroke
+   * @param {Options} [options]
+   */
+  ring(id, stroke, options = {}) {
+    return this.edit(id, "rings", stroke, options);
+  }
+
+  /**
+   * Joins the nodes of two rings, each told by one of its curves.
+   * @param {string} id
+   * @param {number} first
+   * @param {number} second
+   * @param {Options} [options]
+   */
+  tube(id, first, second, options = {}) {
+    return this.edit(id, "tubes", { first, second }, options);
+  }
+
+  /**
+   * Draws a curve along the surface between two nodes, told by their places in `nodes`.
+   * @param {string} id
+   * @param {number} first
+   * @param {number} second
+   * @param {Options} [options]
+   */
+  link(id, first, second, options = {}) {
+    return this.edit(id, "links", { first, second }, options);
+  }
+
+  /**
+   * Makes patches of cells that have not four sides: of all, or of the one that a place lies in.
+   * @param {string} id
+   * @param {Point} [point]
+   * @param {Options} [options]
+   */
+  fill(id, point, options = {}) {
+    return this.edit(id, "fill", point ? { point } : {}, options);
+  }
+
+  /**
+   * Replaces the curves behind a plane by the mirror images of those before it.
+   * @param {string} id
+   * @param {Mirror & { radius?: number }} plane
+   * @param {Options} [options]
+   */
+  mirror(id, plane, options = {}) {
+    return this.edit(id, "mirror", plane, options);
+  }
+
+  /**
+   * Moves the second node onto the first.
+   * @param {string} id
+   * @param {number} first
+   * @param {number} second
+   * @param {Options} [options]
+   */
+  mergeNodes(id, first, second, options = {}) {
+    return this.edit(id, "nodes/merge", { first, second }, options);
+  }
+
+  /**
+   * Moves a node to a place of the surface, or to the last point of a stroke.
+   * @param {string} id
+   * @param {number} node
+   * @param {{ point: Point } | Stroke} where
+   * @param {Options} [options]
+   */
+  moveNode(id, node, where, options = {}) {
+    return this.edit(id, `nodes/${node}/move`, where, options);
+  }
+
+  /**
+   * Bends a curve between its nodes, by two places or by a stroke from the one to the other.
+   * @param {string} id
+   * @param {number} curve
+   * @param {{ from: Point, to: Point } | Stroke} where
+   * @param {Options} [options]
+   */
+  slide(id, curve, where, options = {}) {
+    return this.edit(id, `curves/${curve}/slide`, where, options);
+  }
+
+  /**
+   * Cuts a curve into equal parts, and the whole chord with it.
+   * @param {string} id
+   * @param {number} curve
+   * @param {{ parts?: number }} [wanted]
+   * @param {Options} [options]
+   */
+  splitChord(id, curve, wanted = {}, options = {}) {
+    return this.edit(id, `curves/${curve}/split-chord`, wanted, options);
+  }
+}

@@ -1,0 +1,401 @@
+/**
+ * handle_layout_edits.c: the edits of layouts: strokes, tools, and those of single curves and nodes.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "handlers.h"
+#include "layout_session.h"
+#include "ops/json_layout.h"
+#include "ops/json_out.h"
+#include "qm/layout_edit.h"
+
+#define SNAP_SHARE 0.01 /* of the diagonal: snap radius unless the request has one */
+
+/** What the second name in the path is. */
+typedef enum edit_subject { OF_LAYOUT, OF_CURVE, OF_NODE } edit_subject;
+
+/** Makes one edit of a curve or node; more gets members for the reply. */
+typedef bool edit_fn(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,
+                     qm_problem *problem);
+
+/** The curve or node of the path; false with a 404 when the layout has none of this number. */
+static bool find_subject(const qm_request *request, const qm_layout_session *s, edit_subject kind,
+                         uint32_t *subject, qm_problem *problem)
+{
+    if (kind == OF_LAYOUT) return true;
+    const char *text = qm_request_second_id(request);
+    char *end;
+    unsigned long number = strtoul(text, &end, 10);
+    *subject = number < QM_NO_INDEX ? (uint32_t)number : QM_NO_INDEX;
+    bool is_number = text[0] >= '0' && text[0] <= '9' && !*end;
+    if (is_number && (kind == OF_NODE ? *subject < s->layout.node_count
+                                      : qm_layout_find_curve(&s->layout, *subject) != QM_NO_INDEX))
+        return true;
+    *problem = kind == OF_NODE
+                   ? qm_problem_make(QM_PROBLEM_NODE_NOT_FOUND, "the layout has no node %s", text)
+                   : qm_problem_make(QM_PROBLEM_CURVE_NOT_FOUND, "the layout has no curve %s", text);
+    return false;
+}
+
+static void make_edit(qm_request *request, const qm_layout_edit *edit, edit_subject kind, edit_fn *apply)
+{
+    qm_layout_session s;
+    qm_problem problem;
+    uint32_t subject = QM_NO_INDEX;
+    qm_text more = {0};
+    if (qm_layout_session_open(request, &s, &problem) &&
+        find_subject(request, &s, kind, &subject, &problem) && apply(&s, edit, subject, &more, &problem)) {
+        char *members = qm_text_take(&more);
+        qm_layout_session_finish(request, &s, members ? members : "");
+        free(members);
+    } else {
+        qm_text_reset(&more);
+        qm_reply_problem(request, &problem);
+    }
+    qm_layout_session_close(&s);
+}
+
+/** Reads the body of an edit, and makes it. */
+static void edit_by_body(qm_request *request, qm_layout_edit_kind kind, edit_subject subject, edit_fn *apply)
+{
+    size_t size;
+    const char *body = qm_request_body(request, &size);
+    qm_layout_edit edit;
+    qm_problem problem;
+    if (!qm_json_read_layout_edit(body, size, kind, &edit, &problem)) {
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    make_edit(request, &edit, subject, apply);
+    qm_layout_edit_reset(&edit);
+}
+
+static double snap_radius(const qm_layout_session *s, const qm_layout_edit *edit)
+{
+    return edit->radius > 0.0 ? edit->radius : SNAP_SHARE * s->source.diagonal;
+}
+
+/** The places of a stroke on the surface. */
+typedef struct picked_stroke {
+    double *points; /* rows of x y z, on malloc */
+    size_t count, missed;
+} picked_stroke;
+
+static bool pick_stroke(qm_layout_session *s, const qm_layout_edit *edit, size_t least, picked_stroke *out,
+                        qm_problem *problem)
+{
+    *out = (picked_stroke){0};
+    qm_pick_view view;
+    qm_status status = qm_pick_view_init(&s->ctx, &s->source, &edit->camera, &edit->pick, &view);
+    if (status != QM_OK) return qm_layout_session_outcome(s, status, problem);
+    out->points = malloc(edit->point_count * 3 * sizeof *out->points);
+    if (!out->points) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the stroke");
+        return false;
+    }
+    status = qm_pick_stroke(&s->ctx, &view, edit->points, edit->point_count, out->points, &out->count,
+                            &out->missed);
+    if (status == QM_OK && out->count < least)
+        status =
+            qm_context_fail(&s->ctx, QM_E_ARGUMENT, "the stroke meets the surface at %zu of its %zu points",
+                            edit->point_count - out->missed, edit->point_count);
+    return qm_layout_session_outcome(s, status, problem);
+}
+
+static void add_stroke_facts(qm_text *out, uint32_t curve, const picked_stroke *stroke)
+{
+    qm_json_open(out, "stroke", "{");
+    qm_json_add_count(out, "curve", curve);
+    qm_json_add_count(out, "points", stroke->count);
+    qm_json_add_count(out, "missed_points", stroke->missed);
+    qm_text_add_string(out, "}");
+}
+
+static bool add_stroke(qm_layout_session *s, const qm_layout_edit *edit, const picked_stroke *stroke,
+                       uint32_t *id, qm_problem *problem)
+{
+    return qm_layout_session_outcome(s,
+                                     qm_layout_add_stroke(&s->ctx, &s->layout, &s->source, stroke->points,
+                                                          stroke->count, snap_radius(s, edit), id),
+                                     problem);
+}
+
+static bool apply_stroke(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,
+                         qm_problem *problem)
+{
+    (void)subject;
+    picked_stroke stroke;
+    uint32_t id = QM_NO_INDEX, image;
+    bool good = pick_stroke(s, edit, 2, &stroke, problem) && add_stroke(s, edit, &stroke, &id, problem);
+    if (good) add_stroke_facts(more, id, &stroke);
+    if (good && edit->has_mirror) {
+        qm_layout_reflect(&s->source, edit->point, edit->normal, stroke.points, stroke.count);
+        good = add_stroke(s, edit, &stroke, &image, problem);
+    }
+    free(stroke.points);
+    return good;
+}
+
+/** Adds a ring through the middle of a stroke: in the plane of its ends and the direction of view, or without a length the
+ * shortest. */
+static bool add_ring(qm_layout_session *s, const qm_layout_edit *edit, const double through[3],
+                     const double *plane, uint32_t *id, qm_problem *problem)
+{
+    return qm_layout_session_outcome(
+        s, qm_layout_add_ring(&s->ctx, &s->layout, &s->source, through, plane, snap_radius(s, edit), id),
+        problem);
+}
+
+static bool apply_ring(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,
+                       qm_problem *problem)
+{
+    (void)subject;
+    picked_stroke stroke;
+    if (!pick_stroke(s, edit, 1, &stroke, problem)) {
+        free(stroke.points);
+        return false;
+    }
+    double *through = stroke.points + 3 * (stroke.count / 2), plane[3];
+    bool has_plane = stroke.count > 1 && qm_pick_plane(&edit->camera, stroke.points,
+                                                       stroke.points + 3 * (stroke.count - 1), plane);
+    uint32_t id = QM_NO_INDEX, image;
+    bool good = add_ring(s, edit, through, has_plane ? plane : NULL, &id, problem);
+    if (good) add_stroke_facts(more, id, &stroke);
+    if (good && edit->has_mirror) {
+        double middle[3], length2 = 0.0, along = 0.0;
+        for (int k = 0; k < 3 && has_plane; k++) {
+            length2 += edit->normal[k] * edit->normal[k];
+            along += plane[k] * edit->normal[k];
+        }
+        for (int k = 0; k < 3 && has_plane; k++)
+            plane[k] -= 2.0 * along / length2 * edit->normal[k];
+        memcpy(middle, through, sizeof middle);
+        qm_layout_reflect(&s->source, edit->point, edit->normal, middle, 1);
+        good = add_ring(s, edit, middle, has_plane ? plane : NULL, &image, problem);
+    }
+    free(stroke.points);
+    return good;
+}
+
+static bool apply_tube(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,
+                       qm_problem *problem)
+{
+    (void)subject;
+    (void)more;
+    return qm_layout_session_outcome(
+        s, qm_layout_add_tube(&s->ctx, &s->layout, &s->source, edit->first, edit->second), problem);
+}
+
+static bool apply_fill(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,
+                       qm_problem *problem)
+{
+    (void)subject;
+    size_t filled;
+    bool good = qm_layout_session_outcome(
+        s, qm_layout_fill(&s->ctx, &s->layout, &s->source, edit->has_point ? edit->point : NULL, &filled),
+        problem);
+    if (good) qm_json_add_count(more, "filled_cells", filled);
+    return good;
+}
+
+static bool apply_mirror(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,
+                         qm_problem *problem)
+{
+    (void)subject;
+    (void)more;
+    return qm_layout_session_outcome(
+        s, qm_layout_mirror(&s->ctx, &s->layout, &s->source, edit->point, edit->normal, snap_radius(s, edit)),
+        problem);
+}
+
+static bool apply_merge_nodes(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject,
+                              qm_text *more, qm_problem *problem)
+{
+    (void)subject;
+    (void)more;
+    return qm_layout_session_outcome(
+        s, qm_layout_merge_nodes(&s->ctx, &s->layout, &s->source, edit->first, edit->second), problem);
+}
+
+static bool apply_link(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,
+                       qm_problem *problem)
+{
+    (void)subject;
+    (void)more;
+    return qm_layout_session_outcome(
+        s, qm_layout_add_link(&s->ctx, &s->layout, &s->source, edit->first, edit->second), problem);
+}
+
+/** The first and last places of an edit by points in space or in the window. */
+static bool read_places(qm_layout_session *s, const qm_layout_edit *edit, double from[3], double to[3],
+                        qm_problem *problem)
+{
+    memcpy(from, edit->from, sizeof edit->from);
+    memcpy(to, edit->point, sizeof edit->point);
+    if (!edit->in_window) return true;
+    picked_stroke stroke;
+    bool good = pick_stroke(s, edit, 1, &stroke, problem);
+    if (good) {
+        memcpy(from, stroke.points, sizeof edit->from);
+        memcpy(to, stroke.points + 3 * (stroke.count - 1), sizeof edit->point);
+    }
+    free(stroke.points);
+    return good;
+}
+
+static bool apply_move(qm_layout_session *s, const qm_layout_edit *edit, uint32_t node, qm_text *more,
+                       qm_problem *problem)
+{
+    (void)more;
+    double from[3], to[3];
+    return read_places(s, edit, from, to, problem) &&
+           qm_layout_session_outcome(s, qm_layout_move_node(&s->ctx, &s->layout, &s->source, node, to),
+                                     problem);
+}
+
+static bool apply_slide(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+                        qm_problem *problem)
+{
+    (void)more;
+    double from[3], to[3];
+    return read_places(s, edit, from, to, problem) &&
+           qm_layout_session_outcome(
+               s, qm_layout_slide_curve(&s->ctx, &s->layout, &s->source, curve, from, to), problem);
+}
+
+static bool apply_split_chord(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+                              qm_problem *problem)
+{
+    (void)more;
+    return qm_layout_session_outcome(
+        s, qm_layout_split_chord(&s->ctx, &s->layout, &s->source, curve, edit->parts), problem);
+}
+
+static bool apply_split(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+                        qm_problem *problem)
+{
+    (void)more;
+    return qm_layout_session_outcome(s, qm_layout_split_curve(&s->ctx, &s->layout, curve, edit->point),
+                                     problem);
+}
+
+static bool apply_snap(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+                       qm_problem *problem)
+{
+    (void)more;
+    return qm_layout_session_outcome(
+        s, qm_layout_snap_end(&s->ctx, &s->layout, curve, edit->end, edit->point, snap_radius(s, edit)),
+        problem);
+}
+
+static bool redraw(qm_layout_session *s, uint32_t curve, const double *points, size_t count,
+                   qm_problem *problem)
+{
+    return qm_layout_session_outcome(s, qm_layout_redraw_curve(&s->ctx, &s->layout, curve, points, count),
+                                     problem);
+}
+
+static bool apply_redraw(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+                         qm_problem *problem)
+{
+    if (!edit->in_window) return redraw(s, curve, edit->points, edit->point_count, problem);
+    picked_stroke stroke;
+    bool good =
+        pick_stroke(s, edit, 2, &stroke, problem) && redraw(s, curve, stroke.points, stroke.count, problem);
+    if (good) add_stroke_facts(more, curve, &stroke);
+    free(stroke.points);
+    return good;
+}
+
+static bool apply_merge(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+                        qm_problem *problem)
+{
+    (void)curve;
+    (void)more;
+    return qm_layout_session_outcome(
+        s, qm_layout_merge_curves(&s->ctx, &s->layout, edit->first, edit->second), problem);
+}
+
+static bool apply_delete(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+                         qm_problem *problem)
+{
+    (void)edit;
+    (void)more;
+    return qm_layout_session_outcome(s, qm_layout_delete_curve(&s->ctx, &s->layout, curve), problem);
+}
+
+void qm_handle_layout_stroke(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_STROKE, OF_LAYOUT, apply_stroke);
+}
+
+void qm_handle_curve_merge(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_MERGE, OF_LAYOUT, apply_merge);
+}
+
+void qm_handle_curve_split(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_SPLIT, OF_CURVE, apply_split);
+}
+
+void qm_handle_curve_snap(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_SNAP, OF_CURVE, apply_snap);
+}
+
+void qm_handle_curve_redraw(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_REDRAW, OF_CURVE, apply_redraw);
+}
+
+void qm_handle_curve_delete(qm_request *request)
+{
+    make_edit(request, NULL, OF_CURVE, apply_delete);
+}
+
+void qm_handle_layout_ring(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_RING, OF_LAYOUT, apply_ring);
+}
+
+void qm_handle_layout_tube(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_MERGE, OF_LAYOUT, apply_tube);
+}
+
+void qm_handle_layout_fill(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_FILL, OF_LAYOUT, apply_fill);
+}
+
+void qm_handle_layout_mirror(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_MIRROR, OF_LAYOUT, apply_mirror);
+}
+
+void qm_handle_node_merge(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_MERGE, OF_LAYOUT, apply_merge_nodes);
+}
+
+void qm_handle_node_move(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_MOVE, OF_NODE, apply_move);
+}
+
+void qm_handle_curve_slide(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_SLIDE, OF_CURVE, apply_slide);
+}
+
+void qm_handle_chord_split(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_SPLIT_CHORD, OF_CURVE, apply_split_chord);
+}
+
+void qm_handle_layout_link(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_MERGE, OF_LAYOUT, apply_link);
+}
