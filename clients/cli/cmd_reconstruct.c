@@ -7,7 +7,9 @@
 
 #include "base/host.h"
 #include "ops/json_layout.h"
+#include "ops/settle.h"
 #include "options.h"
+#include "qm/quality.h"
 
 #define WARNINGS_SHOWN 20
 
@@ -15,7 +17,7 @@ typedef struct reconstruct_options {
     const char *surface, *layout, *output, *picture;
     qm_refine_goal goal;
     double hausdorff; /* the goal, as a fraction of the diagonal */
-    bool keeps_curves, has_uv, as_json;
+    bool keeps_curves, settles, has_uv, as_json;
 } reconstruct_options;
 
 /** Reads the layout, and finds its patches if the file has none. False after a report. */
@@ -82,6 +84,22 @@ static void on_step(void *user, const qm_refine_record *record)
     fprintf(p->out, ", %.1f ms\n", record->step_ms);
 }
 
+/** Prints a line for the mesh whose vertices were moved at the end. */
+static void print_settled(const printer *p, const qm_mesh *mesh, double upper)
+{
+    qm_quality quality;
+    qm_quality_measure(mesh, &quality);
+    if (p->options->as_json) {
+        fprintf(p->out,
+                "{\"settled\":true,\"upper_relative\":%.17g,\"folded\":%zu,\"least_jacobian\":%.17g}\n",
+                upper / p->diagonal, quality.folded, quality.least_jacobian);
+        return;
+    }
+    char bound[CLI_BOUND_SIZE];
+    fprintf(p->out, "settled: %zu folded, least scaled Jacobian %.3f, distance at most %s of the diagonal\n",
+            quality.folded, quality.least_jacobian, cli_format_bound(upper / p->diagonal, true, bound));
+}
+
 /** Prints the result as the last line: as an object, or as a sentence after the warnings. */
 static void print_result(const printer *p, const qm_reconstruction *r, size_t quads, qm_refine_stop stop)
 {
@@ -139,12 +157,26 @@ static int refine_and_write(qm_context *ctx, const reconstruct_options *options,
         cli_report_status(options->surface, status, ctx, options->as_json);
         return EXIT_BAD_INPUT;
     }
+    bool is_settled = options->settles && stop != QM_REFINE_CANCELED;
+    double lower, upper;
+    if (is_settled) {
+        qm_settle_goal goal = {qm_quads_options_default(), options->goal.hausdorff};
+        goal.quads.thread_count = options->goal.thread_count;
+        status = qm_settle(ctx, source, &goal, &mesh, &lower, &upper);
+        if (status != QM_OK) {
+            qm_mesh_reset(ctx, &mesh);
+            cli_report_status(options->surface, status, ctx, options->as_json);
+            return EXIT_BAD_INPUT;
+        }
+        print_settled(&p, &mesh, upper);
+    }
     bool is_done = cli_write_mesh(ctx, options->output, &mesh, options->has_uv, options->as_json) &&
                    write_picture(options, &mesh);
     if (is_done) print_result(&p, r, mesh.face_count, stop);
     qm_mesh_reset(ctx, &mesh);
     bool is_reached =
-        stop != QM_REFINE_CANCELED && (!(options->goal.hausdorff > 0.0) || stop == QM_REFINE_HAUSDORFF);
+        stop != QM_REFINE_CANCELED && (!(options->goal.hausdorff > 0.0) || stop == QM_REFINE_HAUSDORFF ||
+                                       (is_settled && upper <= options->goal.hausdorff));
     return !is_done ? EXIT_BAD_INPUT : is_reached ? EXIT_OK : EXIT_NOT_CONVERGED;
 }
 
@@ -224,6 +256,12 @@ static int run(int argc, char **argv)
          .type = CLI_FLAG,
          .target = &o.keeps_curves,
          .help = "keep vertices of curves where they were drawn, on the surface or not"},
+        {.name = "settle",
+         .type = CLI_FLAG,
+         .target = &o.settles,
+         .help =
+             "move all vertices at the end, those of curves too, for better quads nearer to the surface,\n"
+             "which must be a mesh; sides along its creases and boundaries stay there"},
         {.name = "picture",
          .value = "FILE.png",
          .type = CLI_TEXT,
@@ -243,6 +281,10 @@ static int run(int argc, char **argv)
         return status;
     o.surface = paths[0];
     o.layout = paths[1];
+    if (o.settles && o.keeps_curves) {
+        fputs("quadmesh: --settle moves the curves that --keep-curves keeps: give one of them\n", stderr);
+        return EXIT_USAGE;
+    }
     o.goal.measures = !skips_measuring;
     o.goal.thread_count = cli_count_threads(o.goal.thread_count);
     if (o.has_uv && !cli_check_uv(o.output)) return EXIT_USAGE;

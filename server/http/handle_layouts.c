@@ -45,7 +45,7 @@ static bool set_patches(qm_layout_session *s, bool has_patches, qm_problem *prob
 static bool make_of_surface(qm_layout_session *s, const qm_json_quad_layout *wanted, qm_problem *problem)
 {
     qm_status status = qm_quad_layout_make_of_surface(&s->ctx, &s->source, &wanted->make_quads,
-                                                      &wanted->options, &s->layout, &s->issues, NULL);
+                                                      &wanted->options, &s->layout, &s->issues, NULL, NULL);
     return qm_layout_session_outcome(s, status, problem);
 }
 

@@ -6,7 +6,9 @@
 #include <math.h>
 
 #include "qm/quad_layout.h"
+#include "qm/quality.h"
 #include "refine.h"
+#include "settle.h"
 
 #define TOLERANCE 1e-6   /* of the measured distance, a fraction of the diagonal */
 #define LEAST_GROWTH 1.5 /* of the number of quads from one mesh to the next */
@@ -107,10 +109,11 @@ static void count_step(void *user, const qm_refine_record *record)
 }
 
 static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                            const qm_layout *layout, qm_remesh_result *out)
+                            const qm_layout *layout, const double *grids, qm_remesh_result *out)
 {
     qm_reconstruction_options how = qm_reconstruction_options_default();
     how.thread_count = options->quads.thread_count;
+    how.grids = grids;
     qm_reconstruction *r;
     begin(options, QM_REMESH_STEPS, layout->patch_count, out);
     qm_status status = qm_reconstruction_create(ctx, surface, layout, &how, &r);
@@ -123,6 +126,9 @@ static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, cons
         status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
     if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &out->mesh);
     qm_reconstruction_destroy(ctx, r);
+    const qm_settle_goal kept = {options->quads, options->distance};
+    double lower, upper;
+    if (status == QM_OK) status = qm_settle(ctx, surface, &kept, &out->mesh, &lower, &upper);
     return status == QM_OK ? measure(ctx, surface, options, out) : status;
 }
 
@@ -147,9 +153,10 @@ static qm_status measure_plain(qm_context *ctx, const qm_ref_surface *surface,
     return status;
 }
 
-/** Makes the mesh by a layout of about so many patches. One whose curves cross is an error of qm_reconstruction_create. */
+/** Makes the mesh by a layout of about so many patches. */
 static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
-                                 const qm_remesh_options *options, size_t patches, qm_remesh_result *out)
+                                 const qm_remesh_options *options, size_t patches, qm_remesh_result *out,
+                                 bool *has_crossings)
 {
     const qm_quads_options quads = quads_of_layout(options);
     qm_quad_layout_options how = qm_quad_layout_options_default();
@@ -157,13 +164,32 @@ static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
     qm_layout layout;
     qm_layout_issues issues;
     begin(options, QM_REMESH_LAYOUT, quads.quads, out);
-    qm_status status = qm_quad_layout_make_of_surface(ctx, surface, &quads, &how, &layout, &issues, NULL);
+    double *grids;
+    qm_status status =
+        qm_quad_layout_make_of_surface(ctx, surface, &quads, &how, &layout, &issues, NULL, &grids);
     if (status != QM_OK) return status;
     out->patches = layout.patch_count;
-    status = take_steps(ctx, surface, options, &layout, out);
+    /* Lattices that are found from the curves come out a little better, but curves that cross give none. */
+    *has_crossings = issues.count > 0;
+    status = take_steps(ctx, surface, options, &layout, *has_crossings ? grids : NULL, out);
+    qm_quad_layout_free_grids(ctx, &layout, grids);
     qm_layout_reset(ctx, &layout);
     qm_layout_issues_reset(ctx, &issues);
     return status;
+}
+
+/** What is known of a mesh besides its distance. */
+typedef struct trial_state {
+    bool
+        has_crossings; /* curves of its layout: vertices started where their quads were, and may be folded for want of room */
+    bool is_folded;
+} trial_state;
+
+static bool is_better(const trial_state *now, double distance, const trial_state *best, double best_distance)
+{
+    if (now->is_folded != best->is_folded) return best->is_folded;
+    if (now->has_crossings != best->has_crossings) return best->has_crossings;
+    return distance < best_distance;
 }
 
 /** Tries more and more patches until the mesh is about as near as one without a layout: large patches may miss an ear. */
@@ -173,19 +199,26 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
     double plain;
     qm_status status = measure_plain(ctx, surface, options, &plain), last = status;
     size_t most = options->quads.quads / QUADS_A_PATCH;
+    trial_state best = {0};
     for (size_t patches = LAYOUT_PATCHES; status == QM_OK; patches *= MORE_PATCHES) {
         qm_remesh_result now = {0};
+        trial_state state = {0};
         bool is_last = patches >= most || patches >= MOST_PATCHES;
-        last = make_by_patches(ctx, surface, options, patches < most ? patches : most, &now);
+        last = make_by_patches(ctx, surface, options, patches < most ? patches : most, &now,
+                               &state.has_crossings);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
-        bool is_better = last == QM_OK && (out->mesh.face_count == 0 || now.upper < out->upper);
-        if (is_better) {
+        qm_quality quality = {0};
+        if (last == QM_OK) qm_quality_measure(&now.mesh, &quality);
+        state.is_folded = quality.folded > 0;
+        if (last == QM_OK && (out->mesh.face_count == 0 || is_better(&state, now.upper, &best, out->upper))) {
+            best = state;
             qm_remesh_result worse = *out;
             *out = now;
             now = worse;
         }
         qm_mesh_reset(ctx, &now.mesh);
-        if (is_last || (out->mesh.face_count > 0 && out->upper <= PLAIN_RATIO * plain)) break;
+        bool is_good = out->mesh.face_count > 0 && !best.has_crossings && !best.is_folded;
+        if (is_last || (is_good && out->upper <= PLAIN_RATIO * plain)) break;
     }
     return out->mesh.face_count > 0 || status != QM_OK ? status : last;
 }

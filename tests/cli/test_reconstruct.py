@@ -197,6 +197,25 @@ def test_cells_without_a_patch_are_told_of(quadmesh, surface, tmp_path):
     assert done.returncode == 0 and "has 3 sides, not four" in done.stderr
 
 
+def test_vertices_move_at_the_end(quadmesh, surface, layout, tmp_path):
+    def run(*words):
+        done = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--quads", "100", *words, "--json")
+        assert done.returncode == 0, done.stderr
+        return [json.loads(line) for line in done.stdout.splitlines()], (tmp_path / "out.obj").read_text().splitlines()
+
+    lines, drawn = run()
+    settled, moved = run("--settle")
+    assert [line for line in drawn if line[0] == "f"] == [line for line in moved if line[0] == "f"] and drawn != moved
+    told = settled[-2]
+    assert told["settled"] is True and told["folded"] == 0 and told["least_jacobian"] > 0.3
+    assert settled[-1]["quads"] == lines[-1]["quads"]
+    again = json.loads(quadmesh("hausdorff", surface, "out.obj", "--json").stdout)
+    assert again["lower_relative"] <= told["upper_relative"]
+    assert told["upper_relative"] <= 1.25 * lines[-2]["hausdorff"]["upper_relative"]
+    both = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--settle", "--keep-curves")
+    assert both.returncode == 2 and "--keep-curves" in both.stderr
+
+
 def test_texture_coordinates_of_its_patches(quadmesh, surface, layout, tmp_path):
     run = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--quads", "200", "--uv", "--json")
     assert run.returncode == 0, run.stderr

@@ -47,6 +47,9 @@ qm_mesh qm_shape_box(double sx, double sy, double sz);
 /** The cube from -half to half on each axis. */
 qm_mesh qm_shape_cube(double half);
 
+/** The surface of [-1, 1]^3 of n x n quads a side, with shared vertices; faces side by side, row by row. */
+qm_mesh qm_shape_cube_grid(int n);
+
 /** One face of its own corners: count is 3 or 4. */
 qm_mesh qm_shape_face(int count, const double corners[][3]);
 

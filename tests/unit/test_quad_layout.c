@@ -11,6 +11,7 @@
 #include "ground.h"
 #include "qm/patch.h"
 #include "qm/quad_layout.h"
+#include "qm/quality.h"
 #include "qm/reconstruct.h"
 #include "tmesh/tmesh.h"
 
@@ -383,7 +384,8 @@ static void a_surface_alone_has_its_creases_as_curves(void **state)
     qm_layout_issues issues;
     qm_quad_layout_facts facts;
     assert_int_equal(
-        qm_quad_layout_make_of_surface(&g.ctx, &g.source, &quads, &options, &layout, &issues, &facts), QM_OK);
+        qm_quad_layout_make_of_surface(&g.ctx, &g.source, &quads, &options, &layout, &issues, &facts, NULL),
+        QM_OK);
     assert_int_equal(layout.patch_count, 6);
     assert_int_equal(layout.curve_count, 12);
     assert_int_equal(issues.count, 0);
@@ -400,6 +402,73 @@ static void a_surface_alone_has_its_creases_as_curves(void **state)
     qm_layout_reset(&g.ctx, &layout);
     qm_layout_issues_reset(&g.ctx, &issues);
     free(creases);
+    qm_ground_free(&g);
+}
+
+/** Reconstructs a box by a layout, from grids or without. Returns the status of its creation. */
+static qm_status reconstruct_box(qm_ground *g, const qm_layout *layout, const double *grids, qm_mesh *mesh)
+{
+    qm_reconstruction_options how = qm_reconstruction_options_default();
+    how.grids = grids;
+    qm_reconstruction *r;
+    qm_reconstruction_record record;
+    qm_status status = qm_reconstruction_create(&g->ctx, &g->source, layout, &how, &r);
+    for (int step = 0; step < 6 && status == QM_OK; step++)
+        assert_int_equal(qm_reconstruction_step(&g->ctx, r, 400, &record), QM_OK);
+    if (status == QM_OK) assert_int_equal(qm_reconstruction_mesh(&g->ctx, r, mesh), QM_OK);
+    qm_reconstruction_destroy(&g->ctx, r);
+    return status;
+}
+
+/** Grids have the corners of their patches, lattices can start at them, and curves may cross then. */
+static void a_reconstruction_starts_at_grids(void **state)
+{
+    (void)state;
+    voxels set = {0};
+    fill(&set, 0, 0, 0, 6, 4, 2, true);
+    qm_ground g;
+    qm_ground_make(&g, boundary_of(&set, 6));
+    const qm_quad_layout_options options = {.effort = 100, .patches = 40};
+    const qm_quads_options quads = {.quads = 300, .crease_angle = 40, .thread_count = 1};
+    qm_layout layout;
+    qm_layout_issues issues;
+    double *grids;
+    qm_mesh mesh;
+    assert_int_equal(
+        qm_quad_layout_make_of_surface(&g.ctx, &g.source, &quads, &options, &layout, &issues, NULL, &grids),
+        QM_OK);
+    static const size_t corner[4] = {0, QM_LAYOUT_GRID, QM_LAYOUT_GRID_POINTS - 1,
+                                     QM_LAYOUT_GRID_POINTS - 1 - QM_LAYOUT_GRID};
+    for (size_t p = 0; p < layout.patch_count; p++)
+        for (int k = 0; k < 4; k++)
+            assert_memory_equal(grids + 3 * (QM_LAYOUT_GRID_POINTS * p + corner[k]),
+                                layout.nodes + 3 * (size_t)qm_layout_corner(&layout, &layout.patches[p], k),
+                                3 * sizeof(double));
+    assert_int_equal(reconstruct_box(&g, &layout, grids, &mesh), QM_OK);
+    qm_quality quality;
+    qm_quality_measure(&mesh, &quality);
+    QM_CHECK(quality.folded == 0 && quality.least_jacobian > 0.3, "%zu folded, least %.3f", quality.folded,
+             quality.least_jacobian);
+    for (size_t v = 0; v < mesh.vertex_count; v++) {
+        qm_ref_surface_point on;
+        qm_ref_surface_project(&g.source, mesh.positions + 3 * v, &on);
+        QM_CHECK(on.distance <= 1e-9 * g.source.diagonal, "vertex %zu is %g off the box", v, on.distance);
+    }
+    qm_mesh_reset(&g.ctx, &mesh);
+    /* Patch 0's side 0 is drawn over its side 2 and back. */
+    const qm_layout_patch *patch = &layout.patches[0];
+    qm_curve *bent = &layout.curves[patch->side[0]];
+    const qm_curve *far = &layout.curves[patch->side[2]];
+    double *middle = bent->points + 3 * (bent->point_count / 2);
+    for (int k = 0; k < 3; k++)
+        middle[k] += 1.2 * (far->points[3 * (far->point_count / 2) + (size_t)k] - middle[k]);
+    assert_int_equal(reconstruct_box(&g, &layout, NULL, &mesh), QM_E_LAYOUT);
+    assert_int_equal(reconstruct_box(&g, &layout, grids, &mesh), QM_OK);
+    QM_CHECK(mesh.face_count > 300, "%zu quads", mesh.face_count);
+    qm_mesh_reset(&g.ctx, &mesh);
+    qm_quad_layout_free_grids(&g.ctx, &layout, grids);
+    qm_layout_reset(&g.ctx, &layout);
+    qm_layout_issues_reset(&g.ctx, &issues);
     qm_ground_free(&g);
 }
 
@@ -574,6 +643,7 @@ int main(void)
         cmocka_unit_test(random_meshes_keep_their_counts),
         cmocka_unit_test(creases_become_curves),
         cmocka_unit_test(a_surface_alone_has_its_creases_as_curves),
+        cmocka_unit_test(a_reconstruction_starts_at_grids),
         cmocka_unit_test(a_layout_is_divided_as_wanted),
         cmocka_unit_test(lengths_are_the_best_of_all),
         cmocka_unit_test(bad_input_is_a_status),

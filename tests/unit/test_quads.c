@@ -30,43 +30,13 @@ static qm_mesh triangles_of(qm_mesh quads)
     return m;
 }
 
-/** The surface of a cube of n x n quads a side with shared vertices; moved is applied to each point of [-1, 1]^3. */
+/** The cube [-1, 1]^3 of n x n quads a side, each point moved. */
 typedef void move_fn(double p[3]);
 static qm_mesh cube_grid(int n, move_fn *moved)
 {
-    size_t side = (size_t)n + 1, total = side * side * side;
-    uint32_t *number = malloc(total * sizeof *number), count = 0;
-    assert_non_null(number);
-    for (size_t i = 0; i < total; i++) {
-        size_t x = i % side, y = i / side % side, z = i / side / side, last = side - 1;
-        bool is_outer = x == 0 || y == 0 || z == 0 || x == last || y == last || z == last;
-        number[i] = is_outer ? count++ : QM_NO_INDEX;
-    }
-    qm_mesh m = qm_shape_make(count, 6 * (size_t)n * (size_t)n);
-    for (size_t i = 0; i < total; i++) {
-        if (number[i] == QM_NO_INDEX) continue;
-        double *p = m.positions + 3 * (size_t)number[i];
-        p[0] = 2.0 * (double)(i % side) / n - 1.0;
-        p[1] = 2.0 * (double)(i / side % side) / n - 1.0;
-        p[2] = 2.0 * (double)(i / side / side) / n - 1.0;
-        moved(p);
-    }
-    const size_t stride[3] = {1, side, side * side};
-    uint32_t *face = m.faces;
-    for (int axis = 0; axis < 3; axis++) {
-        for (int end = 0; end < 2; end++) {
-            size_t u = stride[(axis + 1) % 3], v = stride[(axis + 2) % 3],
-                   base = (size_t)end * (side - 1) * stride[axis];
-            for (size_t j = 0; j < side - 1; j++) {
-                for (size_t i = 0; i < side - 1; i++, face += 4) {
-                    size_t at = base + i * u + j * v;
-                    face[0] = number[at], face[2] = number[at + u + v];
-                    face[end ? 1 : 3] = number[at + u], face[end ? 3 : 1] = number[at + v];
-                }
-            }
-        }
-    }
-    free(number);
+    qm_mesh m = qm_shape_cube_grid(n);
+    for (size_t v = 0; v < m.vertex_count; v++)
+        moved(m.positions + 3 * v);
     return m;
 }
 

@@ -19,6 +19,11 @@
 
 #include "qm/source.h"
 
+/** Cells along a side of the grid of a patch, where one is known: (QM_LAYOUT_GRID + 1)^2 points of the surface, rows of x y z, row by
+ * row from corner 0, columns along side 0. */
+#define QM_LAYOUT_GRID 4
+#define QM_LAYOUT_GRID_POINTS ((QM_LAYOUT_GRID + 1) * (QM_LAYOUT_GRID + 1))
+
 typedef struct qm_curve {
     uint32_t id;
     uint32_t from, to;
@@ -88,6 +93,9 @@ double qm_layout_curve_length(const qm_curve *curve);
  */
 qm_status qm_layout_validate(qm_context *ctx, const qm_layout *layout, double diagonal,
                              const qm_ref_surface *surface);
+
+/** As qm_layout_validate, but for crossings. */
+qm_status qm_layout_validate_patches(qm_context *ctx, const qm_layout *layout, double diagonal);
 
 /** Faults of a layout: where its curves do not bound four-sided patches. */
 typedef enum qm_layout_fault {

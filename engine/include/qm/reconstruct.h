@@ -35,6 +35,9 @@ typedef struct qm_reconstruction_options {
     double cover_share; /* > 0, of the diagonal: a point farther than this from all patches is uncovered */
     bool pull_curves;   /* project vertices of curves onto the surface when they are within that distance */
     int thread_count;   /* 1 or more; the result does not depend on it */
+    const double *
+        grids; /* NULL, or a grid of each patch (QM_LAYOUT_GRID) with which lattices start, instead of a map that is
+                            found from the curves: curves may cross then. Used by qm_reconstruction_create alone */
 } qm_reconstruction_options;
 
 /** 0.02, true, 1. */

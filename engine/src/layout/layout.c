@@ -225,8 +225,7 @@ static qm_status check_crossings(qm_context *ctx, const qm_layout *layout, const
     return status;
 }
 
-qm_status qm_layout_validate(qm_context *ctx, const qm_layout *layout, double diagonal,
-                             const qm_ref_surface *surface)
+qm_status qm_layout_validate_patches(qm_context *ctx, const qm_layout *layout, double diagonal)
 {
     QM_ASSERT(ctx && layout);
     qm_status status = QM_OK;
@@ -252,5 +251,12 @@ qm_status qm_layout_validate(qm_context *ctx, const qm_layout *layout, double di
             status = qm_context_fail(ctx, QM_E_LAYOUT, "curve %u is a side of more than two patches",
                                      layout->curves[i].id);
     }
+    return status;
+}
+
+qm_status qm_layout_validate(qm_context *ctx, const qm_layout *layout, double diagonal,
+                             const qm_ref_surface *surface)
+{
+    qm_status status = qm_layout_validate_patches(ctx, layout, diagonal);
     return status == QM_OK ? check_crossings(ctx, layout, surface) : status;
 }

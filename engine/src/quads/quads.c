@@ -22,7 +22,7 @@ qm_quads_options qm_quads_options_default(void)
     return (qm_quads_options){.quads = 5000, .crease_angle = 40.0, .thread_count = 1};
 }
 
-static double area_of(const double *positions, const uint32_t (*corner)[3], size_t count)
+double qm_quads_area(const double *positions, const uint32_t (*corner)[3], size_t count)
 {
     double sum = 0.0;
     for (size_t i = 0; i < count; i++) {
@@ -45,7 +45,7 @@ typedef struct part {
     size_t segment_count;
 } part;
 
-static void reset_result(qm_context *ctx, qm_quads_result *r)
+void qm_quads_result_reset(qm_context *ctx, qm_quads_result *r)
 {
     qm_context_free(ctx, r->is_fixed, r->mesh.vertex_count, 1);
     qm_context_free(ctx, r->is_feature, r->mesh.face_count, 4);
@@ -56,27 +56,50 @@ static void reset_result(qm_context *ctx, qm_quads_result *r)
 
 static void reset_part(qm_context *ctx, part *p)
 {
-    reset_result(ctx, &p->quads);
+    qm_quads_result_reset(ctx, &p->quads);
     qm_context_free(ctx, p->segments, p->segment_count, 6 * sizeof *p->segments);
     *p = (part){0};
 }
 
-static qm_status copy_features(qm_context *ctx, const qm_trimesh *m, part *out)
+qm_status qm_quads_list_features(qm_context *ctx, const qm_trimesh *m, double **segments, size_t *out)
 {
     size_t count = 0;
+    *segments = NULL;
+    *out = 0;
     for (uint32_t h = 0; h < 3 * m->face_count; h++)
         count += m->is_feature[h] && (m->twin[h] == QM_NO_INDEX || m->twin[h] > h);
     if (count == 0) return QM_OK;
-    out->segments = qm_context_alloc(ctx, count, 6 * sizeof *out->segments);
-    if (!out->segments) return QM_E_NO_MEMORY;
-    out->segment_count = count;
-    double *row = out->segments;
+    *segments = qm_context_alloc(ctx, count, 6 * sizeof **segments);
+    if (!*segments) return QM_E_NO_MEMORY;
+    *out = count;
+    double *row = *segments;
     for (uint32_t h = 0; h < 3 * m->face_count; h++) {
         if (!m->is_feature[h] || (m->twin[h] != QM_NO_INDEX && m->twin[h] < h)) continue;
         qm_vec_store(row, m->position[m->from[h]]);
         qm_vec_store(row + 3, m->position[qm_trimesh_to(m, h)]);
         row += 6;
     }
+    return QM_OK;
+}
+
+/** A mesh of so many segments, as faces that repeat a corner, whose positions are to be set. */
+static bool alloc_segments(qm_context *ctx, size_t count, qm_mesh *out)
+{
+    *out = (qm_mesh){.vertex_count = 2 * count, .face_count = count};
+    if (count == 0) return true;
+    out->positions = qm_context_alloc(ctx, count, 6 * sizeof *out->positions);
+    out->faces = qm_context_alloc(ctx, count, 4 * sizeof *out->faces);
+    for (uint32_t i = 0; i < count && out->faces; i++) {
+        uint32_t *c = out->faces + 4 * (size_t)i;
+        c[0] = 2 * i, c[1] = c[2] = 2 * i + 1, c[3] = QM_NO_INDEX;
+    }
+    return out->positions && out->faces;
+}
+
+qm_status qm_quads_make_segments(qm_context *ctx, const double *segments, size_t count, qm_mesh *out)
+{
+    if (!alloc_segments(ctx, count, out)) return QM_E_NO_MEMORY;
+    if (count > 0) memcpy(out->positions, segments, count * 6 * sizeof *segments);
     return QM_OK;
 }
 
@@ -145,7 +168,7 @@ static qm_status lay_out_counted(qm_context *ctx, const qm_trimesh *m, const qm_
             now = worse;
         }
         vain = is_kept ? 0 : vain + 1;
-        reset_result(ctx, &now.quads);
+        qm_quads_result_reset(ctx, &now.quads);
         if (best->off <= WANTED_OFF) break;
         size *= qm_min(qm_max(sqrt(ratio), 0.5), 1.5);
     }
@@ -163,7 +186,7 @@ static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*
     qm_status status = qm_trimesh_build(ctx, surface->positions, surface->vertex_count, corner, count, &m);
     if (status == QM_OK) status = qm_trimesh_fill_holes(ctx, &m, SMALL_HOLE * size);
     if (status == QM_OK) status = qm_quads_find_features(ctx, &m, options->crease_angle, size);
-    if (status == QM_OK) status = copy_features(ctx, &m, out);
+    if (status == QM_OK) status = qm_quads_list_features(ctx, &m, &out->segments, &out->segment_count);
     if (status == QM_OK) status = qm_quads_remesh(ctx, &m, bvh, TRIANGLE_SIDE * size, options->thread_count);
     if (status == QM_OK) status = qm_quads_separate_features(ctx, &m);
     size_t faces = m.face_count;
@@ -188,7 +211,7 @@ static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const qm_quads_t
 {
     const double *positions = qm_bvh_mesh(bvh)->positions;
     const uint32_t(*corner)[3] = (const uint32_t(*)[3])t->corner;
-    double area = area_of(positions, corner, t->count);
+    double area = qm_quads_area(positions, corner, t->count);
     if (!(area > 0.0)) return qm_context_fail(ctx, QM_E_EMPTY, "the surface has no area");
     record->size = sqrt(area / (double)options->quads);
     qm_status status = QM_OK;
@@ -196,7 +219,7 @@ static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const qm_quads_t
         uint32_t k = t->component[first];
         for (last = first; last < t->count && t->component[last] == k;)
             last++;
-        double own = area_of(positions, corner + first, last - first);
+        double own = qm_quads_area(positions, corner + first, last - first);
         /* points and segments have no area, and no quads */
         if (!(own > 1e-12 * area)) continue;
         double wanted = qm_max((double)options->quads * own / area, LEAST_QUADS);
@@ -219,11 +242,8 @@ static qm_status join_parts(qm_context *ctx, const part *parts, size_t count, qm
     r->mesh.vertex_count = vertices, r->mesh.face_count = faces;
     r->is_fixed = qm_context_alloc(ctx, vertices, 1);
     r->is_feature = qm_context_alloc(ctx, faces, 4);
-    r->features.positions = qm_context_alloc(ctx, segments, 6 * sizeof *r->features.positions);
-    r->features.faces = qm_context_alloc(ctx, segments, 4 * sizeof *r->features.faces);
-    r->features.vertex_count = 2 * segments, r->features.face_count = segments;
     if (!r->mesh.positions || !r->mesh.faces || !r->is_fixed || !r->is_feature ||
-        (segments > 0 && !(r->features.positions && r->features.faces)))
+        !alloc_segments(ctx, segments, &r->features))
         return QM_E_NO_MEMORY;
     size_t vertex = 0, face = 0, segment = 0;
     for (size_t k = 0; k < count; k++) {
@@ -241,10 +261,6 @@ static qm_status join_parts(qm_context *ctx, const part *parts, size_t count, qm
         vertex += own->vertex_count;
         face += own->face_count;
         segment += p->segment_count;
-    }
-    for (uint32_t i = 0; i < segments; i++) {
-        uint32_t *c = r->features.faces + 4 * (size_t)i;
-        c[0] = 2 * i, c[1] = c[2] = 2 * i + 1, c[3] = QM_NO_INDEX;
     }
     return QM_OK;
 }
@@ -264,8 +280,8 @@ static qm_status make(qm_context *ctx, const qm_bvh *bvh, qm_quads_triangles *t,
     for (size_t k = 0; k < t->component_count; k++)
         reset_part(ctx, &parts[k]);
     qm_context_free(ctx, parts, t->component_count, sizeof *parts);
-    if (status == QM_OK) status = qm_quads_polish(ctx, r, bvh, options->thread_count);
-    if (status == QM_OK) status = qm_quads_untangle(ctx, r, bvh, options->thread_count);
+    if (status == QM_OK) status = qm_quads_polish(ctx, r, bvh, false, options->thread_count);
+    if (status == QM_OK) status = qm_quads_untangle(ctx, r, bvh, false, options->thread_count);
     return status == QM_OK ? qm_quads_fit(ctx, r, bvh, options->thread_count) : status;
 }
 
@@ -313,7 +329,7 @@ qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const q
         *out = r.mesh;
         r.mesh.positions = NULL, r.mesh.faces = NULL;
     }
-    reset_result(ctx, &r);
+    qm_quads_result_reset(ctx, &r);
     return status;
 }
 

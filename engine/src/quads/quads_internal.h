@@ -13,6 +13,7 @@
  *   quads_polish.c     corners move along the surface for better shapes
  *   quads_untangle.c   bad quads become better, or go
  *   quads_fit.c        vertices leave the surface where that brings the quads nearer to it
+ *   quads_settle.c     the last three for a mesh whose faces stay
  *   quads_sides.c      the sides of quads, and changes of the mesh that tidying and untangling share
  */
 #ifndef QM_QUADS_INTERNAL_H
@@ -108,15 +109,29 @@ typedef struct qm_quads_result {
     uint8_t *is_fixed, *is_feature;
 } qm_quads_result;
 
+void qm_quads_result_reset(qm_context *ctx, qm_quads_result *r);
+
+/** The sum of the areas of triangles. */
+double qm_quads_area(const double *positions, const uint32_t (*corner)[3], size_t count);
+
+/** Lists the features of a mesh as rows of two points, the caller's. Returns QM_OK; QM_E_NO_MEMORY. */
+qm_status qm_quads_list_features(qm_context *ctx, const qm_trimesh *m, double **segments, size_t *count);
+
+/** A mesh of segments, as faces that repeat a corner. Returns QM_OK; QM_E_NO_MEMORY; *out is the caller's, after an error too. */
+qm_status qm_quads_make_segments(qm_context *ctx, const double *segments, size_t count, qm_mesh *out);
+
 /** Contracts quads along a diagonal and turns edges while that makes vertices more regular; *irregular receives the number of
  * vertices that are not. */
 qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r, size_t *irregular);
 
-/** Moves vertices along the surface, those of features along these. */
-qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
+/** Moves vertices along the surface, those of features along these; spreads them where the surface bends, if wanted. */
+qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool spreads,
+                          int thread_count);
 
-/** Makes bad quads better: vertices move along the surface, and where that is not enough the mesh changes. */
-qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
+/** Makes bad quads better: vertices move along the surface, and where that is not enough the mesh changes, unless it keeps its
+ * faces. */
+qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool keeps_faces,
+                            int thread_count);
 
 /** Moves vertices off the surface, or out to its tips, so that the quads lie nearer to it. */
 qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);

@@ -1,5 +1,9 @@
 /**
  * quads_polish.c: vertices of quads are centred among their neighbours and projected, those of features onto the features.
+ *
+ * Spreading them gives neighbours weights: the height of the surface over the side to them, which goes as its length times the angle
+ * between the normals at its ends, and a term in the square of its length, so that flat parts get vertices too. Heights become
+ * equal all over then, and vertices are drawn to tips, off which equal weights draw them.
  */
 #include "quads/quads_internal.h"
 
@@ -9,6 +13,11 @@
 #include "qm/project.h"
 
 #define ROUNDS 5 /* more would draw vertices off tips */
+/* The weights go as squares of lengths, so that a vertex that comes nearer to one neighbour is drawn back three times as much as with
+ * equal ones: moves of more than a third of the way to the mean would not settle. */
+#define SPREAD_ROUNDS 120
+#define SPREAD_STEP 0.25
+#define FLAT_TURN 20.0 /* curvature that flat parts are given: radians along the diagonal */
 
 typedef struct polish {
     qm_context *ctx;
@@ -18,6 +27,9 @@ typedef struct polish {
     uint8_t *kind;                    /* of each vertex, QM_TRIMESH_FREE ... */
     uint32_t (*line)[2];              /* of vertices on features: the two neighbours along them */
     double *target, *nearest;
+    qm_vec *normal; /* of each vertex */
+    bool spreads;
+    double flat; /* curvature that is added everywhere */
     int thread_count;
 } polish;
 
@@ -89,18 +101,31 @@ static qm_vec vertex_normal(const polish *p, uint32_t v)
     return length > QM_MIN_LENGTH ? qm_vec_scale(1.0 / length, sum) : (qm_vec){0, 0, 0};
 }
 
+/** The weight of a neighbour. */
+static double weight_of(const polish *p, uint32_t v, uint32_t other)
+{
+    if (!p->spreads) return 1.0;
+    double length2 = qm_vec_norm2(qm_vec_sub(at(p, other), at(p, v)));
+    return p->flat * length2 + sqrt(length2 * qm_vec_norm2(qm_vec_sub(p->normal[other], p->normal[v])));
+}
+
 /** Where a vertex would lie best: the mean of its neighbours, without the part along the normal. */
 static qm_vec centred(const polish *p, uint32_t v)
 {
     qm_vec here = at(p, v), sum = {0, 0, 0};
     if (p->kind[v] == QM_TRIMESH_CORNER || p->start[v] == p->start[v + 1]) return here;
     if (p->kind[v] == QM_TRIMESH_ON_LINE) return qm_vec_mix(at(p, p->line[v][0]), at(p, p->line[v][1]), 0.5);
+    double weights = 0.0;
     for (uint32_t k = p->start[v]; k < p->start[v + 1]; k++) {
-        uint32_t c = p->corner[k];
-        sum = qm_vec_add(sum, at(p, corner_vertex(p, c / 4, c + 1)));
+        uint32_t other = corner_vertex(p, p->corner[k] / 4, p->corner[k] + 1);
+        double weight = weight_of(p, v, other);
+        sum = qm_vec_axpy(sum, weight, at(p, other));
+        weights += weight;
     }
-    qm_vec move = qm_vec_sub(qm_vec_scale(1.0 / (p->start[v + 1] - p->start[v]), sum), here);
-    qm_vec normal = vertex_normal(p, v);
+    if (!(weights > 0.0)) return here;
+    qm_vec move = qm_vec_sub(qm_vec_scale(1.0 / weights, sum), here);
+    if (p->spreads) move = qm_vec_scale(SPREAD_STEP, move);
+    qm_vec normal = p->normal[v];
     return qm_vec_add(here, qm_vec_axpy(move, -qm_vec_dot(move, normal), normal));
 }
 
@@ -132,6 +157,8 @@ static qm_status project_all(polish *p)
 static qm_status centre_all(polish *p)
 {
     for (uint32_t v = 0; v < p->r->mesh.vertex_count; v++)
+        p->normal[v] = vertex_normal(p, v);
+    for (uint32_t v = 0; v < p->r->mesh.vertex_count; v++)
         qm_vec_store(p->target + 3 * (size_t)v, centred(p, v));
     return project_all(p);
 }
@@ -140,27 +167,36 @@ static qm_status run(polish *p)
 {
     list_corners(p);
     find_kinds(p);
+    const qm_box box = qm_mesh_bounding_box(&p->r->mesh);
+    p->flat = FLAT_TURN / qm_max(qm_mesh_box_diagonal(&box), QM_MIN_LENGTH);
     qm_status status = QM_OK;
-    for (int round = 0; round < ROUNDS && status == QM_OK; round++)
+    for (int round = 0; round < (p->spreads ? SPREAD_ROUNDS : ROUNDS) && status == QM_OK; round++)
         status = centre_all(p);
     return status;
 }
 
-qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count)
+qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool spreads,
+                          int thread_count)
 {
     size_t vertices = r->mesh.vertex_count, corners = 4 * r->mesh.face_count;
     qm_bvh *features = NULL;
     qm_status status = QM_OK;
     if (r->features.face_count > 0)
         status = qm_bvh_build(ctx, &r->features, QM_BVH_TARGET, thread_count, &features);
-    polish p = {.ctx = ctx, .r = r, .surface = surface, .features = features, .thread_count = thread_count};
+    polish p = {.ctx = ctx,
+                .r = r,
+                .surface = surface,
+                .features = features,
+                .spreads = spreads,
+                .thread_count = thread_count};
     p.start = qm_context_alloc(ctx, vertices + 1, sizeof *p.start);
     p.corner = qm_context_alloc(ctx, corners, sizeof *p.corner);
     p.kind = qm_context_alloc(ctx, vertices, 1);
     p.line = qm_context_alloc(ctx, vertices, sizeof *p.line);
     p.target = qm_context_alloc(ctx, vertices, 3 * sizeof *p.target);
     p.nearest = qm_context_alloc(ctx, vertices, 3 * sizeof *p.nearest);
-    if (status == QM_OK && !(p.start && p.corner && p.kind && p.line && p.target && p.nearest))
+    p.normal = qm_context_alloc(ctx, vertices, sizeof *p.normal);
+    if (status == QM_OK && !(p.start && p.corner && p.kind && p.line && p.target && p.nearest && p.normal))
         status = QM_E_NO_MEMORY;
     if (status == QM_OK) status = run(&p);
     qm_context_free(ctx, p.start, vertices + 1, sizeof *p.start);
@@ -169,6 +205,7 @@ qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *sur
     qm_context_free(ctx, p.line, vertices, sizeof *p.line);
     qm_context_free(ctx, p.target, vertices, 3 * sizeof *p.target);
     qm_context_free(ctx, p.nearest, vertices, 3 * sizeof *p.nearest);
+    qm_context_free(ctx, p.normal, vertices, sizeof *p.normal);
     qm_bvh_destroy(ctx, features);
     return status;
 }

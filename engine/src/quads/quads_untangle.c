@@ -41,6 +41,7 @@ typedef struct untangle {
     size_t patch_count;
     double area;       /* of a quad of the patch, mean */
     size_t moves_left; /* of vertices */
+    bool keeps_faces;
 } untangle;
 
 static void corners_of(const qm_quads_sides *t, uint32_t face, qm_vec out[4])
@@ -382,7 +383,7 @@ static qm_status improve_face(untangle *u, uint32_t face)
 {
     find_patch(u, face, RINGS);
     qm_status status = relax_patch(u, SWEEPS);
-    if (status == QM_OK && face_sine(u, face) < POOR_SINE) status = change_face(u, face);
+    if (status == QM_OK && !u->keeps_faces && face_sine(u, face) < POOR_SINE) status = change_face(u, face);
     return status == QM_OK && qm_context_canceled(u->ctx) ? QM_E_CANCELED : status;
 }
 
@@ -398,7 +399,7 @@ static qm_status improve_all(untangle *u, bool releases, bool *is_bad)
         *is_bad = true;
         if (releases && sine < POOR_SINE) {
             release_features(u, f);
-            remove_doublets(u);
+            if (!u->keeps_faces) remove_doublets(u);
             if (t->is_gone[f]) continue;
         }
         status = improve_face(u, f);
@@ -417,9 +418,10 @@ static qm_status run(untangle *u)
     return status;
 }
 
-qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count)
+qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool keeps_faces,
+                            int thread_count)
 {
-    untangle u = {.ctx = ctx, .surface = surface};
+    untangle u = {.ctx = ctx, .surface = surface, .keeps_faces = keeps_faces};
     qm_bvh *features = NULL;
     qm_status status = qm_quads_sides_build(ctx, r, &u.sides);
     if (status == QM_OK && r->features.face_count > 0)
@@ -435,7 +437,7 @@ qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *s
     qm_context_free(ctx, u.normal, faces, sizeof *u.normal);
     qm_quads_snapshot_reset(&u.sides, &u.before);
     qm_quads_snapshot_reset(&u.sides, &u.best);
-    if (status == QM_OK) status = qm_quads_sides_compact(&u.sides);
+    if (status == QM_OK && !keeps_faces) status = qm_quads_sides_compact(&u.sides);
     qm_quads_sides_reset(&u.sides);
     qm_bvh_destroy(ctx, features);
     return status;

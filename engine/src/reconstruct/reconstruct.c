@@ -264,7 +264,9 @@ static qm_status create_empty(qm_context *ctx, const qm_ref_surface *surface, co
         return qm_context_fail(ctx, QM_E_LAYOUT, "the layout has no patch: no four curves close a cell");
     qm_status status =
         qm_reconstruction_check_place(ctx, surface, layout, options->cover_share * surface->diagonal);
-    if (status == QM_OK) status = qm_layout_validate(ctx, layout, surface->diagonal, surface);
+    if (status == QM_OK)
+        status = options->grids ? qm_layout_validate_patches(ctx, layout, surface->diagonal)
+                                : qm_layout_validate(ctx, layout, surface->diagonal, surface);
     if (status != QM_OK) return status;
     qm_reconstruction *r = qm_context_alloc(ctx, 1, sizeof *r);
     if (!r) return no_memory(ctx);
@@ -299,8 +301,21 @@ static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconst
     return status == QM_OK ? qm_parameters_find(ctx, r, samples) : status;
 }
 
-/** Fits new lattices: by the first parameters, then by projected samples, at last by as many as they need. */
-static qm_status fit_new(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
+/** Starts lattices at the grids of the layout. */
+static qm_status start_from_grids(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
+{
+    qm_status status = qm_lattices_start(ctx, r);
+    if (status != QM_OK) return status;
+    qm_chords_measure(r);
+    qm_chords_refine_lattices(r, samples->count / FIRST_PER_QUAD);
+    status = qm_polylines_set_vertices(ctx, r);
+    if (status == QM_OK) status = qm_lattices_start(ctx, r);
+    if (status == QM_OK) status = qm_samples_project(ctx, r, samples);
+    return status == QM_OK ? count_points(ctx, r, samples) : status;
+}
+
+/** Starts lattices as Coons patches, and fits them by the first parameters. */
+static qm_status start_from_curves(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
 {
     qm_status status = qm_lattices_create(ctx, r);
     if (status == QM_OK) status = count_points(ctx, r, samples);
@@ -312,7 +327,14 @@ static qm_status fit_new(qm_context *ctx, qm_reconstruction *r, qm_samples *samp
     if (status == QM_OK) status = qm_lattices_create(ctx, r);
     if (status != QM_OK) return status;
     qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
-    status = qm_lattices_fit(ctx, r, samples);
+    return qm_lattices_fit(ctx, r, samples);
+}
+
+/** Fits new lattices by projected samples, at last by as many as they need. */
+static qm_status fit_new(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
+{
+    qm_status status =
+        r->options.grids ? start_from_grids(ctx, r, samples) : start_from_curves(ctx, r, samples);
     if (status == QM_OK) status = qm_lattices_choose(ctx, r);
     if (status == QM_OK) status = refine_lattices(ctx, r, START_FAIR, samples);
     if (status != QM_OK) return status;
@@ -366,6 +388,7 @@ qm_status qm_reconstruction_create(qm_context *ctx, const qm_ref_surface *surfac
     if (status == QM_OK) status = prepare(ctx, *out, NULL, &samples);
     if (status == QM_OK) status = fit_new(ctx, *out, &samples);
     qm_samples_reset(ctx, &samples);
+    if (status == QM_OK) (*out)->options.grids = NULL;
     if (status == QM_OK) return QM_OK;
     qm_reconstruction_destroy(ctx, *out);
     *out = NULL;

@@ -8,6 +8,7 @@
  *   reconstruct_samples.c     samples of the surface, and their parameters by projection onto the lattices
  *   reconstruct_parameters.c  the first parameters of samples, along the surface
  *   reconstruct_lattice.c     lattices: Coons patches, doubling, fairing
+ *   reconstruct_lattice_start.c       lattices from grids that came with the layout
  *   reconstruct_lattice_fit.c         inner vertices of lattices from the samples around them
  *   reconstruct_lattice_untangle.c    repair of folded and inverted quads
  *   reconstruct_lattice_mesh.c        lattices to a mesh, and its boundary
@@ -47,9 +48,11 @@ typedef struct qm_polyline {
 typedef struct qm_lattice {
     uint32_t columns, rows;
     double *vertices;
-    bool *in_hole;      /* of each vertex: no three samples enclosed it when it was fitted */
-    bool is_stale;      /* split in this step: its inner vertices are to be fitted */
-    bool faces_walls;   /* its normals are about those of the surface, which are known */
+    bool *in_hole;    /* of each vertex: no three samples enclosed it when it was fitted */
+    bool is_stale;    /* split in this step: its inner vertices are to be fitted */
+    bool faces_walls; /* its normals are about those of the surface, which are known */
+    bool
+        is_flipped; /* its patch runs round the other way than in the layout that was given: rows are columns there */
     bool spans_hole;    /* no surface is under it: a Coons patch between its curves */
     uint32_t component; /* of the layout: patches that curves connect */
     size_t points;      /* samples that belong to the patch */
@@ -194,6 +197,9 @@ qm_vec qm_lattice_coons(const qm_lattice *lattice, const qm_vertex_block *block,
 /** Replaces all lattices by Coons patches. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_lattices_create(qm_context *ctx, qm_reconstruction *r);
 
+/** Replaces all lattices by the grids that the options give, interpolated. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_lattices_start(qm_context *ctx, qm_reconstruction *r);
+
 /**
  * Brings the lattices to their chords' counts; those that it changes become stale. QM_OK or QM_E_NO_MEMORY.
  */
@@ -259,8 +265,8 @@ qm_status qm_samples_find_sides(qm_context *ctx, qm_reconstruction *r, const qm_
 void qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph);
 
 /**
- * Orients the patches of the layout consistently, anticlockwise about the surface's normals, and sets the
- * first locations of the samples by a parameterization along the surface. QM_OK; QM_E_NO_MEMORY;
+ * Orients the patches of the layout consistently, anticlockwise about the surface's normals, and, unless there are grids, sets
+ * the first locations of the samples by a parameterization along the surface. QM_OK; QM_E_NO_MEMORY;
  * QM_E_CANCELED.
  */
 qm_status qm_parameters_find(qm_context *ctx, qm_reconstruction *r, qm_samples *samples);

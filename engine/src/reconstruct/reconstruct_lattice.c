@@ -106,6 +106,7 @@ qm_status qm_lattices_create(qm_context *ctx, qm_reconstruction *r)
                                 .is_stale = true,
                                 .spans_hole = lattice->spans_hole,
                                 .component = lattice->component,
+                                .is_flipped = lattice->is_flipped,
                                 .points = lattice->points};
         if (!qm_lattice_allocate(ctx, lattice)) return no_memory(ctx);
         set_border(r, p);
@@ -238,6 +239,10 @@ qm_status qm_lattices_choose(qm_context *ctx, qm_reconstruction *r)
     for (size_t p = 0; p < r->layout.patch_count && r->has_sides; p++) {
         qm_lattice *lattice = &r->lattices[p];
         if (!lattice->is_stale || lattice->spans_hole) continue;
+        if (r->options.grids) {
+            lattice->faces_walls = is_along_walls(r, lattice);
+            continue;
+        }
         qm_lattice walled = *lattice;
         if (!qm_lattice_allocate(ctx, &walled)) return no_memory(ctx);
         size_t count = qm_lattice_vertex_count(lattice);
@@ -275,6 +280,7 @@ qm_status qm_lattices_resample(qm_context *ctx, qm_reconstruction *r)
                            .faces_walls = lattice->faces_walls,
                            .spans_hole = lattice->spans_hole,
                            .component = lattice->component,
+                           .is_flipped = lattice->is_flipped,
                            .points = lattice->points};
         if (!qm_lattice_allocate(ctx, &fine)) return no_memory(ctx);
         /* Bilinear interpolation between the vertices of the old lattice. */

@@ -114,9 +114,10 @@ static qm_status create_nodes(qm_context *ctx, const qm_reconstruction *r, const
  */
 
 /** Reverses the orientation of a patch; its corner 0 stays. */
-static void flip_patch(qm_layout_patch *patch)
+static void flip_patch(qm_reconstruction *r, size_t p)
 {
-    qm_layout_patch old = *patch;
+    qm_layout_patch *patch = &r->layout.patches[p], old = *patch;
+    r->lattices[p].is_flipped = !r->lattices[p].is_flipped;
     for (int k = 0; k < 4; k++) {
         patch->side[k] = old.side[3 - k];
         patch->against[k] = !old.against[3 - k];
@@ -141,7 +142,7 @@ static size_t orient_neighbours(qm_reconstruction *r, const curve_owners *owners
             if (is_oriented[other]) continue;
             for (int m = 0; m < 4; m++) {
                 if (patches[other].side[m] != patches[p].side[k]) continue;
-                if (patches[other].against[m] == patches[p].against[k]) flip_patch(&patches[other]);
+                if (patches[other].against[m] == patches[p].against[k]) flip_patch(r, other);
                 break;
             }
             is_oriented[other] = true;
@@ -269,7 +270,7 @@ static qm_status orient_by_normals(qm_context *ctx, qm_reconstruction *r, const 
         }
         if (side == 0 && sum >= 0.0) continue;
         for (size_t p = 0; p < r->layout.patch_count; p++)
-            if (r->lattices[p].component == component) flip_patch(&r->layout.patches[p]);
+            if (r->lattices[p].component == component) flip_patch(r, p);
     }
     qm_context_free(ctx, curve_normal, curves, sizeof *curve_normal);
     return status;
@@ -502,7 +503,7 @@ static qm_status parameterize(parameterization *a, qm_samples *samples)
         status = qm_knn_graph_orient(a->ctx, &a->graph);
     if (status != QM_OK) return status;
     status = orient_by_normals(a->ctx, a->r, a->nodes, &a->graph);
-    if (status != QM_OK) return status;
+    if (status != QM_OK || a->r->options.grids) return status;
     /* The patches beside each curve: each patch is to the left of the sides that run in its orientation. */
     const qm_layout *layout = &a->r->layout;
     for (size_t i = 0; i < layout->curve_count; i++)

@@ -13,6 +13,8 @@
  * less move the irregular vertices. */
 static const double trial_shares[] = {1.0, 1.2, 0.8, 1.5};
 
+enum { GRID_SIZE = 3 * QM_LAYOUT_GRID_POINTS * sizeof(double) };
+
 qm_quad_layout_options qm_quad_layout_options_default(void)
 {
     return (qm_quad_layout_options){.effort = 4000};
@@ -44,41 +46,47 @@ typedef struct layout_work {
     bool *is_held;
 } layout_work;
 
+static void free_drawing(qm_context *ctx, qm_drawing *drawing)
+{
+    qm_layout_reset(ctx, &drawing->layout);
+    qm_layout_issues_reset(ctx, &drawing->issues);
+    qm_context_free(ctx, drawing->grids, drawing->grid_count, GRID_SIZE);
+    *drawing = (qm_drawing){0};
+}
+
+static void swap(qm_drawing *a, qm_drawing *b)
+{
+    qm_drawing spare = *a;
+    *a = *b;
+    *b = spare;
+}
+
 /** Draws the layout, and spreads the lengths where that fails, as long as it helps; keeps the drawing with the fewest faults. */
-static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_layout *out,
-                      qm_layout_issues *issues)
+static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_drawing *out)
 {
     size_t least = SIZE_MAX, crossings = SIZE_MAX;
     int idle = 0;
     for (int round = 0; round < ROUNDS && least > 0 && idle < PATIENCE; round++) {
         qm_tmesh_classes classes;
         qm_tmesh_faults faults;
-        qm_layout layout = {0};
-        qm_layout_issues open = {0};
+        qm_drawing drawing = {0};
         qm_arena_rewind(&work->scratch);
         qm_status status =
             qm_tmesh_classes_find(&work->scratch, &work->quads, &work->tmesh, work->length, 1, &classes);
         if (status == QM_OK)
-            status =
-                qm_tmesh_draw_curves(&work->scratch, &work->quads, &work->set, &work->tmesh, work->length,
-                                     &classes, surface, &work->source, &layout, &open, &faults);
+            status = qm_tmesh_draw_curves(&work->scratch, &work->quads, &work->set, &work->tmesh,
+                                          work->length, &classes, surface, &work->source, &drawing, &faults);
         size_t count = status == QM_OK ? faults.folds + FOLDS_A_CROSSING * faults.crossings : SIZE_MAX;
         /* More patches are worth less crossings, but not less folds when they are many. */
         bool is_good = crossings == 0 && classes.face_count > MOST_PATCHES * work->quads.required_count;
         bool is_better = count < least && !(is_good && faults.crossings == 0), changed = false;
         idle = is_better ? 0 : idle + 1;
         if (is_better) {
-            qm_layout spare = *out;
-            qm_layout_issues spare_issues = *issues;
-            *out = layout;
-            *issues = open;
-            layout = spare;
-            open = spare_issues;
+            swap(out, &drawing);
             least = count;
             crossings = faults.crossings;
         }
-        qm_layout_reset(work->ctx, &layout);
-        qm_layout_issues_reset(work->ctx, &open);
+        free_drawing(work->ctx, &drawing);
         if (status == QM_OK && least > 0)
             status = qm_tmesh_spread_lengths(work->ctx, &work->quads, &work->tmesh, &classes,
                                              faults.class_fault, work->is_held, work->length, &changed);
@@ -89,7 +97,7 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_layou
 }
 
 static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surface *surface,
-                      const qm_quad_layout_options *options, qm_layout *out, qm_layout_issues *issues)
+                      const qm_quad_layout_options *options, qm_drawing *out)
 {
     qm_status status = qm_tmesh_quads_make(&work->lasting, mesh, options, &work->quads);
     if (status == QM_OK)
@@ -105,7 +113,44 @@ static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surfa
     if (status == QM_OK)
         status = qm_tmesh_source_of_quads(&work->lasting, &work->quads, &work->set, &work->tmesh, surface,
                                           &work->source);
-    return status == QM_OK ? draw(work, surface, out, issues) : status;
+    return status == QM_OK ? draw(work, surface, out) : status;
+}
+
+/** As qm_quad_layout_make; *out is the caller's, also after an error. */
+static qm_status make_drawing(qm_context *ctx, const qm_mesh *quads, const qm_ref_surface *surface,
+                              const qm_quad_layout_options *options, qm_drawing *out,
+                              qm_quad_layout_facts *facts)
+{
+    *out = (qm_drawing){0};
+    qm_status status = check(ctx, quads, options);
+    if (status != QM_OK) return status;
+    layout_work work = {.ctx = ctx, .lasting = qm_arena_make(ctx), .scratch = qm_arena_make(ctx)};
+    status = make(&work, quads, surface, options, out);
+    if (status == QM_OK && facts)
+        *facts = (qm_quad_layout_facts){work.quads.mesh.face_count, work.quads.required_count,
+                                        work.tmesh.patch_count, out->layout.patch_count};
+    qm_patch_set_reset(ctx, &work.set);
+    qm_arena_reset(&work.lasting);
+    qm_arena_reset(&work.scratch);
+    return status;
+}
+
+/** Hands a drawing over, after an error an empty one. */
+static void hand_over(qm_context *ctx, qm_status status, qm_drawing *drawing, qm_layout *out,
+                      qm_layout_issues *issues, double **grids)
+{
+    if (status != QM_OK) free_drawing(ctx, drawing);
+    *out = drawing->layout;
+    *issues = drawing->issues;
+    if (grids)
+        *grids = drawing->grids;
+    else
+        qm_context_free(ctx, drawing->grids, drawing->grid_count, GRID_SIZE);
+}
+
+void qm_quad_layout_free_grids(qm_context *ctx, const qm_layout *layout, double *grids)
+{
+    qm_context_free(ctx, grids, layout->patch_count, GRID_SIZE);
 }
 
 qm_status qm_quad_layout_make(qm_context *ctx, const qm_mesh *quads, const qm_ref_surface *surface,
@@ -113,27 +158,15 @@ qm_status qm_quad_layout_make(qm_context *ctx, const qm_mesh *quads, const qm_re
                               qm_quad_layout_facts *facts)
 {
     QM_ASSERT(ctx && quads && surface && options && out && issues);
-    *out = (qm_layout){0};
-    *issues = (qm_layout_issues){0};
-    qm_status status = check(ctx, quads, options);
-    if (status != QM_OK) return status;
-    layout_work work = {.ctx = ctx, .lasting = qm_arena_make(ctx), .scratch = qm_arena_make(ctx)};
-    status = make(&work, quads, surface, options, out, issues);
-    if (status == QM_OK && facts)
-        *facts = (qm_quad_layout_facts){work.quads.mesh.face_count, work.quads.required_count,
-                                        work.tmesh.patch_count, out->patch_count};
-    qm_patch_set_reset(ctx, &work.set);
-    qm_arena_reset(&work.lasting);
-    qm_arena_reset(&work.scratch);
-    if (status == QM_OK) return QM_OK;
-    qm_layout_reset(ctx, out);
-    qm_layout_issues_reset(ctx, issues);
+    qm_drawing drawing;
+    qm_status status = make_drawing(ctx, quads, surface, options, &drawing, facts);
+    hand_over(ctx, status, &drawing, out, issues, NULL);
     return status;
 }
 
 /** One trial: quads of the surface, and their layout. */
 static qm_status make_once(qm_context *ctx, const qm_ref_surface *surface, const qm_quads_options *quads,
-                           const qm_quad_layout_options *options, qm_layout *out, qm_layout_issues *issues,
+                           const qm_quad_layout_options *options, qm_drawing *out,
                            qm_quad_layout_facts *facts)
 {
     qm_mesh mesh;
@@ -142,7 +175,7 @@ static qm_status make_once(qm_context *ctx, const qm_ref_surface *surface, const
     if (status != QM_OK) return status;
     qm_quad_layout_options own = *options;
     own.creases = creases;
-    status = qm_quad_layout_make(ctx, &mesh, surface, &own, out, issues, facts);
+    status = make_drawing(ctx, &mesh, surface, &own, out, facts);
     qm_context_free(ctx, creases, mesh.face_count, 1);
     qm_mesh_reset(ctx, &mesh);
     return status;
@@ -151,34 +184,24 @@ static qm_status make_once(qm_context *ctx, const qm_ref_surface *surface, const
 qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *surface,
                                          const qm_quads_options *quads, const qm_quad_layout_options *options,
                                          qm_layout *out, qm_layout_issues *issues,
-                                         qm_quad_layout_facts *facts)
+                                         qm_quad_layout_facts *facts, double **grids)
 {
     QM_ASSERT(ctx && surface && quads && options && out && issues);
-    *out = (qm_layout){0};
-    *issues = (qm_layout_issues){0};
+    qm_drawing best = {0};
     qm_status status = QM_OK;
     for (size_t i = 0; i < sizeof trial_shares / sizeof *trial_shares && status == QM_OK; i++) {
-        qm_layout layout = {0};
-        qm_layout_issues open = {0};
+        qm_drawing drawing = {0};
         qm_quad_layout_facts own_facts;
         qm_quads_options own = *quads;
         own.quads = (size_t)fmax(1.0, trial_shares[i] * (double)quads->quads);
-        status = make_once(ctx, surface, &own, options, &layout, &open, &own_facts);
-        if (status == QM_OK && (i == 0 || open.count < issues->count)) {
-            qm_layout spare = *out;
-            qm_layout_issues spare_issues = *issues;
-            *out = layout;
-            *issues = open;
-            layout = spare;
-            open = spare_issues;
+        status = make_once(ctx, surface, &own, options, &drawing, &own_facts);
+        if (status == QM_OK && (i == 0 || drawing.issues.count < best.issues.count)) {
+            swap(&best, &drawing);
             if (facts) *facts = own_facts;
         }
-        qm_layout_reset(ctx, &layout);
-        qm_layout_issues_reset(ctx, &open);
-        if (issues->count == 0) break;
+        free_drawing(ctx, &drawing);
+        if (best.issues.count == 0) break;
     }
-    if (status == QM_OK) return QM_OK;
-    qm_layout_reset(ctx, out);
-    qm_layout_issues_reset(ctx, issues);
+    hand_over(ctx, status, &best, out, issues, grids);
     return status;
 }

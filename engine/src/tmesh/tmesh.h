@@ -207,6 +207,13 @@ qm_status qm_tmesh_source_of_quads(qm_arena *arena, const qm_tmesh_quads *quads,
 /** The mesh's vertex after so many edges of an arc. */
 uint32_t qm_tmesh_arc_vertex(const qm_tmesh_quads *quads, const qm_patch_set *set, const qm_tmesh *tmesh,
                              uint32_t arc, uint32_t i);
+/** A layout, the curves of it that cross, and a grid of each of its patches. */
+typedef struct qm_drawing {
+    qm_layout layout;
+    qm_layout_issues issues;
+    double *grids; /* grid_count rows of QM_LAYOUT_GRID_POINTS points */
+    size_t grid_count;
+} qm_drawing;
 
 /** Where a drawing failed. */
 typedef struct qm_tmesh_faults {
@@ -220,13 +227,13 @@ typedef struct qm_tmesh_faults {
  * Draws the layout of lengths on a surface: each face is a lattice of cells, which starts where the source
  * is, and relaxes on the surface where it folds; points of features slide along them.
  *
- * out, issues  empty; curves that cross are issues
+ * out  empty; the caller's, also after an error
  *
  * Returns: QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
  */
 qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
                                const qm_tmesh *tmesh, const uint32_t *length, const qm_tmesh_classes *classes,
-                               const qm_ref_surface *surface, const qm_tmesh_source *source, qm_layout *out,
-                               qm_layout_issues *issues, qm_tmesh_faults *faults);
+                               const qm_ref_surface *surface, const qm_tmesh_source *source, qm_drawing *out,
+                               qm_tmesh_faults *faults);
 
 #endif

@@ -13,7 +13,7 @@
 #include "layout/layout_internal.h"
 #include "tmesh/tmesh.h"
 
-#define STEPS 4
+#define STEPS QM_LAYOUT_GRID
 /* Rounds of sweeps, until no cell is folded. A point is pulled to its place by LEAST_PULL of the way: a lattice round an ear
  * would come off it otherwise. A required vertex is pulled by PULL, and by SLACKEN times less after each round in
  * which it is a corner of a folded face. */
@@ -759,6 +759,7 @@ typedef struct layout_maker {
     uint32_t *node;  /* by lattice point */
     uint32_t *point; /* by node */
     uint32_t *curve; /* by the lattice point after the start of a curve from its lower end */
+    double *grids;   /* of the faces */
 } layout_maker;
 
 static qm_status node_of(layout_maker *maker, uint32_t point, uint32_t *node)
@@ -817,6 +818,10 @@ static qm_status add_face(layout_maker *maker, const uint32_t *cell, uint32_t st
         qm_status status = curve_of(maker, line, &id[side]);
         if (status != QM_OK) return status;
     }
+    double *at = maker->grids + 3 * QM_LAYOUT_GRID_POINTS * maker->out->patch_count;
+    for (uint32_t row = 0; row <= STEPS; row++)
+        for (uint32_t column = 0; column <= STEPS; column++, at += 3)
+            qm_vec_store(at, maker->d->points[cell[(size_t)row * stride + column]].at);
     return qm_layout_add_patch(maker->d->arena->ctx, maker->out, id);
 }
 
@@ -836,9 +841,10 @@ static void mark_faults(const layout_maker *maker, const qm_layout_issues *issue
     }
 }
 
-static qm_status make_layout(curve_drawer *d, qm_layout *out, qm_layout_issues *issues, uint8_t *class_fault)
+static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, uint8_t *class_fault)
 {
-    layout_maker maker = {.d = d, .out = out};
+    qm_layout *out = &drawing->layout;
+    layout_maker maker = {.d = d, .out = out, .grids = drawing->grids};
     maker.node = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.node);
     maker.point = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.point);
     maker.curve = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.curve);
@@ -856,9 +862,9 @@ static qm_status make_layout(curve_drawer *d, qm_layout *out, qm_layout_issues *
                 if (status != QM_OK) return status;
             }
     }
-    qm_status status = qm_layout_find_crossings(d->arena->ctx, out, d->surface, issues);
+    qm_status status = qm_layout_find_crossings(d->arena->ctx, out, d->surface, &drawing->issues);
     if (status != QM_OK) return status;
-    mark_faults(&maker, issues, fault);
+    mark_faults(&maker, &drawing->issues, fault);
     for (size_t i = 0; i < d->classes->point_count; i++)
         if (d->classes->point_class[i] == i) class_fault[i] = fault[d->of_class[i]];
     return QM_OK;
@@ -866,8 +872,8 @@ static qm_status make_layout(curve_drawer *d, qm_layout *out, qm_layout_issues *
 
 qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
                                const qm_tmesh *tmesh, const uint32_t *length, const qm_tmesh_classes *classes,
-                               const qm_ref_surface *surface, const qm_tmesh_source *source, qm_layout *out,
-                               qm_layout_issues *issues, qm_tmesh_faults *faults)
+                               const qm_ref_surface *surface, const qm_tmesh_source *source, qm_drawing *out,
+                               qm_tmesh_faults *faults)
 {
     curve_drawer d = {.arena = arena,
                       .quads = quads,
@@ -878,11 +884,14 @@ qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, con
                       .surface = surface,
                       .source = source};
     *faults = (qm_tmesh_faults){.class_fault = qm_arena_zeroed(arena, classes->point_count, 1)};
-    if (!faults->class_fault || !find_chains(&d) || !make_lattices(&d))
+    out->grid_count = classes->face_count;
+    out->grids =
+        qm_context_alloc(arena->ctx, out->grid_count, 3 * QM_LAYOUT_GRID_POINTS * sizeof *out->grids);
+    if (!out->grids || !faults->class_fault || !find_chains(&d) || !make_lattices(&d))
         return qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves of %zu patches",
                                classes->face_count);
     qm_status status = relax(&d, &faults->folds);
-    if (status == QM_OK) status = make_layout(&d, out, issues, faults->class_fault);
-    faults->crossings = issues->count;
+    if (status == QM_OK) status = make_layout(&d, out, faults->class_fault);
+    faults->crossings = out->issues.count;
     return status;
 }

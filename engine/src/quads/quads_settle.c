@@ -1,0 +1,243 @@
+/**
+ * quads_settle.c: a mesh of quads whose faces stay, such as one in rows and columns: its vertices are centred, bad quads open, and
+ * all come nearer to the surface. Sides that run along features of the surface are found first, and brought onto these.
+ */
+#include <string.h>
+
+#include "mesh/quad_shape.h"
+#include "qm/project.h"
+#include "quads/quads_sides.h"
+
+#define CORNER_COSINE                                                                                        \
+    -0.7 /* of the angle between two sides along features: less bent, they are one feature */
+#define ALONG                                                                                                \
+    0.2 /* of a side: its ends and its middle are no farther than this from a feature that it runs along */
+
+typedef struct settle {
+    qm_context *ctx;
+    const qm_bvh *surface;
+    const qm_quads_options *options;
+    qm_quads_result r;
+    qm_bvh *features; /* NULL if there are none */
+} settle;
+
+/** Makes segments of the surface's features that are lines at the size of a quad. */
+static qm_status find_features(settle *w)
+{
+    const qm_mesh *surface = qm_bvh_mesh(w->surface);
+    qm_quads_triangles t;
+    qm_trimesh m = {0};
+    double *segments = NULL;
+    size_t count = 0;
+    qm_status status = qm_quads_list_triangles(w->ctx, surface, &t);
+    if (status == QM_OK)
+        status = qm_trimesh_build(w->ctx, surface->positions, surface->vertex_count,
+                                  (const uint32_t(*)[3])t.corner, t.count, &m);
+    if (status == QM_OK) {
+        double area = qm_quads_area(surface->positions, (const uint32_t(*)[3])t.corner, t.count);
+        status = qm_quads_find_features(w->ctx, &m, w->options->crease_angle,
+                                        sqrt(area / (double)w->r.mesh.face_count));
+    }
+    if (status == QM_OK) status = qm_quads_list_features(w->ctx, &m, &segments, &count);
+    if (status == QM_OK) status = qm_quads_make_segments(w->ctx, segments, count, &w->r.features);
+    qm_context_free(w->ctx, segments, count, 6 * sizeof *segments);
+    qm_trimesh_reset(w->ctx, &m);
+    qm_quads_triangles_reset(w->ctx, &t);
+    if (status != QM_OK || count == 0) return status;
+    return qm_bvh_build(w->ctx, &w->r.features, QM_BVH_TARGET, w->options->thread_count, &w->features);
+}
+
+/** True if sides are paired one to one, and every vertex has one fan of quads. */
+static bool is_manifold(qm_quads_sides *t)
+{
+    for (uint32_t s = 0; s < 4 * t->face_count; s++)
+        if (t->twin[s] != QM_NO_INDEX && t->twin[t->twin[s]] != s) return false;
+    memset(t->stamp, 0, t->vertex_count * sizeof *t->stamp);
+    for (uint32_t s = 0; s < 4 * t->face_count; s++)
+        t->stamp[qm_quads_from(t, s)]++;
+    for (uint32_t v = 0; v < t->vertex_count; v++) {
+        if (t->out[v] == QM_NO_INDEX) continue;
+        uint32_t first = qm_quads_first_side(t, v), s = first, count = 0;
+        do {
+            count++;
+            s = qm_quads_around(t, s);
+        } while (s != QM_NO_INDEX && s != first);
+        if (count < t->stamp[v]) return false;
+    }
+    return true;
+}
+
+static double distance_to(const qm_vec *p, const qm_bvh *bvh, qm_context *ctx, qm_vec *nearest,
+                          qm_status *status)
+{
+    double at[3], to[3], distance = INFINITY;
+    const qm_projection out = {.position = to, .distance = &distance};
+    qm_vec_store(at, *p);
+    if (*status == QM_OK) *status = qm_project_points(ctx, bvh, QM_QUADS_TRIANGLES, at, 1, 1, &out);
+    if (*status == QM_OK) *nearest = qm_vec_load(to);
+    return distance;
+}
+
+/** True if a side lies along a feature. */
+static bool is_along(const settle *w, const qm_quads_sides *t, uint32_t side, qm_status *status)
+{
+    qm_vec a = qm_quads_at(t, qm_quads_from(t, side)),
+           b = qm_quads_at(t, qm_quads_from(t, qm_quads_next(side)));
+    qm_vec near, middle = qm_vec_mix(a, b, 0.5);
+    double reach = ALONG * qm_vec_distance(a, b);
+    return distance_to(&a, w->features, w->ctx, &near, status) <= reach &&
+           distance_to(&b, w->features, w->ctx, &near, status) <= reach &&
+           distance_to(&middle, w->features, w->ctx, &near, status) <= reach;
+}
+
+/** Marks a side if it lies along a feature; fixes its ends if it is another boundary. */
+static qm_status mark_side(settle *w, const qm_quads_sides *t, uint32_t side)
+{
+    qm_status status = QM_OK;
+    uint32_t twin = t->twin[side];
+    bool is_one = w->features && is_along(w, t, side, &status);
+    w->r.is_feature[side] |= is_one || twin == QM_NO_INDEX;
+    if (twin != QM_NO_INDEX) {
+        w->r.is_feature[twin] |= is_one;
+    } else if (!is_one) {
+        w->r.is_fixed[qm_quads_from(t, side)] = true;
+        w->r.is_fixed[qm_quads_from(t, qm_quads_next(side))] = true;
+    }
+    return status;
+}
+
+/** Marks sides along features: those of blocks of rows and columns, if there are such, since only layouts are drawn along features. */
+static qm_status mark_sides(settle *w, const qm_quads_sides *t)
+{
+    const qm_mesh *m = &w->r.mesh;
+    qm_status status = QM_OK;
+    for (uint32_t side = 0; side < 4 * m->face_count && m->grid_count == 0 && status == QM_OK; side++)
+        status = mark_side(w, t, side);
+    uint32_t face = 0;
+    for (size_t g = 0; g < m->grid_count; g++) {
+        uint32_t rows = m->grids[g].rows, columns = m->grids[g].columns;
+        for (uint32_t j = 0; j < rows; j++)
+            for (uint32_t i = 0; i < columns; i++, face++) {
+                const bool is_border[4] = {j == 0, i + 1 == columns, j + 1 == rows, i == 0};
+                for (uint32_t k = 0; k < 4 && status == QM_OK; k++)
+                    if (is_border[k]) status = mark_side(w, t, 4 * face + k);
+            }
+    }
+    return status;
+}
+
+static bool is_folded(const qm_mesh *m, size_t face)
+{
+    qm_vec corner[4];
+    for (int k = 0; k < 4; k++)
+        corner[k] = qm_vec_load(m->positions + 3 * (size_t)m->faces[4 * face + (size_t)k]);
+    return !(qm_quad_min_sine(corner) > 0.0);
+}
+
+static size_t count_folded(const qm_mesh *m)
+{
+    size_t count = 0;
+    for (size_t f = 0; f < m->face_count; f++)
+        count += is_folded(m, f);
+    return count;
+}
+
+static qm_status move_vertices(settle *w, bool spreads)
+{
+    int threads = w->options->thread_count;
+    qm_status status = qm_quads_polish(w->ctx, &w->r, w->surface, spreads, threads);
+    if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, threads);
+    return status == QM_OK ? qm_quads_fit(w->ctx, &w->r, w->surface, threads) : status;
+}
+
+/** Moves the vertices, but not into folds: then they are centred instead of spread, or stay. */
+static qm_status move_well(settle *w)
+{
+    qm_mesh *m = &w->r.mesh;
+    size_t size = 3 * m->vertex_count, folded = count_folded(m);
+    double *before = qm_context_alloc(w->ctx, size, sizeof *before);
+    uint8_t *features = qm_context_alloc(w->ctx, m->face_count, 4),
+            *fixed = qm_context_alloc(w->ctx, m->vertex_count, 1);
+    qm_status status = before && features && fixed ? QM_OK : QM_E_NO_MEMORY;
+    if (status == QM_OK) {
+        memcpy(before, m->positions, size * sizeof *before);
+        memcpy(features, w->r.is_feature, 4 * m->face_count);
+        memcpy(fixed, w->r.is_fixed, m->vertex_count);
+        status = move_vertices(w, true);
+    }
+    bool is_worse = status == QM_OK && count_folded(m) > folded;
+    if (is_worse) {
+        memcpy(m->positions, before, size * sizeof *before);
+        memcpy(w->r.is_feature, features, 4 * m->face_count); /* untangling may have let go of some */
+        memcpy(w->r.is_fixed, fixed, m->vertex_count);
+        status = move_vertices(w, false);
+        is_worse = status == QM_OK && count_folded(m) > folded;
+    }
+    if (is_worse) memcpy(m->positions, before, size * sizeof *before);
+    qm_context_free(w->ctx, before, size, sizeof *before);
+    qm_context_free(w->ctx, features, m->face_count, 4);
+    qm_context_free(w->ctx, fixed, m->vertex_count, 1);
+    return status;
+}
+
+/** Fixes the vertices at which features bend as round a corner. */
+static void fix_corners(settle *w, const qm_quads_sides *t)
+{
+    for (uint32_t v = 0; v < t->vertex_count; v++) {
+        if (t->out[v] == QM_NO_INDEX) continue;
+        qm_vec here = qm_quads_at(t, v), way[2];
+        uint32_t first = qm_quads_first_side(t, v), s = first, count = 0;
+        do {
+            uint32_t back = qm_quads_prev(s);
+            if (w->r.is_feature[s] && count < 2)
+                way[count++] = qm_vec_sub(qm_quads_at(t, qm_quads_from(t, qm_quads_next(s))), here);
+            if (t->twin[back] == QM_NO_INDEX && count < 2)
+                way[count++] = qm_vec_sub(qm_quads_at(t, qm_quads_from(t, back)), here);
+            s = qm_quads_around(t, s);
+        } while (s != QM_NO_INDEX && s != first);
+        if (count < 2) continue;
+        double lengths = qm_vec_norm(way[0]) * qm_vec_norm(way[1]);
+        if (!(qm_vec_dot(way[0], way[1]) <= CORNER_COSINE * lengths)) w->r.is_fixed[v] = true;
+    }
+}
+
+static qm_status run(settle *w)
+{
+    qm_quads_sides sides;
+    qm_status status = qm_quads_sides_build(w->ctx, &w->r, &sides);
+    bool is_one = status == QM_OK && is_manifold(&sides);
+    if (is_one) status = find_features(w);
+    if (is_one && status == QM_OK) status = mark_sides(w, &sides);
+    if (is_one && status == QM_OK) fix_corners(w, &sides);
+    qm_quads_sides_reset(&sides);
+    if (status != QM_OK || !is_one) return status;
+    return move_well(w);
+}
+
+qm_status qm_quads_settle(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options, qm_mesh *mesh)
+{
+    QM_ASSERT(ctx && bvh && options && mesh);
+    if (qm_bvh_mesh(bvh)->face_count == 0)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "a point set has no faces to lie on");
+    for (size_t f = 0; f < mesh->face_count; f++)
+        if (mesh->faces[4 * f + 3] == QM_NO_INDEX)
+            return qm_context_fail(ctx, QM_E_ARGUMENT, "face %zu is a triangle, not a quad", f);
+    settle w = {.ctx = ctx, .surface = bvh, .options = options};
+    size_t vertices = mesh->vertex_count, faces = mesh->face_count;
+    w.r.is_fixed = qm_context_alloc(ctx, vertices, 1);
+    w.r.is_feature = qm_context_alloc(ctx, faces, 4);
+    qm_status status = w.r.is_fixed && w.r.is_feature ? QM_OK : QM_E_NO_MEMORY;
+    if (status == QM_OK) {
+        memset(w.r.is_fixed, 0, vertices);
+        memset(w.r.is_feature, 0, 4 * faces);
+        w.r.mesh = *mesh;
+        status = run(&w);
+        w.r.mesh = (qm_mesh){0};
+    }
+    qm_context_free(ctx, w.r.is_fixed, vertices, 1);
+    qm_context_free(ctx, w.r.is_feature, faces, 4);
+    qm_bvh_destroy(ctx, w.features);
+    qm_mesh_reset(ctx, &w.r.features);
+    if (status == QM_E_NO_MEMORY) return qm_context_fail(ctx, status, "out of memory for %zu quads", faces);
+    return status;
+}

@@ -1,0 +1,263 @@
+/* qm_quads_settle: the vertices of a mesh of quads move, its faces stay; what comes out is measured by other code. */
+#include "check.h"
+
+#include "core/vec.h"
+#include "failing_allocator.h"
+#include "qm/hausdorff.h"
+#include "qm/quads.h"
+#include "quad_topology.h"
+#include "random.h"
+#include "shapes.h"
+
+#include <math.h>
+#include <string.h>
+
+/* ---- shapes ---- */
+
+typedef void move_fn(double p[3]);
+
+/** The cube [-1, 1]^3 of n x n quads a side, each point moved. */
+static qm_mesh make_shape(int n, move_fn *move)
+{
+    qm_mesh m = qm_shape_cube_grid(n);
+    for (size_t v = 0; v < m.vertex_count; v++)
+        move(m.positions + 3 * v);
+    return m;
+}
+
+static void to_cube(double p[3])
+{
+    (void)p;
+}
+
+static void to_sphere(double p[3])
+{
+    double length = sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+    for (int k = 0; k < 3; k++)
+        p[k] /= length;
+}
+
+/** A sphere with three fingers, as long as its diameter. */
+static void to_fingers(double p[3])
+{
+    static const double way[3][3] = {{0.96, 0.28, 0}, {-0.6, 0, 0.8}, {0, -0.8, -0.6}};
+    to_sphere(p);
+    double size = 1.0;
+    for (int i = 0; i < 3; i++) {
+        double cosine = qm_clamp(p[0] * way[i][0] + p[1] * way[i][1] + p[2] * way[i][2], -1.0, 1.0);
+        size += 2.0 * exp(-pow(acos(cosine) / 0.3, 4.0));
+    }
+    for (int k = 0; k < 3; k++)
+        p[k] *= size;
+}
+
+/* ---- checks ---- */
+
+static double distance_between(const qm_mesh *a, const qm_mesh *b)
+{
+    qm_context ctx = qm_context_make();
+    qm_bvh *tree[2];
+    qm_hausdorff_result result;
+    qm_hausdorff_options options = qm_hausdorff_options_default();
+    options.tolerance = 1e-5;
+    assert_int_equal(qm_bvh_build(&ctx, a, QM_BVH_TARGET, 1, &tree[0]), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, b, QM_BVH_TARGET, 1, &tree[1]), QM_OK);
+    assert_int_equal(qm_hausdorff_measure(&ctx, tree[0], tree[1], &options, &result), QM_OK);
+    qm_bvh_destroy(&ctx, tree[0]);
+    qm_bvh_destroy(&ctx, tree[1]);
+    return result.upper;
+}
+
+/** Settles a mesh; its faces must stay. */
+static void settle(const qm_mesh *surface, qm_mesh *mesh, int threads)
+{
+    qm_context ctx = qm_context_make();
+    qm_bvh *bvh;
+    qm_quads_options options = qm_quads_options_default();
+    options.thread_count = threads;
+    qm_mesh before = qm_shape_copy(mesh);
+    assert_int_equal(qm_bvh_build(&ctx, surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
+    QM_CHECK(qm_quads_settle(&ctx, bvh, &options, mesh) == QM_OK, "%s", ctx.message);
+    assert_int_equal(mesh->face_count, before.face_count);
+    assert_int_equal(mesh->vertex_count, before.vertex_count);
+    assert_memory_equal(mesh->faces, before.faces, 4 * mesh->face_count * sizeof *mesh->faces);
+    qm_bvh_destroy(&ctx, bvh);
+    qm_shape_free(&before);
+}
+
+static void shaken_quads_open(void **state)
+{
+    (void)state;
+    qm_mesh surface = make_shape(32, to_sphere), smooth = make_shape(8, to_sphere);
+    double own = distance_between(&surface, &smooth);
+    for (uint64_t seed = 1; seed <= 4; seed++) {
+        qm_random random = qm_random_make(seed, 0);
+        qm_mesh mesh = qm_shape_copy(&smooth);
+        qm_shape_shake(&mesh, &random, 0.14); /* of sides between 0.15 and 0.25 */
+        size_t before = qm_topology_count_folded(&mesh);
+        settle(&surface, &mesh, 1);
+        double least = qm_topology_least_sine(&mesh), distance = distance_between(&surface, &mesh);
+        QM_CHECK(before > 0 && qm_topology_count_folded(&mesh) == 0 && least >= 0.3,
+                 "seed %llu: %zu folded before, least sine %.3f", (unsigned long long)seed, before, least);
+        QM_CHECK(distance <= own, "seed %llu: distance %.4f, without shaking %.4f", (unsigned long long)seed,
+                 distance, own);
+        qm_shape_free(&mesh);
+    }
+    qm_shape_free(&surface);
+    qm_shape_free(&smooth);
+}
+
+static void vertices_are_drawn_along_fingers(void **state)
+{
+    (void)state;
+    qm_mesh surface = make_shape(64, to_fingers), mesh = make_shape(16, to_fingers);
+    double before = distance_between(&surface, &mesh);
+    settle(&surface, &mesh, 1);
+    double least = qm_topology_least_sine(&mesh), after = distance_between(&surface, &mesh);
+    QM_CHECK(qm_topology_count_folded(&mesh) == 0 && least >= 0.2, "least sine %.3f", least);
+    QM_CHECK(after <= 0.5 * before, "distance %.4f, before %.4f", after, before);
+    qm_shape_free(&surface);
+    qm_shape_free(&mesh);
+}
+
+/** How many coordinates of a point are -1 or 1: 2 on an edge of the cube, 3 at its corners. */
+static int count_ends(const double p[3], double tolerance)
+{
+    int count = 0;
+    for (int k = 0; k < 3; k++)
+        count += fabs(fabs(p[k]) - 1.0) <= tolerance;
+    return count;
+}
+
+static void creases_hold_their_vertices(void **state)
+{
+    (void)state;
+    qm_mesh surface = make_shape(16, to_cube), exact = make_shape(8, to_cube), mesh = qm_shape_copy(&exact);
+    qm_random random = qm_random_make(5, 0);
+    qm_shape_shake(&mesh, &random, 0.03);
+    for (size_t v = 0; v < mesh.vertex_count; v++)
+        if (count_ends(exact.positions + 3 * v, 0.0) == 3)
+            memcpy(mesh.positions + 3 * v, exact.positions + 3 * v, 3 * sizeof(double));
+    settle(&surface, &mesh, 1);
+    for (size_t v = 0; v < mesh.vertex_count; v++) {
+        int ends = count_ends(exact.positions + 3 * v, 0.0);
+        QM_CHECK(ends < 2 || count_ends(mesh.positions + 3 * v, 1e-9) == ends, "vertex %zu left its edge", v);
+    }
+    QM_CHECK(distance_between(&surface, &mesh) <= 1e-4, "distance %.3g", distance_between(&surface, &mesh));
+    QM_CHECK(qm_topology_least_sine(&mesh) >= 0.7, "least sine %.3f", qm_topology_least_sine(&mesh));
+    qm_shape_free(&surface);
+    qm_shape_free(&exact);
+    qm_shape_free(&mesh);
+}
+
+static void boundaries_within_the_surface_stay(void **state)
+{
+    (void)state;
+    qm_mesh surface = qm_shape_plane(10, 0.0), mesh = qm_shape_plane(6, 0.0);
+    const double shift[3] = {0.2, 0.3, 0.0};
+    qm_shape_move(&mesh, 0.5, shift);
+    qm_mesh before = qm_shape_copy(&mesh);
+    qm_topology t = qm_topology_find(&mesh);
+    for (size_t v = 0; v < mesh.vertex_count; v++)
+        mesh.positions[3 * v] += 1e-3 * (double)(v % 7);
+    qm_mesh moved = qm_shape_copy(&mesh);
+    settle(&surface, &mesh, 1);
+    size_t stayed = 0;
+    for (size_t v = 0; v < mesh.vertex_count; v++)
+        stayed += memcmp(mesh.positions + 3 * v, moved.positions + 3 * v, 3 * sizeof(double)) == 0;
+    QM_CHECK(stayed >= t.boundary_edges && stayed < mesh.vertex_count, "%zu vertices stayed of %zu", stayed,
+             mesh.vertex_count);
+    qm_shape_free(&surface);
+    qm_shape_free(&mesh);
+    qm_shape_free(&before);
+    qm_shape_free(&moved);
+}
+
+/** Two quads that share a corner alone, and three at a side, are left as they were. */
+static void other_meshes_are_left_alone(void **state)
+{
+    (void)state;
+    qm_mesh surface = qm_shape_plane(4, 0.0);
+    const uint32_t faces[2][12] = {{0, 1, 2, 3, 2, 4, 5, 6, 2, 4, 5, 6},
+                                   {0, 1, 2, 3, 1, 0, 4, 5, 1, 0, 6, 2}};
+    for (int i = 0; i < 2; i++) {
+        qm_mesh mesh = qm_shape_make(7, i == 0 ? 2 : 3);
+        for (size_t k = 0; k < 21; k++)
+            mesh.positions[k] = 0.1 * (double)(k * k % 11);
+        memcpy(mesh.faces, faces[i], 4 * mesh.face_count * sizeof *mesh.faces);
+        qm_mesh before = qm_shape_copy(&mesh);
+        settle(&surface, &mesh, 1);
+        assert_memory_equal(mesh.positions, before.positions, 21 * sizeof(double));
+        qm_shape_free(&mesh);
+        qm_shape_free(&before);
+    }
+    qm_shape_free(&surface);
+}
+
+static void threads_do_not_change_the_mesh(void **state)
+{
+    (void)state;
+    qm_mesh surface = make_shape(32, to_fingers), one = make_shape(8, to_fingers),
+            three = qm_shape_copy(&one);
+    settle(&surface, &one, 1);
+    settle(&surface, &three, 3);
+    assert_memory_equal(one.positions, three.positions, 3 * one.vertex_count * sizeof(double));
+    qm_shape_free(&surface);
+    qm_shape_free(&one);
+    qm_shape_free(&three);
+}
+
+static void memory_and_cancel_end_the_call(void **state)
+{
+    (void)state;
+    qm_mesh surface = make_shape(4, to_cube);
+    qm_context ctx = qm_context_make();
+    qm_bvh *bvh;
+    assert_int_equal(qm_bvh_build(&ctx, &surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
+    qm_quads_options options = qm_quads_options_default();
+    qm_status status = QM_E_NO_MEMORY;
+    for (size_t fail_at = 0; status != QM_OK; fail_at++) {
+        qm_failing_allocator memory = {.fail_at = fail_at};
+        qm_context poor = qm_context_make();
+        qm_mesh mesh = make_shape(2, to_cube);
+        poor.allocator = qm_failing_allocator_hook(&memory);
+        status = qm_quads_settle(&poor, bvh, &options, &mesh);
+        QM_CHECK(status == QM_OK || status == QM_E_NO_MEMORY, "call %zu: %d", fail_at, status);
+        QM_CHECK(memory.live_blocks == 0 && !memory.mismatched, "call %zu leaves %zu blocks, mismatched %d",
+                 fail_at, memory.live_blocks, memory.mismatched);
+        qm_shape_free(&mesh);
+        if (fail_at > 40) fail_at += 6; /* the many calls of its rounds are alike */
+    }
+    atomic_bool is_canceled = true;
+    qm_mesh mesh = make_shape(8, to_cube);
+    ctx.cancel = &is_canceled;
+    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, &mesh), QM_E_CANCELED);
+    ctx.cancel = NULL;
+    qm_bvh_destroy(&ctx, bvh);
+    qm_random random = qm_random_make(1, 0);
+    qm_mesh points = qm_shape_points(&random, 9);
+    assert_int_equal(qm_bvh_build(&ctx, &points, QM_BVH_TARGET, 1, &bvh), QM_OK);
+    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, &mesh), QM_E_ARGUMENT);
+    qm_bvh_destroy(&ctx, bvh);
+    assert_int_equal(qm_bvh_build(&ctx, &surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
+    mesh.faces[7] = QM_NO_INDEX;
+    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, &mesh), QM_E_ARGUMENT);
+    qm_bvh_destroy(&ctx, bvh);
+    qm_shape_free(&points);
+    qm_shape_free(&mesh);
+    qm_shape_free(&surface);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(shaken_quads_open),
+        cmocka_unit_test(vertices_are_drawn_along_fingers),
+        cmocka_unit_test(creases_hold_their_vertices),
+        cmocka_unit_test(boundaries_within_the_surface_stay),
+        cmocka_unit_test(other_meshes_are_left_alone),
+        cmocka_unit_test(threads_do_not_change_the_mesh),
+        cmocka_unit_test(memory_and_cancel_end_the_call),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
