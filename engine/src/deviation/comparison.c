@@ -53,23 +53,25 @@ static qm_interval square(qm_interval x)
 /**
  * The standard deviation of a distance with these averages, between least and max. With m the mean and R the rms it is
  * sqrt(R^2 - m^2); and at most sqrt((max - m) (m - least)) (Bhatia and Davis, 2000), which is narrow where the distance
- * hardly varies. Lengths are divided by max.upper, so that squares neither overflow nor vanish; the differences are off by
- * a few u of 1.
+ * hardly varies. Lengths are divided by a power of two, so that squares neither overflow nor vanish and max has no part in
+ * their roundings: they are 2 at most, and the differences off by a few u of 4.
  */
 static qm_interval find_spread(const qm_deviation *deviation)
 {
-    double unit = deviation->max.upper;
-    if (!(unit > 0.0)) return (qm_interval){0.0, 0.0};
-    if (!isfinite(unit)) return (qm_interval){0.0, INFINITY};
-    double error = ROUNDINGS * QM_UNIT_ROUNDING;
-    double mean[2] = {deviation->mean.lower / unit, fmin(1.0, deviation->mean.upper / unit)};
-    double rms[2] = {deviation->rms.lower / unit, fmin(1.0, deviation->rms.upper / unit)};
+    if (!(deviation->max.upper > 0.0)) return (qm_interval){0.0, 0.0};
+    if (!isfinite(deviation->max.upper)) return (qm_interval){0.0, INFINITY};
+    int exponent;
+    frexp(deviation->max.upper, &exponent);
+    double unit = ldexp(1.0, exponent - 1), max = deviation->max.upper / unit;
+    double error = 4.0 * ROUNDINGS * QM_UNIT_ROUNDING;
+    double mean[2] = {deviation->mean.lower / unit, fmin(max, deviation->mean.upper / unit)};
+    double rms[2] = {deviation->rms.lower / unit, fmin(max, deviation->rms.upper / unit)};
     double least = deviation->least / unit;
     double low = rms[0] * rms[0] - mean[1] * mean[1] - error,
            high = rms[1] * rms[1] - mean[0] * mean[0] + error;
     /* A parabola in m, greatest in the middle. */
-    double at = fmax(mean[0], fmin(mean[1], 0.5 * (1.0 + least)));
-    high = fmin(high, (1.0 - at) * (at - least) + error);
+    double at = fmax(mean[0], fmin(mean[1], 0.5 * (max + least)));
+    high = fmin(high, (max - at) * (at - least) + error);
     double spread = low > 0.0 ? below(sqrt(low) * unit) : 0.0;
     return (qm_interval){spread, fmax(spread, above(sqrt(fmax(0.0, high)) * unit))};
 }

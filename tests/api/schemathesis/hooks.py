@@ -40,7 +40,7 @@ def map_body(context, body):
                 place["pieces"] = 10000
     if path == "/v1/layouts" and isinstance(body, dict):
         for name in ("quad_count", "patches"):  # the checked build takes a minute for the most that is allowed
-            if isinstance(body.get(name), int) and body[name] > 3000:
+            if isinstance(body.get(name), (int, float)) and body[name] > 3000:
                 body[name] = 3000
     return body
 
