@@ -5,18 +5,19 @@
  */
 #include "deviation_sum.h"
 
+#include <float.h>
 #include <stdlib.h>
-#include <string.h>
 
-#define SAMPLES 4        /* of each end of a percentile, in each round */
+#define SAMPLES 4        /* of each end of a percentile in the first round, which has the most */
 #define NEAR_PART 0x1p-5 /* of a range: how near the samples are to the predicted end */
 #define MAX_ROUNDS 24
-#define END_SHARE 0x1p-6 /* of a percentile's own interval: its ends are found no closer */
+#define CANCEL_STRIDE 0x1000 /* pieces */
+#define END_SHARE 0x1p-6     /* of a percentile's own interval: its ends are found no closer */
 
 /* Estimates. */
-#define LEVEL_SHIFT 44 /* a level is the exponent of a double and eight bits of its mantissa */
-#define LEVELS (32 << (52 - LEVEL_SHIFT)) /* 32 powers of two below the greatest distance */
-#define CELLS 4 /* along an edge of a piece, in whose place the edges of its cells count: */
+#define LEVEL_BITS 8              /* of the mantissa, in a level */
+#define LEVELS (32 << LEVEL_BITS) /* 32 powers of two below the greatest distance */
+#define CELLS 4                   /* along an edge of a piece, in whose place the edges of its cells count: */
 #define POINTS (3 * CELLS * (CELLS + 1) / 2)
 /* How far from an estimate the first samples are: of the estimated width, which it is good for where pieces are
  * many; and at least of the range of the survey. */
@@ -32,33 +33,14 @@ enum { SURELY, POSSIBLY };
 /** Estimates of the area by level of the distance, after each bound of it. */
 typedef struct distribution {
     double *area[2];
-    double total;
-    uint64_t first_level; /* the leading bits of the distances of level 0 */
+    double total, greatest;
+    qm_levels levels;
 } distribution;
-
-static uint64_t leading_bits(double x)
-{
-    uint64_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    return bits >> LEVEL_SHIFT;
-}
-
-/** The least distance of a level, which is the upper end of the one before it. */
-static double level_begin(const distribution *d, size_t level)
-{
-    if (level == 0) return 0.0;
-    uint64_t bits = (d->first_level + level) << LEVEL_SHIFT;
-    double x;
-    memcpy(&x, &bits, sizeof x);
-    return x;
-}
 
 /** Adds an area at one distance. */
 static void add_area(const distribution *d, int bound, double x, double area)
 {
-    uint64_t bits = x > 0.0 ? leading_bits(x) : 0;
-    size_t level = bits > d->first_level ? (size_t)(bits - d->first_level) : 0;
-    d->area[bound][level < LEVELS ? level : LEVELS - 1] += area;
+    d->area[bound][qm_levels_find(&d->levels, x)] += area;
 }
 
 /** The bounds of the distance at a point with these weights; open is that of the cells of a piece whose height bends. */
@@ -130,15 +112,18 @@ static void add_invalid(const distribution *d, const qm_deviation_bounds *piece,
     add_area(d, POSSIBLY, piece->most, -area * piece->invalid_low);
 }
 
-static void add_pieces(distribution *d, qm_deviation_piece_list pieces)
+/** False when the call is canceled. */
+static bool add_pieces(qm_context *ctx, distribution *d, qm_deviation_piece_list pieces)
 {
     for (size_t i = 0; i < pieces.count; i++) {
+        if (i % CANCEL_STRIDE == 0 && qm_context_canceled(ctx)) return false;
         const qm_deviation_bounds *piece = &pieces.bounds[i];
         double area = 0.5 * (piece->area_low + piece->area_high);
         add_heights(d, piece, area);
         add_invalid(d, piece, area);
         d->total += area;
     }
+    return true;
 }
 
 /** The distance within which a share of the area is, about. */
@@ -148,7 +133,8 @@ static double estimate(const distribution *d, int bound, double share)
     size_t level = 0;
     while (level + 1 < LEVELS && sum + d->area[bound][level] < wanted)
         sum += d->area[bound][level++];
-    double area = d->area[bound][level], begin = level_begin(d, level), end = level_begin(d, level + 1);
+    double area = d->area[bound][level], begin = qm_levels_begin(&d->levels, level),
+           end = fmin(qm_levels_begin(&d->levels, level + 1), d->greatest);
     return begin + (end - begin) * (area > 0.0 ? qm_clamp((wanted - sum) / area, 0.0, 1.0) : 0.5);
 }
 
@@ -168,7 +154,7 @@ typedef struct percentile_search {
 
 /**
  * Places to look at next: one on each side of where the straight line through both ends reaches the share,
- * and the centroid of the range in case that the function is far from straight. None when the remainder of
+ * and the middle of the range in case that the function is far from straight. None when the remainder of
  * the range hardly adds to the width of the interval.
  */
 static size_t add_samples(double *x, size_t count, const crossing *at, double share, double width)
@@ -214,13 +200,14 @@ static qm_status find_first_samples(qm_context *ctx, qm_deviation_piece_list pie
     if (!area) return QM_E_NO_MEMORY;
     for (size_t i = 0; i < 2 * LEVELS; i++)
         area[i] = 0.0;
-    uint64_t top = max > 0.0 ? leading_bits(max) + 1 : LEVELS;
-    distribution d = {.area = {area, area + LEVELS}, .first_level = top > LEVELS ? top - LEVELS : 0};
-    add_pieces(&d, pieces);
-    for (size_t i = 0; i < count; i++)
+    distribution d = {.area = {area, area + LEVELS},
+                      .greatest = max,
+                      .levels = qm_levels_make(fmax(max, DBL_MIN), LEVEL_BITS, LEVELS)};
+    bool is_whole = add_pieces(ctx, &d, pieces);
+    for (size_t i = 0; i < count && is_whole; i++)
         add_first_samples(x + 2 * SAMPLES * i, &d, &search[i]);
     qm_context_free(ctx, area, 2 * LEVELS, sizeof *area);
-    return QM_OK;
+    return is_whole ? QM_OK : qm_context_fail(ctx, QM_E_CANCELED, "deviation canceled");
 }
 
 /** What is found until the call is canceled holds. */

@@ -10,7 +10,6 @@
 
 /* Of a piece's own area, integrals and shares, and of quotients and roots of sums */
 #define PIECE_ROUNDINGS 64.0
-#define LEVEL_SHIFT 49       /* a level is the exponent of a double and three bits of its mantissa */
 #define CANCEL_STRIDE 0x4000 /* pieces: a few hundred microseconds */
 
 /**
@@ -30,36 +29,6 @@ double qm_deviation_unit_area(const qm_deviation_setup *setup, double area, bool
     return out >= DBL_MIN ? out : is_lower || !(area > 0.0) ? 0.0 : DBL_MIN;
 }
 
-/* ---- levels ---- */
-
-static uint64_t leading_bits(double x)
-{
-    uint64_t bits;
-    memcpy(&bits, &x, sizeof bits);
-    return bits >> LEVEL_SHIFT;
-}
-
-/** The level of a distance. Level 0 begins at 0, and the last one has no end. */
-static size_t level_of(const qm_deviation_survey *survey, double x)
-{
-    if (!(x > 0.0)) return 0;
-    uint64_t bits = leading_bits(x);
-    if (bits < survey->first_level) return 0;
-    return bits - survey->first_level < QM_SURVEY_LEVELS ? (size_t)(bits - survey->first_level)
-                                                         : QM_SURVEY_LEVELS - 1;
-}
-
-/** The least distance of a level, which is the upper end of the one before it. */
-static double level_begin(const qm_deviation_survey *survey, size_t level)
-{
-    if (level == 0) return 0.0;
-    if (level == QM_SURVEY_LEVELS) return INFINITY;
-    uint64_t bits = (survey->first_level + level) << LEVEL_SHIFT;
-    double x;
-    memcpy(&x, &bits, sizeof x);
-    return x;
-}
-
 /* ---- sums ---- */
 
 /** Sums over pieces: low and high. */
@@ -71,8 +40,8 @@ static void add_levels(qm_deviation_survey *survey, double least, double greates
                        double area_high)
 {
     QM_ASSERT(!(least > greatest) && !(area_low < 0.0) && !(area_low > area_high));
-    survey->possible[level_of(survey, least)] += (long double)area_high;
-    survey->certain[level_of(survey, greatest)] += (long double)area_low;
+    survey->possible[qm_levels_find(&survey->levels, least)] += (long double)area_high;
+    survey->certain[qm_levels_find(&survey->levels, greatest)] += (long double)area_low;
 }
 
 /** The interval of a sum over the surface of a function that is at most this, from the sums over all
@@ -107,8 +76,7 @@ void qm_deviation_survey_init(qm_deviation_survey *survey, double farthest, doub
 {
     QM_ASSERT(farthest > 0.0 && farthest < INFINITY);
     memset(survey, 0, sizeof *survey);
-    uint64_t top = leading_bits(farthest) + 1;
-    survey->first_level = top > QM_SURVEY_LEVELS ? top - QM_SURVEY_LEVELS : 0;
+    survey->levels = qm_levels_make(farthest, QM_SURVEY_BITS, QM_SURVEY_LEVELS);
     survey->max = survey->mean = survey->rms = (qm_interval){0.0, farthest};
     survey->area = (qm_interval){0.0, area};
     survey->blur = INFINITY;
@@ -119,7 +87,7 @@ static void begin(const qm_deviation_survey *levels, size_t count, double leak, 
 {
     QM_ASSERT(!(leak < 0.0));
     memset(survey, 0, sizeof *survey);
-    survey->first_level = levels->first_level;
+    survey->levels = levels->levels;
     survey->max = (qm_interval){-INFINITY, -INFINITY};
     survey->least = count > 0 ? INFINITY : 0.0;
     survey->leak = leak;
@@ -278,16 +246,16 @@ qm_interval qm_deviation_survey_percentile(const qm_deviation_survey *survey, do
         certain += survey->certain[last];
         if (certain_share(survey, certain) >= share) break;
     }
-    double upper = last < QM_SURVEY_LEVELS ? level_begin(survey, last + 1) : INFINITY;
-    return (qm_interval){fmin(level_begin(survey, first), max), fmin(upper, max)};
+    double upper = last < QM_SURVEY_LEVELS ? qm_levels_begin(&survey->levels, last + 1) : INFINITY;
+    return (qm_interval){fmin(qm_levels_begin(&survey->levels, first), max), fmin(upper, max)};
 }
 
 qm_interval qm_deviation_survey_share(const qm_deviation_survey *survey, double x)
 {
     long double certain = 0, possible = 0;
-    for (size_t i = 0; i < QM_SURVEY_LEVELS && level_begin(survey, i) < x; i++) {
+    for (size_t i = 0; i < QM_SURVEY_LEVELS && qm_levels_begin(&survey->levels, i) < x; i++) {
         possible += survey->possible[i];
-        if (level_begin(survey, i + 1) <= x) certain += survey->certain[i];
+        if (qm_levels_begin(&survey->levels, i + 1) <= x) certain += survey->certain[i];
     }
     return (qm_interval){certain_share(survey, certain), possible_share(survey, possible)};
 }

@@ -11,6 +11,7 @@
 #ifndef QM_DEVIATION_SURVEY_H
 #define QM_DEVIATION_SURVEY_H
 
+#include "deviation_levels.h"
 #include "deviation_piece.h"
 #include "qm/deviation.h"
 
@@ -24,15 +25,16 @@ typedef struct qm_deviation_piece_list {
 
 /** Powers of two that the levels cover, below the farthest distance that there can be. */
 #define QM_SURVEY_OCTAVES 64
-#define QM_SURVEY_LEVELS (8 * QM_SURVEY_OCTAVES)
+#define QM_SURVEY_BITS 3 /* of the mantissa, in a level */
+#define QM_SURVEY_LEVELS (QM_SURVEY_OCTAVES << QM_SURVEY_BITS)
 
 typedef struct qm_deviation_survey {
     qm_interval max;             /* of the greatest distance, over the pieces; both ends may be negative */
     qm_interval area, mean, rms; /* mean and rms have an upper bound of INFINITY where no area is certain */
     double blur;                 /* mean blur of all pieces: percentiles are about as wide */
     double least;                /* no point of a piece is nearer */
-    uint64_t first_level;        /* the leading bits of the distances of level 0 */
-    double leak, error;          /* of the sums below: absolute, relative */
+    qm_levels levels;
+    double leak, error; /* of the sums below: absolute, relative */
     long double certain[QM_SURVEY_LEVELS], possible[QM_SURVEY_LEVELS];
 } qm_deviation_survey;
 
