@@ -137,8 +137,6 @@ static bool apply_stroke(qm_layout_session *s, const qm_layout_edit *edit, uint3
     return good;
 }
 
-/** Adds a ring through the middle of a stroke: in the plane of its ends and the direction of view, or without a length the
- * shortest. */
 static bool add_ring(qm_layout_session *s, const qm_layout_edit *edit, const double through[3],
                      const double *plane, uint32_t *id, qm_problem *problem)
 {
@@ -147,6 +145,8 @@ static bool add_ring(qm_layout_session *s, const qm_layout_edit *edit, const dou
         problem);
 }
 
+/** Adds a ring through the middle of a stroke: in the plane of its ends and the direction of view, or without a length the
+ * shortest. */
 static bool apply_ring(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,
                        qm_problem *problem)
 {
@@ -163,13 +163,8 @@ static bool apply_ring(qm_layout_session *s, const qm_layout_edit *edit, uint32_
     bool good = add_ring(s, edit, through, has_plane ? plane : NULL, &id, problem);
     if (good) add_stroke_facts(more, id, &stroke);
     if (good && edit->has_mirror) {
-        double middle[3], length2 = 0.0, along = 0.0;
-        for (int k = 0; k < 3 && has_plane; k++) {
-            length2 += edit->normal[k] * edit->normal[k];
-            along += plane[k] * edit->normal[k];
-        }
-        for (int k = 0; k < 3 && has_plane; k++)
-            plane[k] -= 2.0 * along / length2 * edit->normal[k];
+        double middle[3];
+        if (has_plane) qm_layout_reflect_direction(edit->normal, plane);
         memcpy(middle, through, sizeof middle);
         qm_layout_reflect(&s->source, edit->point, edit->normal, middle, 1);
         good = add_ring(s, edit, middle, has_plane ? plane : NULL, &image, problem);
@@ -332,7 +327,7 @@ void qm_handle_layout_stroke(qm_request *request)
 
 void qm_handle_curve_merge(qm_request *request)
 {
-    edit_by_body(request, QM_EDIT_MERGE, OF_LAYOUT, apply_merge);
+    edit_by_body(request, QM_EDIT_PAIR, OF_LAYOUT, apply_merge);
 }
 
 void qm_handle_curve_split(qm_request *request)
@@ -362,7 +357,7 @@ void qm_handle_layout_ring(qm_request *request)
 
 void qm_handle_layout_tube(qm_request *request)
 {
-    edit_by_body(request, QM_EDIT_MERGE, OF_LAYOUT, apply_tube);
+    edit_by_body(request, QM_EDIT_PAIR, OF_LAYOUT, apply_tube);
 }
 
 void qm_handle_layout_fill(qm_request *request)
@@ -377,7 +372,7 @@ void qm_handle_layout_mirror(qm_request *request)
 
 void qm_handle_node_merge(qm_request *request)
 {
-    edit_by_body(request, QM_EDIT_MERGE, OF_LAYOUT, apply_merge_nodes);
+    edit_by_body(request, QM_EDIT_PAIR, OF_LAYOUT, apply_merge_nodes);
 }
 
 void qm_handle_node_move(qm_request *request)
@@ -397,5 +392,5 @@ void qm_handle_chord_split(qm_request *request)
 
 void qm_handle_layout_link(qm_request *request)
 {
-    edit_by_body(request, QM_EDIT_MERGE, OF_LAYOUT, apply_link);
+    edit_by_body(request, QM_EDIT_PAIR, OF_LAYOUT, apply_link);
 }

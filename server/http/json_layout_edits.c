@@ -159,7 +159,7 @@ static bool read_redraw(const cJSON *object, qm_layout_edit *out, qm_problem *pr
                               &out->points, &out->point_count, problem);
 }
 
-static bool read_merge(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+static bool read_pair(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
     static const char *const names[] = {"first", "second", NULL};
     if (!qm_json_check_members(object, names, problem)) return false;
@@ -178,7 +178,7 @@ bool qm_json_read_layout_edit(const char *text, size_t size, qm_layout_edit_kind
                                                     [QM_EDIT_SPLIT] = read_split,
                                                     [QM_EDIT_SNAP] = read_snap,
                                                     [QM_EDIT_REDRAW] = read_redraw,
-                                                    [QM_EDIT_MERGE] = read_merge,
+                                                    [QM_EDIT_PAIR] = read_pair,
                                                     [QM_EDIT_RING] = read_ring,
                                                     [QM_EDIT_FILL] = read_fill,
                                                     [QM_EDIT_MIRROR] = read_mirror,

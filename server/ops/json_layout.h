@@ -72,7 +72,7 @@ typedef enum qm_layout_edit_kind {
     QM_EDIT_SPLIT,
     QM_EDIT_SNAP,
     QM_EDIT_REDRAW,
-    QM_EDIT_MERGE, /* of curves or nodes; a link of nodes, a tube between curves */
+    QM_EDIT_PAIR, /* two curves or nodes: to merge, to link, to join by a tube */
     QM_EDIT_RING,
     QM_EDIT_FILL,
     QM_EDIT_MIRROR,

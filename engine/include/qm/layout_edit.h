@@ -108,4 +108,7 @@ qm_status qm_layout_mirror(qm_context *ctx, qm_layout *layout, const qm_ref_surf
 void qm_layout_reflect(const qm_ref_surface *surface, const double point[3], const double normal[3],
                        double *points, size_t count);
 
+/** Replaces a direction by its mirror image. */
+void qm_layout_reflect_direction(const double normal[3], double direction[3]);
+
 #endif

@@ -184,12 +184,17 @@ qm_status qm_layout_add_patch(qm_context *ctx, qm_layout *layout, const uint32_t
     return qm_layout_append_patch(ctx, layout, &patch);
 }
 
-double qm_layout_curve_length(const qm_curve *curve)
+double qm_layout_points_length(const double *points, size_t count)
 {
     double length = 0.0;
-    for (size_t i = 1; i < curve->point_count; i++)
-        length += qm_vec_distance(qm_vec_load(curve->points + 3 * i), qm_vec_load(curve->points + 3 * i - 3));
+    for (size_t i = 1; i < count; i++)
+        length += qm_vec_distance(qm_vec_load(points + 3 * i), qm_vec_load(points + 3 * i - 3));
     return length;
+}
+
+double qm_layout_curve_length(const qm_curve *curve)
+{
+    return qm_layout_points_length(curve->points, curve->point_count);
 }
 
 static qm_status check_curve(qm_context *ctx, const qm_layout *layout, const qm_curve *curve, double diagonal)

@@ -23,6 +23,7 @@
 
 #include <string.h>
 
+#include "core/union_find.h"
 #include "layout_internal.h"
 #include "layout_section.h"
 
@@ -89,8 +90,7 @@ typedef struct filling {
 /** What a corner costs whose angle is shared by some quads. */
 static double corner_cost(double angle, int quads)
 {
-    const double straight = 3.141592653589793;
-    double each = angle / quads, sine = each < straight ? sin(each) : 0.0;
+    double each = angle / quads, sine = each < QM_STRAIGHT_ANGLE ? sin(each) : 0.0;
     return quads * fmin(sine > 0.0 ? 1.0 / sine - 1.0 : WORST_CORNER, WORST_CORNER);
 }
 
@@ -191,13 +191,6 @@ static plan make_plan(int count, const double *angle)
 
 /* ---- chords ---- */
 
-static uint32_t find_root(uint32_t *parent, uint32_t i)
-{
-    while (parent[i] != i)
-        i = parent[i] = parent[parent[i]];
-    return i;
-}
-
 static uint32_t chord_of(const filling *f, uint32_t dart)
 {
     return f->chord[dart / 2];
@@ -215,13 +208,11 @@ static void number_chords(filling *f)
     for (size_t i = 0; i < f->cells.count; i++) {
         const qm_layout_cell *cell = &f->cells.cells[i];
         for (uint32_t side = 0; side < 2 && qm_layout_cell_is_patch(cell); side++) {
-            uint32_t a = find_root(f->chord, cell_dart(f, cell, side) / 2),
-                     b = find_root(f->chord, cell_dart(f, cell, side + 2) / 2);
-            f->chord[a > b ? a : b] = a > b ? b : a;
+            qm_union_find_join(f->chord, cell_dart(f, cell, side) / 2, cell_dart(f, cell, side + 2) / 2);
         }
     }
     for (uint32_t i = 0; i < f->curve_count; i++) /* roots are the lowest curves of their trees */
-        f->parts[i] = find_root(f->chord, i);
+        f->parts[i] = qm_union_find_root(f->chord, i);
     for (uint32_t i = 0; i < f->curve_count; i++)
         f->chord[i] = f->parts[i] == i ? (uint32_t)f->chord_count++ : f->chord[f->parts[i]];
     for (size_t i = 0; i < f->chord_count; i++) {
@@ -236,14 +227,13 @@ static void number_chords(filling *f)
 /** The angles of the nodes round a cell, those of cuts too. Returns their number, 0 if they are too many. */
 static int cell_angles(const filling *f, const qm_layout_cell *cell, double angle[MAX_POLYGON])
 {
-    const double straight = 3.141592653589793;
     size_t count = 0;
     for (uint32_t side = 0; side < cell->sides; side++) {
         uint32_t dart = cell_dart(f, cell, side), parts = f->parts[chord_of(f, dart)];
         if (count + parts > MAX_POLYGON) return 0;
         angle[count++] = f->cells.corner[dart];
         for (uint32_t k = 1; k < parts; k++)
-            angle[count++] = straight;
+            angle[count++] = QM_STRAIGHT_ANGLE;
     }
     return (int)count;
 }

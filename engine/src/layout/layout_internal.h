@@ -8,6 +8,11 @@
 #include "core/vec.h"
 #include "qm/layout.h"
 
+#define QM_STRAIGHT_ANGLE 3.141592653589793
+
+/** The length of a polyline. */
+double qm_layout_points_length(const double *points, size_t count);
+
 /** Appends a copy of an issue. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_layout_add_issue(qm_context *ctx, qm_layout_issues *issues, const qm_layout_issue *issue);
 

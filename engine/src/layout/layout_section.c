@@ -7,9 +7,11 @@
  */
 #include "layout_section.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 #include "bvh/bvh_tree.h"
+#include "layout_internal.h"
 
 #define SAME_POINT 1e-9   /* of the diagonal */
 #define TOLERANCE 2e-4    /* of the diagonal: points that move a curve less are left out */
@@ -45,10 +47,7 @@ static qm_vec line_point(const qm_section *line, size_t i)
 
 double qm_section_length(const qm_section *line)
 {
-    double length = 0.0;
-    for (size_t i = 1; i < line->count; i++)
-        length += qm_vec_distance(line_point(line, i), line_point(line, i - 1));
-    return length;
+    return qm_layout_points_length(line->points, line->count);
 }
 
 qm_vec qm_section_at(const qm_section *line, double length)
@@ -181,43 +180,34 @@ static qm_status cut_triangle(qm_context *ctx, const qm_mesh *mesh, const uint32
     return QM_OK;
 }
 
-static uint64_t cut_edge(const cut *c, uint32_t end)
-{
-    return c->segments[end / 2].edge[end % 2];
-}
+/** An end of a segment, by the edge of the mesh that it lies on. */
+typedef struct edge_end {
+    uint64_t edge;
+    uint32_t end;
+} edge_end;
 
-/** Sorts ends by their edges: a Shell sort, as these are few. */
-static void sort_ends(const cut *c, uint32_t *ends, size_t count)
+static int compare_ends(const void *a, const void *b)
 {
-    for (size_t gap = count / 2; gap > 0; gap = gap == 2 ? 1 : gap * 5 / 11) {
-        for (size_t i = gap; i < count; i++) {
-            uint32_t moved = ends[i];
-            size_t k = i;
-            for (; k >= gap; k -= gap) {
-                uint64_t before = cut_edge(c, ends[k - gap]), own = cut_edge(c, moved);
-                if (before < own || (before == own && ends[k - gap] < moved)) break;
-                ends[k] = ends[k - gap];
-            }
-            ends[k] = moved;
-        }
-    }
+    const edge_end *p = a, *q = b;
+    if (p->edge != q->edge) return p->edge < q->edge ? -1 : 1;
+    return p->end < q->end ? -1 : p->end > q->end;
 }
 
 static qm_status link_ends(qm_context *ctx, cut *c)
 {
     size_t count = 2 * c->count;
-    uint32_t *ends = qm_context_alloc(ctx, count, sizeof *ends);
+    edge_end *ends = qm_context_alloc(ctx, count, sizeof *ends);
     c->partner = qm_context_alloc(ctx, count, sizeof *c->partner);
     if (ends && c->partner) {
         for (uint32_t i = 0; i < count; i++) {
-            ends[i] = i;
+            ends[i] = (edge_end){c->segments[i / 2].edge[i % 2], i};
             c->partner[i] = QM_NO_INDEX;
         }
-        sort_ends(c, ends, count);
+        qsort(ends, count, sizeof *ends, compare_ends);
         for (size_t i = 0; i + 1 < count; i++) {
-            if (cut_edge(c, ends[i]) != cut_edge(c, ends[i + 1])) continue;
-            c->partner[ends[i]] = ends[i + 1];
-            c->partner[ends[i + 1]] = ends[i];
+            if (ends[i].edge != ends[i + 1].edge) continue;
+            c->partner[ends[i].end] = ends[i + 1].end;
+            c->partner[ends[i + 1].end] = ends[i].end;
             i++;
         }
     }

@@ -26,8 +26,7 @@ static qm_status shortest_ring(qm_context *ctx, const qm_ref_surface *surface,
     qm_vec x = qm_vec_perpendicular(normal);
     x = qm_vec_scale(1.0 / qm_vec_norm(x), x);
     qm_vec y = qm_vec_cross(normal, x);
-    const double straight = 3.141592653589793;
-    double best = INFINITY, angle = 0.0, step = straight / RING_DIRECTIONS;
+    double best = INFINITY, angle = 0.0, step = QM_STRAIGHT_ANGLE / RING_DIRECTIONS;
     *out = (qm_section){0};
     for (int round = 0; round <= RING_ROUNDS; round++) {
         int count = round == 0 ? RING_DIRECTIONS : 2;
@@ -247,26 +246,48 @@ static qm_vec reflect(const mirror *m, qm_vec p)
     return qm_vec_axpy(p, -2.0 * qm_vec_dot(qm_vec_sub(p, m->point), m->normal), m->normal);
 }
 
-void qm_layout_reflect(const qm_ref_surface *surface, const double point[3], const double normal[3],
-                       double *points, size_t count)
+static qm_vec reflect_direction(const mirror *m, qm_vec way)
 {
-    QM_ASSERT(surface && point && normal && points);
-    qm_vec n = qm_vec_load(normal);
-    mirror m = {.point = qm_vec_load(point), .normal = qm_vec_scale(1.0 / qm_vec_norm(n), n)};
+    return qm_vec_axpy(way, -2.0 * qm_vec_dot(way, m->normal), m->normal);
+}
+
+/** Replaces points by their mirror images, projected onto the wall that looks the mirrored way. */
+static void reflect_points(const qm_ref_surface *surface, const mirror *m, double *points, size_t count)
+{
     for (size_t i = 0; i < count; i++) {
         qm_ref_surface_point at;
         qm_ref_surface_project(surface, points + 3 * i, &at);
-        qm_vec own = qm_vec_load(at.normal),
-               mirrored = qm_vec_sub(reflect(&m, qm_vec_add(own, m.point)), m.point);
+        qm_vec own = qm_vec_load(at.normal);
         double moved[3], direction[3];
-        qm_vec_store(moved, reflect(&m, qm_vec_load(points + 3 * i)));
-        qm_vec_store(direction, mirrored);
+        qm_vec_store(moved, reflect(m, qm_vec_load(points + 3 * i)));
+        qm_vec_store(direction, reflect_direction(m, own));
         if (qm_vec_norm2(own) > 0.0)
             qm_ref_surface_project_toward(surface, moved, direction, 0.05 * surface->diagonal, &at);
         else
             qm_ref_surface_project(surface, moved, &at);
         memcpy(points + 3 * i, at.position, POINT_SIZE);
     }
+}
+
+static mirror mirror_make(const double point[3], const double normal[3])
+{
+    qm_vec n = qm_vec_load(normal);
+    return (mirror){.point = qm_vec_load(point), .normal = qm_vec_scale(1.0 / qm_vec_norm(n), n)};
+}
+
+void qm_layout_reflect(const qm_ref_surface *surface, const double point[3], const double normal[3],
+                       double *points, size_t count)
+{
+    QM_ASSERT(surface && point && normal && points);
+    mirror m = mirror_make(point, normal);
+    reflect_points(surface, &m, points, count);
+}
+
+void qm_layout_reflect_direction(const double normal[3], double direction[3])
+{
+    QM_ASSERT(normal && direction);
+    mirror m = mirror_make((const double[]){0, 0, 0}, normal);
+    qm_vec_store(direction, reflect_direction(&m, qm_vec_load(direction)));
 }
 
 /** Least and greatest height of a curve. */
@@ -292,10 +313,7 @@ static qm_status cut_at_plane(qm_context *ctx, qm_layout *layout, const mirror *
     for (size_t i = 0; i + 1 < curve->point_count; i++) {
         double a = height(m, curve->points + 3 * i), b = height(m, curve->points + 3 * i + 3);
         if ((a > 0.0) == (b > 0.0)) continue;
-        qm_curve_position at = {.segment = i};
-        for (size_t k = 0; k < i; k++)
-            at.along +=
-                qm_vec_distance(qm_vec_load(curve->points + 3 * k), qm_vec_load(curve->points + 3 * k + 3));
+        qm_curve_position at = {.segment = i, .along = qm_layout_points_length(curve->points, i + 1)};
         qm_vec from = qm_vec_load(curve->points + 3 * i), to = qm_vec_load(curve->points + 3 * i + 3);
         qm_vec place = qm_vec_mix(from, to, a / (a - b));
         at.along += qm_vec_distance(from, place);
@@ -312,13 +330,11 @@ static qm_status image_of_node(qm_context *ctx, qm_layout *layout, const qm_ref_
                                const mirror *m, uint32_t node, uint32_t *image)
 {
     if (image[node] != QM_NO_INDEX) return QM_OK;
-    double at[3], point[3], normal[3];
+    double at[3];
     memcpy(at, layout->nodes + 3 * (size_t)node, sizeof at);
     image[node] = node;
     if (fabs(height(m, at)) <= m->radius) return QM_OK;
-    qm_vec_store(point, m->point);
-    qm_vec_store(normal, m->normal);
-    qm_layout_reflect(surface, point, normal, at, 1);
+    reflect_points(surface, m, at, 1);
     image[node] = (uint32_t)layout->node_count;
     return qm_layout_add_node(ctx, layout, at);
 }
@@ -328,7 +344,7 @@ static qm_status add_image(qm_context *ctx, qm_layout *layout, const qm_ref_surf
 {
     const qm_curve *curve = &layout->curves[index];
     uint32_t from = curve->from, to = curve->to;
-    double point[3], normal[3], range[2];
+    double range[2];
     size_t count = curve->point_count;
     find_range(m, curve, range);
     if (range[1] <= m->radius) return QM_OK; /* it lies on the plane */
@@ -338,9 +354,7 @@ static qm_status add_image(qm_context *ctx, qm_layout *layout, const qm_ref_surf
     double *points = qm_context_alloc(ctx, count, POINT_SIZE);
     if (!points) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a curve");
     memcpy(points, curve->points, count * POINT_SIZE);
-    qm_vec_store(point, m->point);
-    qm_vec_store(normal, m->normal);
-    qm_layout_reflect(surface, point, normal, points, count);
+    reflect_points(surface, m, points, count);
     status = qm_layout_add_curve(ctx, layout, image[from], image[to], points, count);
     qm_context_free(ctx, points, count, POINT_SIZE);
     return status;
@@ -391,11 +405,11 @@ qm_status qm_layout_mirror(qm_context *ctx, qm_layout *layout, const qm_ref_surf
                            const double point[3], const double normal[3], double radius)
 {
     QM_ASSERT(ctx && layout && surface && point && normal);
-    qm_vec n = qm_vec_load(normal);
-    double length = qm_vec_norm(n);
+    double length = qm_vec_norm(qm_vec_load(normal));
     if (!(length > 0.0) || !isfinite(length))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "the plane of the mirror has no direction");
-    mirror m = {.point = qm_vec_load(point), .normal = qm_vec_scale(1.0 / length, n), .radius = radius};
+    mirror m = mirror_make(point, normal);
+    m.radius = radius;
     qm_layout copy;
     qm_status status = qm_layout_copy(ctx, layout, &copy);
     if (status != QM_OK) return status;
