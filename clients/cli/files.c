@@ -234,7 +234,7 @@ qm_format cli_format_of(const char *path)
 bool cli_check_uv(const char *path)
 {
     qm_format format = cli_format_of(path);
-    if (format == QM_FORMAT_OBJ || format == QM_FORMAT_PLY || format == QM_FORMAT_GLB) return true;
+    if (qm_encoder_holds_uv(format)) return true;
     fprintf(stderr, "quadmesh: --uv goes with obj, ply and glb, not with %s\n", qm_format_name(format));
     return false;
 }

@@ -61,13 +61,18 @@ qm_status qm_encoder_create(qm_context *ctx, const qm_mesh *mesh, const qm_mesh_
         if (corners > encoder->max_corners) encoder->max_corners = corners;
     }
     qm_status status = QM_OK;
-    if (uv && !encoder->format->has_uv)
+    if (uv && !qm_encoder_holds_uv(format))
         status = qm_context_fail(ctx, QM_E_UNSUPPORTED, "only obj, ply and glb hold texture coordinates");
     if (status == QM_OK && encoder->format->prepare) status = encoder->format->prepare(encoder);
     if (status == QM_OK) return QM_OK;
     qm_encoder_destroy(encoder);
     *out = NULL;
     return status;
+}
+
+bool qm_encoder_holds_uv(qm_format format)
+{
+    return format != QM_FORMAT_UNKNOWN && formats[format]->has_uv;
 }
 
 void qm_encoder_destroy(qm_encoder *encoder)

@@ -30,13 +30,15 @@ typedef struct qm_encoder qm_encoder;
  *        v runs downward); the vertices of patches are apart in PLY and glTF. NULL: none
  *
  * Returns QM_OK; QM_E_UNSUPPORTED for points in a format of faces, faces in one of points, or texture coordinates in another
- * format; QM_E_SCALE for
- * coordinates beyond single precision in a format that has no other; QM_E_TOO_LARGE; QM_E_NO_MEMORY; with
+ * format; QM_E_SCALE for coordinates beyond single precision in a format that has no other; QM_E_TOO_LARGE; QM_E_NO_MEMORY; with
  * ctx->message.
  */
 qm_status qm_encoder_create(qm_context *ctx, const qm_mesh *mesh, const qm_mesh_facts *facts,
                             qm_format format, int bits, const qm_uv_atlas *uv, qm_encoder **out);
 void qm_encoder_destroy(qm_encoder *encoder);
+
+/** Whether a format holds texture coordinates: obj, ply and glb. */
+bool qm_encoder_holds_uv(qm_format format);
 
 qm_encode_losses qm_encoder_losses(const qm_encoder *encoder);
 

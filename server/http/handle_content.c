@@ -72,9 +72,8 @@ static bool read_uv(qm_request *request, qm_format format, bool *has_uv)
 {
     const char *given = qm_request_query(request, "uv");
     bool is_known = given && strcmp(given, "patches") == 0;
-    bool can_hold = format == QM_FORMAT_OBJ || format == QM_FORMAT_PLY || format == QM_FORMAT_GLB;
     *has_uv = is_known;
-    if (!given || (is_known && can_hold)) return true;
+    if (!given || (is_known && qm_encoder_holds_uv(format))) return true;
     qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "%s",
                                          is_known ? "`uv` is only valid for the formats obj, ply and glb"
                                                   : "`uv` must be \"patches\"");
