@@ -178,11 +178,10 @@ static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
     return status;
 }
 
-/** What is known of a mesh besides its distance. */
+/** What is known of a mesh besides its distance. Where curves of its layout cross, its vertices started where their quads
+ * were, and may be folded for want of room. */
 typedef struct trial_state {
-    bool
-        has_crossings; /* curves of its layout: vertices started where their quads were, and may be folded for want of room */
-    bool is_folded;
+    bool has_crossings, is_folded;
 } trial_state;
 
 static bool is_better(const trial_state *now, double distance, const trial_state *best, double best_distance)
@@ -227,10 +226,10 @@ qm_status qm_remesh(qm_context *ctx, const qm_ref_surface *surface, const qm_rem
                     qm_remesh_result *out)
 {
     *out = (qm_remesh_result){0};
-    qm_remesh_options settled = *options;
-    settled.quads.quads = usual_quads(options);
-    qm_status status = settled.is_semi_regular ? make_semi_regular(ctx, surface, &settled, out)
-                                               : make_quads(ctx, surface, &settled, out);
+    qm_remesh_options complete = *options;
+    complete.quads.quads = usual_quads(options);
+    qm_status status = complete.is_semi_regular ? make_semi_regular(ctx, surface, &complete, out)
+                                                : make_quads(ctx, surface, &complete, out);
     if (status != QM_OK) qm_mesh_reset(ctx, &out->mesh);
     return status;
 }
