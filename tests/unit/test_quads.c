@@ -1,5 +1,6 @@
 /* qm_quads_make: meshes of quads of shapes by formula have the topology of the shape, lie on it, and have few irregular vertices. */
 #include "check.h"
+#include "measured.h"
 
 #include "base/host.h"
 #include "failing_allocator.h"
@@ -122,17 +123,9 @@ static qm_mesh make_quads(qm_context *ctx, const qm_mesh *surface, size_t quads,
 
 static double distance_between(const qm_mesh *a, const qm_mesh *b)
 {
-    qm_context ctx = qm_context_make();
-    qm_bvh *tree[2];
-    qm_hausdorff_result result;
     qm_hausdorff_options options = qm_hausdorff_options_default();
     options.tolerance = 1e-6;
-    assert_int_equal(qm_bvh_build(&ctx, a, QM_BVH_TARGET, 1, &tree[0]), QM_OK);
-    assert_int_equal(qm_bvh_build(&ctx, b, QM_BVH_TARGET, 1, &tree[1]), QM_OK);
-    assert_int_equal(qm_hausdorff_measure(&ctx, tree[0], tree[1], &options, &result), QM_OK);
-    qm_bvh_destroy(&ctx, tree[0]);
-    qm_bvh_destroy(&ctx, tree[1]);
-    return result.upper;
+    return qm_measured(a, b, &options).upper;
 }
 
 static double area_of(const qm_mesh *m)

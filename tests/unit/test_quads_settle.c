@@ -1,5 +1,6 @@
 /* qm_quads_settle: the vertices of a mesh of quads move, its faces stay; what comes out is measured by other code. */
 #include "check.h"
+#include "measured.h"
 
 #include "core/vec.h"
 #include "failing_allocator.h"
@@ -55,17 +56,9 @@ static void to_fingers(double p[3])
 
 static double distance_between(const qm_mesh *a, const qm_mesh *b)
 {
-    qm_context ctx = qm_context_make();
-    qm_bvh *tree[2];
-    qm_hausdorff_result result;
     qm_hausdorff_options options = qm_hausdorff_options_default();
     options.tolerance = 1e-5;
-    assert_int_equal(qm_bvh_build(&ctx, a, QM_BVH_TARGET, 1, &tree[0]), QM_OK);
-    assert_int_equal(qm_bvh_build(&ctx, b, QM_BVH_TARGET, 1, &tree[1]), QM_OK);
-    assert_int_equal(qm_hausdorff_measure(&ctx, tree[0], tree[1], &options, &result), QM_OK);
-    qm_bvh_destroy(&ctx, tree[0]);
-    qm_bvh_destroy(&ctx, tree[1]);
-    return result.upper;
+    return qm_measured(a, b, &options).upper;
 }
 
 /** Settles a mesh; its faces must stay. */
