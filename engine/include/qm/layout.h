@@ -24,9 +24,18 @@
 #define QM_LAYOUT_GRID 4
 #define QM_LAYOUT_GRID_POINTS ((QM_LAYOUT_GRID + 1) * (QM_LAYOUT_GRID + 1))
 
+/** What is kept of a curve. Parts of a curve that is cut have its mark. */
+typedef enum qm_curve_mark {
+    QM_CURVE_SMOOTH, /* the surface runs on across it */
+    QM_CURVE_SHARP, /* the surface may bend across it: it lies on the crease or boundary that it runs along */
+    QM_CURVE_FIXED, /* it stays as it was drawn, off the surface too */
+    QM_CURVE_MARK_COUNT
+} qm_curve_mark;
+
 typedef struct qm_curve {
     uint32_t id;
     uint32_t from, to;
+    qm_curve_mark mark;
     size_t point_count; /* 2 at least */
     double *points;     /* rows of x y z */
 } qm_curve;
@@ -41,6 +50,8 @@ typedef struct qm_layout_patch {
 typedef struct qm_layout {
     double *nodes; /* rows of x y z */
     size_t node_count;
+    uint32_t *corners; /* nodes that stay where they are, in increasing order */
+    size_t corner_count;
     qm_curve *curves;
     size_t curve_count;
     qm_layout_patch *patches;
@@ -54,7 +65,7 @@ void qm_layout_reset(qm_context *ctx, qm_layout *layout);
 qm_status qm_layout_copy(qm_context *ctx, const qm_layout *layout, qm_layout *out);
 
 /** Appends a node or a curve. A curve's id is next_id; its ends become the nodes' positions. The arrays are
- * copied. Neither changes the patches. Returns QM_OK, QM_E_NO_MEMORY, or QM_E_ARGUMENT for a curve of fewer
+ * copied. The node is no corner, the curve smooth. Neither changes the patches. Returns QM_OK, QM_E_NO_MEMORY, or QM_E_ARGUMENT for a curve of fewer
  * than two points or with a node that does not exist. */
 qm_status qm_layout_add_node(qm_context *ctx, qm_layout *layout, const double position[3]);
 qm_status qm_layout_add_curve(qm_context *ctx, qm_layout *layout, uint32_t from, uint32_t to,
@@ -68,6 +79,13 @@ qm_status qm_layout_add_patch(qm_context *ctx, qm_layout *layout, const uint32_t
 
 /** Removes all patches. */
 void qm_layout_clear_patches(qm_context *ctx, qm_layout *layout);
+
+/** Makes a node a corner, or none. Returns QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_layout_set_corner(qm_context *ctx, qm_layout *layout, uint32_t node, bool is_corner);
+bool qm_layout_is_corner(const qm_layout *layout, uint32_t node);
+
+/** "smooth", "sharp" or "fixed". */
+const char *qm_curve_mark_name(qm_curve_mark mark);
 
 /** Index of the curve with this id, or QM_NO_INDEX. */
 uint32_t qm_layout_find_curve(const qm_layout *layout, uint32_t id);

@@ -1,7 +1,7 @@
 /**
  * layout_edit.h: edits of a layout. Each call is atomic: after an error nothing has changed. Every edit
- * removes the patches; qm_layout_find_patches finds them again. An edited curve keeps its id; nodes without a
- * curve are removed.
+ * removes the patches; qm_layout_find_patches finds them again. An edited curve keeps its id and its mark; nodes without a
+ * curve are removed. What would move a corner, or bend a curve that is fixed, does not fit the layout.
  *
  * All calls return QM_OK; QM_E_ARGUMENT with a message when the edit does not fit the layout; QM_E_NO_MEMORY.
  *
@@ -17,7 +17,8 @@ qm_status qm_layout_delete_curve(qm_context *ctx, qm_layout *layout, uint32_t id
 /** Splits a curve at its point nearest to near, which must not be an end; the second part gets a new id. */
 qm_status qm_layout_split_curve(qm_context *ctx, qm_layout *layout, uint32_t id, const double near[3]);
 
-/** Joins two curves at a node that no other curve has; first keeps its id, second is removed. */
+/** Joins two curves of one mark at a node that no other curve has, and that is no corner; first keeps its id, second is
+ * removed. */
 qm_status qm_layout_merge_curves(qm_context *ctx, qm_layout *layout, uint32_t first, uint32_t second);
 
 /** Replaces the points of a curve between its two nodes. The first and last points become the nodes'
@@ -32,8 +33,8 @@ qm_status qm_layout_snap_end(qm_context *ctx, qm_layout *layout, uint32_t id, in
 
 /**
  * Adds a drawn curve. Each end snaps to a node within radius, or else splits a curve within radius, or else
- * makes a node. Where the new curve then meets a single other curve at an obtuse angle (cosine below -0.85),
- * the two are joined under the other one's id. The stroke and every curve that it crosses are split at the
+ * makes a node. Where the new curve then meets a single other curve at an obtuse angle (cosine below -0.85), but not at a
+ * corner, the two are joined under the other one's id and with its mark. The stroke and every curve that it crosses are split at the
  * crossing: at a node of that curve within radius, or else at a new one.
  *
  * surface  as for qm_layout_find_crossings
@@ -41,6 +42,38 @@ qm_status qm_layout_snap_end(qm_context *ctx, qm_layout *layout, uint32_t id, in
  */
 qm_status qm_layout_add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
                                const double *points, size_t point_count, double radius, uint32_t *id);
+
+/** Gives curves, by their ids, a mark. QM_E_ARGUMENT names one that the layout has not. */
+qm_status qm_layout_mark_curves(qm_context *ctx, qm_layout *layout, const uint32_t *ids, size_t count,
+                                qm_curve_mark mark);
+
+/** Makes nodes corners, or none. QM_E_ARGUMENT names one that the layout has not. */
+qm_status qm_layout_mark_nodes(qm_context *ctx, qm_layout *layout, const uint32_t *nodes, size_t count,
+                               bool is_corner);
+
+#define QM_FEATURES_SHORTEST 0.03 /* of the diagonal */
+#define QM_FEATURES_RADIUS 0.005  /* of the diagonal */
+
+typedef struct qm_layout_features_options {
+    double angle;    /* degrees, above 0 up to 180, at which an edge is a crease (features.h) */
+    double shortest; /* features that are shorter together are left out; 0: QM_FEATURES_SHORTEST */
+    double radius;   /* as for qm_layout_add_stroke, where there are curves already; 0: QM_FEATURES_RADIUS */
+} qm_layout_features_options;
+
+/** 40 degrees, the rest 0. */
+qm_layout_features_options qm_layout_features_options_default(void);
+
+/**
+ * Adds sharp curves along the creases and boundaries of a mesh, exactly on its edges. Nodes where features end, more than
+ * two meet, or one turns by more than 60 degrees are corners; a closed feature with one of these or none is cut into four.
+ * A feature along curves that are there already is not added; those curves become sharp.
+ *
+ * added  number of curves that were
+ *
+ * QM_E_ARGUMENT: the surface is a point set; an option; more than 100000 curves.
+ */
+qm_status qm_layout_add_features(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                                 const qm_layout_features_options *options, size_t *added);
 
 /**
  * Fills cells that have not four sides by patterns of curves, so that patches remain. Sides may be cut for that, and then

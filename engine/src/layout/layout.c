@@ -28,6 +28,7 @@ void qm_layout_reset(qm_context *ctx, qm_layout *layout)
         qm_context_free(ctx, layout->curves[i].points, layout->curves[i].point_count, POINT_SIZE);
     qm_context_free(ctx, layout->curves, layout->curve_count, sizeof *layout->curves);
     qm_context_free(ctx, layout->nodes, layout->node_count, POINT_SIZE);
+    qm_context_free(ctx, layout->corners, layout->corner_count, sizeof *layout->corners);
     qm_layout_clear_patches(ctx, layout);
     *layout = (qm_layout){0};
 }
@@ -92,6 +93,13 @@ static qm_status copy_arrays(qm_context *ctx, const qm_layout *layout, qm_layout
         out->curves[i].id = curve->id;
         out->curves[i].from = curve->from;
         out->curves[i].to = curve->to;
+        out->curves[i].mark = curve->mark;
+    }
+    if (layout->corner_count > 0) {
+        out->corners = qm_context_alloc(ctx, layout->corner_count, sizeof *out->corners);
+        if (!out->corners) return no_memory(ctx);
+        out->corner_count = layout->corner_count;
+        memcpy(out->corners, layout->corners, layout->corner_count * sizeof *out->corners);
     }
     if (layout->patch_count == 0) return QM_OK;
     out->patches = qm_context_alloc(ctx, layout->patch_count, sizeof *out->patches);
@@ -108,6 +116,57 @@ qm_status qm_layout_copy(qm_context *ctx, const qm_layout *layout, qm_layout *ou
     qm_status status = copy_arrays(ctx, layout, out);
     if (status != QM_OK) qm_layout_reset(ctx, out);
     return status;
+}
+
+/** The place of a node among the corners, or where it would be. */
+static size_t corner_place(const qm_layout *layout, uint32_t node)
+{
+    size_t low = 0, high = layout->corner_count;
+    while (low < high) {
+        size_t middle = low + (high - low) / 2;
+        if (layout->corners[middle] < node)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+bool qm_layout_is_corner(const qm_layout *layout, uint32_t node)
+{
+    size_t place = corner_place(layout, node);
+    return place < layout->corner_count && layout->corners[place] == node;
+}
+
+qm_status qm_layout_set_corner(qm_context *ctx, qm_layout *layout, uint32_t node, bool is_corner)
+{
+    QM_ASSERT(ctx && layout && node < layout->node_count);
+    size_t place = corner_place(layout, node), count = layout->corner_count;
+    bool was_corner = place < count && layout->corners[place] == node;
+    if (is_corner == was_corner) return QM_OK;
+    size_t next = is_corner ? count + 1 : count - 1;
+    uint32_t *corners = NULL;
+    if (next > 0) {
+        corners = qm_context_alloc(ctx, next, sizeof *corners);
+        if (!corners) return no_memory(ctx);
+        for (size_t i = 0; i < place; i++)
+            corners[i] = layout->corners[i];
+        if (is_corner) corners[place] = node;
+        for (size_t i = place + was_corner; i < count; i++)
+            corners[i + is_corner - was_corner] = layout->corners[i];
+    }
+    qm_context_free(ctx, layout->corners, count, sizeof *corners);
+    layout->corners = corners;
+    layout->corner_count = next;
+    return QM_OK;
+}
+
+const char *qm_curve_mark_name(qm_curve_mark mark)
+{
+    static const char *const names[] = {"smooth", "sharp", "fixed"};
+    _Static_assert(sizeof names / sizeof names[0] == QM_CURVE_MARK_COUNT, "a name for each mark");
+    QM_ASSERT(mark < QM_CURVE_MARK_COUNT);
+    return names[mark];
 }
 
 uint32_t qm_layout_find_curve(const qm_layout *layout, uint32_t id)

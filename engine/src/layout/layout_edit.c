@@ -63,10 +63,43 @@ qm_status qm_layout_merge_curves(qm_context *ctx, qm_layout *layout, uint32_t fi
     if (node == QM_NO_INDEX)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "curves %u and %u share no node that is theirs alone",
                                first, second);
+    if (qm_layout_is_corner(layout, node)) return qm_layout_report_corner(ctx, node);
+    if (layout->curves[a].mark != layout->curves[b].mark)
+        return qm_context_fail(
+            ctx, QM_E_ARGUMENT, "curve %u is %s, but curve %u is %s: mark them alike first", first,
+            qm_curve_mark_name(layout->curves[a].mark), second, qm_curve_mark_name(layout->curves[b].mark));
     qm_layout copy;
     qm_status status = qm_layout_copy(ctx, layout, &copy);
     if (status != QM_OK) return status;
     return qm_layout_finish_edit(ctx, layout, &copy, qm_layout_join_curves(ctx, &copy, a, b, node));
+}
+
+qm_status qm_layout_mark_curves(qm_context *ctx, qm_layout *layout, const uint32_t *ids, size_t count,
+                                qm_curve_mark mark)
+{
+    QM_ASSERT(ctx && layout && mark < QM_CURVE_MARK_COUNT);
+    for (size_t i = 0; i < count; i++)
+        if (qm_layout_find_curve(layout, ids[i]) == QM_NO_INDEX) return report_missing_curve(ctx, ids[i]);
+    for (size_t i = 0; i < count; i++)
+        layout->curves[qm_layout_find_curve(layout, ids[i])].mark = mark;
+    qm_layout_clear_patches(ctx, layout);
+    return QM_OK;
+}
+
+qm_status qm_layout_mark_nodes(qm_context *ctx, qm_layout *layout, const uint32_t *nodes, size_t count,
+                               bool is_corner)
+{
+    QM_ASSERT(ctx && layout);
+    qm_layout copy;
+    for (size_t i = 0; i < count; i++)
+        if (nodes[i] >= layout->node_count)
+            return qm_context_fail(ctx, QM_E_ARGUMENT, "there is no node %u: the layout has %zu", nodes[i],
+                                   layout->node_count);
+    qm_status status = qm_layout_copy(ctx, layout, &copy);
+    if (status != QM_OK) return status;
+    for (size_t i = 0; i < count && status == QM_OK; i++)
+        status = qm_layout_set_corner(ctx, &copy, nodes[i], is_corner);
+    return qm_layout_finish_edit(ctx, layout, &copy, status);
 }
 
 qm_status qm_layout_redraw_curve(qm_context *ctx, qm_layout *layout, uint32_t id, const double *points,
@@ -122,6 +155,7 @@ qm_status qm_layout_snap_end(qm_context *ctx, qm_layout *layout, uint32_t id, in
 {
     uint32_t index = qm_layout_find_curve(layout, id);
     if (index == QM_NO_INDEX) return report_missing_curve(ctx, id);
+    if (layout->curves[index].mark == QM_CURVE_FIXED) return qm_layout_report_fixed(ctx, id);
     qm_layout copy;
     qm_status status = qm_layout_copy(ctx, layout, &copy);
     if (status != QM_OK) return status;
@@ -129,20 +163,23 @@ qm_status qm_layout_snap_end(qm_context *ctx, qm_layout *layout, uint32_t id, in
 }
 
 /**
- * Joins a curve to the only other one at a node if it continues that one; *id becomes that of the joined
- * curve.
+ * Joins a curve to the only other one at a node if it continues that one, whose mark it takes; *id becomes that of the
+ * joined curve.
  */
 static qm_status continue_curve(qm_context *ctx, qm_layout *layout, uint32_t *id, uint32_t node)
 {
     uint32_t own = qm_layout_find_curve(layout, *id);
     const qm_curve *curve = &layout->curves[own];
-    if (qm_layout_node_degree(layout, node) != 2 || curve->from == curve->to) return QM_OK;
+    if (qm_layout_node_degree(layout, node) != 2 || curve->from == curve->to ||
+        qm_layout_is_corner(layout, node))
+        return QM_OK;
     for (uint32_t i = 0; i < layout->curve_count; i++) {
         const qm_curve *other = &layout->curves[i];
         if (i == own || (other->from != node && other->to != node)) continue;
         double cosine = qm_vec_dot(qm_layout_leaving_direction(curve, curve->to == node),
                                    qm_layout_leaving_direction(other, other->to == node));
-        if (cosine >= OBTUSE) return QM_OK;
+        bool is_marked_alike = curve->mark == QM_CURVE_SMOOTH || curve->mark == other->mark;
+        if (cosine >= OBTUSE || !is_marked_alike) return QM_OK;
         *id = other->id;
         return qm_layout_join_curves(ctx, layout, i, own, node);
     }
@@ -293,8 +330,9 @@ static qm_status finish_ring(qm_context *ctx, qm_layout *layout, uint32_t id, ui
     return QM_OK;
 }
 
-static qm_status add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
-                            const double *points, size_t count, double radius, uint32_t *id)
+qm_status qm_layout_draw_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                                const double *points, size_t count, double radius, qm_curve_mark mark,
+                                uint32_t *id)
 {
     uint32_t from, to;
     qm_status status = find_end_node(ctx, layout, points, radius, &from);
@@ -304,6 +342,7 @@ static qm_status add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_sur
         return qm_context_fail(ctx, QM_E_ARGUMENT, "both ends of the stroke snap to node %u", from);
     const bool is_snapped[2] = {qm_layout_has_curve(layout, from), qm_layout_has_curve(layout, to)};
     status = qm_layout_add_curve(ctx, layout, from, to, points, count);
+    if (status == QM_OK) layout->curves[layout->curve_count - 1].mark = mark;
     for (int end = 0; end < 2 && from != to && status == QM_OK; end++)
         if (is_snapped[end])
             status = clear_end(ctx, &layout->curves[layout->curve_count - 1], end == 1, radius);
@@ -327,6 +366,7 @@ qm_status qm_layout_add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_
     qm_layout copy;
     qm_status status = qm_layout_copy(ctx, layout, &copy);
     if (status != QM_OK) return status;
-    return qm_layout_finish_edit(ctx, layout, &copy,
-                                 add_stroke(ctx, &copy, surface, points, point_count, radius, id));
+    return qm_layout_finish_edit(
+        ctx, layout, &copy,
+        qm_layout_draw_stroke(ctx, &copy, surface, points, point_count, radius, QM_CURVE_SMOOTH, id));
 }

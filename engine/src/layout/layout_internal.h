@@ -28,6 +28,10 @@ qm_status qm_layout_remove_curve(qm_context *ctx, qm_layout *layout, uint32_t in
 /** Removes the nodes without a curve and renumbers the others in their order. */
 qm_status qm_layout_remove_isolated_nodes(qm_context *ctx, qm_layout *layout);
 
+/** Fails an edit that would move a corner, or the points of a curve that is fixed. Returns QM_E_ARGUMENT. */
+qm_status qm_layout_report_corner(qm_context *ctx, uint32_t node);
+qm_status qm_layout_report_fixed(qm_context *ctx, uint32_t id);
+
 /** True if a curve starts or ends at the node. */
 bool qm_layout_has_curve(const qm_layout *layout, uint32_t node);
 
@@ -74,6 +78,12 @@ qm_status qm_layout_join_curves(qm_context *ctx, qm_layout *layout, uint32_t fir
  */
 qm_status qm_layout_find_snap_node(qm_context *ctx, qm_layout *layout, const double near[3], double radius,
                                    uint32_t except_node, uint32_t except_curve, uint32_t *node);
+
+/** As qm_layout_add_stroke, with a mark, and no copy: after an error the layout is half edited. A marked stroke joins curves
+ * of its own mark only. */
+qm_status qm_layout_draw_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                                const double *points, size_t count, double radius, qm_curve_mark mark,
+                                uint32_t *id);
 
 /* ---- cells ---- */
 

@@ -80,6 +80,18 @@ static qm_status bend_curve(qm_context *ctx, const qm_ref_surface *surface, qm_c
     return QM_OK;
 }
 
+/** QM_OK if a node may be moved: it is no corner, and none of its curves is fixed. */
+static qm_status check_movable(qm_context *ctx, const qm_layout *layout, uint32_t node)
+{
+    if (qm_layout_is_corner(layout, node)) return qm_layout_report_corner(ctx, node);
+    for (size_t i = 0; i < layout->curve_count; i++) {
+        const qm_curve *curve = &layout->curves[i];
+        if (curve->mark == QM_CURVE_FIXED && (curve->from == node || curve->to == node))
+            return qm_layout_report_fixed(ctx, curve->id);
+    }
+    return QM_OK;
+}
+
 /** Of a curve whose ends move or not: {from, to}. */
 static double weight_of_ends(double share, const void *data)
 {
@@ -112,7 +124,8 @@ qm_status qm_layout_move_node(qm_context *ctx, qm_layout *layout, const qm_ref_s
     QM_ASSERT(ctx && layout && surface && to);
     if (node >= layout->node_count) return report_missing_node(ctx, layout, node);
     qm_layout copy;
-    qm_status status = qm_layout_copy(ctx, layout, &copy);
+    qm_status status = check_movable(ctx, layout, node);
+    if (status == QM_OK) status = qm_layout_copy(ctx, layout, &copy);
     if (status != QM_OK) return status;
     double at[3];
     project(surface, to, at);
@@ -133,6 +146,7 @@ qm_status qm_layout_slide_curve(qm_context *ctx, qm_layout *layout, const qm_ref
     QM_ASSERT(ctx && layout && surface && from && to);
     uint32_t index = qm_layout_find_curve(layout, id);
     if (index == QM_NO_INDEX) return qm_context_fail(ctx, QM_E_ARGUMENT, "there is no curve %u", id);
+    if (layout->curves[index].mark == QM_CURVE_FIXED) return qm_layout_report_fixed(ctx, id);
     qm_curve_position held = qm_layout_nearest_position(&layout->curves[index], from);
     if (!qm_layout_is_inside(&layout->curves[index], &held))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "curve %u cannot be slid by its end; move the node", id);
@@ -195,11 +209,13 @@ qm_status qm_layout_merge_nodes(qm_context *ctx, qm_layout *layout, const qm_ref
     if (second >= layout->node_count) return report_missing_node(ctx, layout, second);
     if (first == second)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "node %u cannot be merged with itself", first);
+    qm_status status = check_movable(ctx, layout, second);
+    if (status != QM_OK) return status;
     size_t count = layout->curve_count;
     bool *is_collapsed = qm_context_alloc(ctx, count, sizeof *is_collapsed);
     if (!is_collapsed) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the layout");
     qm_layout copy;
-    qm_status status = qm_layout_copy(ctx, layout, &copy);
+    status = qm_layout_copy(ctx, layout, &copy);
     if (status == QM_OK)
         status = qm_layout_finish_edit(ctx, layout, &copy,
                                        merge_nodes(ctx, &copy, surface, first, second, is_collapsed));

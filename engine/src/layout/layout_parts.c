@@ -32,6 +32,16 @@ qm_status qm_layout_finish_edit(qm_context *ctx, qm_layout *layout, qm_layout *c
     return status;
 }
 
+qm_status qm_layout_report_corner(qm_context *ctx, uint32_t node)
+{
+    return qm_context_fail(ctx, QM_E_ARGUMENT, "node %u is a corner, which stays where it is", node);
+}
+
+qm_status qm_layout_report_fixed(qm_context *ctx, uint32_t id)
+{
+    return qm_context_fail(ctx, QM_E_ARGUMENT, "curve %u is fixed, and stays as it was drawn", id);
+}
+
 qm_status qm_layout_remove_curve(qm_context *ctx, qm_layout *layout, uint32_t index)
 {
     QM_ASSERT(index < layout->curve_count);
@@ -63,6 +73,8 @@ qm_status qm_layout_remove_isolated_nodes(qm_context *ctx, qm_layout *layout)
 {
     for (uint32_t node = (uint32_t)layout->node_count; node-- > 0;) {
         if (qm_layout_has_curve(layout, node)) continue;
+        qm_status status = qm_layout_set_corner(ctx, layout, node, false);
+        if (status != QM_OK) return status;
         size_t remaining = layout->node_count - 1;
         double *nodes = remaining > 0 ? qm_context_alloc(ctx, remaining, POINT_SIZE) : NULL;
         if (remaining > 0 && !nodes) return no_memory(ctx);
@@ -78,6 +90,8 @@ qm_status qm_layout_remove_isolated_nodes(qm_context *ctx, qm_layout *layout)
             layout->curves[i].from -= layout->curves[i].from > node;
             layout->curves[i].to -= layout->curves[i].to > node;
         }
+        for (size_t i = 0; i < layout->corner_count; i++)
+            layout->corners[i] -= layout->corners[i] > node;
     }
     return QM_OK;
 }
@@ -151,6 +165,7 @@ qm_status qm_layout_split_at(qm_context *ctx, qm_layout *layout, uint32_t index,
     first->points = points;
     first->point_count = kept;
     first->to = node;
+    layout->curves[layout->curve_count - 1].mark = first->mark;
     return QM_OK;
 }
 

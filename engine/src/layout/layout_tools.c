@@ -336,7 +336,10 @@ static qm_status image_of_node(qm_context *ctx, qm_layout *layout, const qm_ref_
     if (fabs(height(m, at)) <= m->radius) return QM_OK;
     reflect_points(surface, m, at, 1);
     image[node] = (uint32_t)layout->node_count;
-    return qm_layout_add_node(ctx, layout, at);
+    qm_status status = qm_layout_add_node(ctx, layout, at);
+    return status == QM_OK && qm_layout_is_corner(layout, node)
+               ? qm_layout_set_corner(ctx, layout, image[node], true)
+               : status;
 }
 
 static qm_status add_image(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface, const mirror *m,
@@ -356,6 +359,7 @@ static qm_status add_image(qm_context *ctx, qm_layout *layout, const qm_ref_surf
     memcpy(points, curve->points, count * POINT_SIZE);
     reflect_points(surface, m, points, count);
     status = qm_layout_add_curve(ctx, layout, image[from], image[to], points, count);
+    if (status == QM_OK) layout->curves[layout->curve_count - 1].mark = layout->curves[index].mark;
     qm_context_free(ctx, points, count, POINT_SIZE);
     return status;
 }
