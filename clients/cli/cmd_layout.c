@@ -1,5 +1,6 @@
 /**
- * cmd_layout.c: a layout of few patches from a mesh of quads, or from a surface by quads of its own.
+ * cmd_layout.c: a layout of few patches from a mesh of quads, or from a surface by quads of its own; or curves along a surface's
+ * creases and boundaries.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -11,11 +12,13 @@
 #include "qm/quad_layout.h"
 
 typedef struct layout_options {
-    const char *path, *surface, *output; /* path: of the quads, or with is_auto of the surface */
+    const char *path, *surface,
+        *output; /* path: of the quads, or with is_auto or has_features of the surface */
+    qm_layout_features_options features;
     qm_quad_layout_options make;
     qm_quads_options quads;
     double crease_angle; /* NAN: not given */
-    bool is_auto, as_json;
+    bool is_auto, has_features, as_json;
 } layout_options;
 
 /** The layout as JSON, of the members that reconstruct reads. */
@@ -60,6 +63,54 @@ static void print_facts(const layout_options *options, const qm_quad_layout_fact
     free(line);
 }
 
+static void print_curves(const layout_options *options, const qm_layout *layout,
+                         const qm_layout_issues *issues)
+{
+    FILE *out = strcmp(options->output, "-") == 0 ? stderr : stdout;
+    qm_text text = {0};
+    if (options->as_json) {
+        qm_text_add_string(&text, "{");
+        qm_json_add_count(&text, "curves", layout->curve_count);
+        qm_json_add_count(&text, "corners", layout->corner_count);
+        qm_json_add_count(&text, "patches", layout->patch_count);
+        qm_json_add_comma(&text);
+        qm_json_add_layout_issues(&text, issues);
+        qm_text_add_string(&text, "}");
+    } else {
+        qm_text_printf(&text, "%s: %zu curves along features, %zu corners, %zu patches", options->output,
+                       layout->curve_count, layout->corner_count, layout->patch_count);
+        for (size_t i = 0; i < issues->count; i++) {
+            char words[QM_ISSUE_TEXT];
+            qm_layout_issue_text(&issues->items[i], words);
+            qm_text_printf(&text, "\n%s", words);
+        }
+    }
+    char *line = qm_text_take(&text);
+    fprintf(out, "%s\n", line ? line : "{}");
+    free(line);
+}
+
+/** A layout of the features of a surface, with the patches that they bound. */
+static int make_of_features(qm_context *ctx, const layout_options *options, const qm_bvh *bvh)
+{
+    qm_ref_surface source;
+    qm_layout layout = {0};
+    qm_layout_issues issues = {0};
+    size_t added;
+    qm_status status = qm_ref_surface_init(ctx, bvh, &source);
+    if (status == QM_OK) status = qm_layout_add_features(ctx, &layout, &source, &options->features, &added);
+    if (status == QM_OK) status = qm_layout_find_patches(ctx, &source, &layout, &issues);
+    bool is_written = false;
+    if (status == QM_OK)
+        is_written = write_layout(options, &layout);
+    else
+        cli_report_status(options->path, status, ctx, options->as_json);
+    if (is_written) print_curves(options, &layout, &issues);
+    qm_layout_reset(ctx, &layout);
+    qm_layout_issues_reset(ctx, &issues);
+    return is_written ? EXIT_OK : EXIT_BAD_INPUT;
+}
+
 /** bvh is of the surface, and quads is not used with is_auto. */
 static int make(qm_context *ctx, const layout_options *options, const qm_mesh *quads, const qm_bvh *bvh)
 {
@@ -92,13 +143,15 @@ static void set_defaults(layout_options *o)
     if (o->quads.quads == 0) o->quads.quads = usual.quads;
     o->quads.crease_angle = has_angle ? o->crease_angle : usual.crease_angle;
     o->quads.thread_count = cli_count_threads(o->quads.thread_count);
-    if (has_angle) o->make.crease_angle = o->crease_angle;
+    if (has_angle) o->make.crease_angle = o->features.angle = o->crease_angle;
 }
 
 static int run(int argc, char **argv)
 {
-    layout_options o = {
-        .make = qm_quad_layout_options_default(), .quads = qm_quads_options_default(), .crease_angle = NAN};
+    layout_options o = {.make = qm_quad_layout_options_default(),
+                        .quads = qm_quads_options_default(),
+                        .features = qm_layout_features_options_default(),
+                        .crease_angle = NAN};
     o.quads.quads = 0;        /* not given */
     o.quads.thread_count = 0; /* one for each processor */
     const cli_option options[] = {
@@ -119,6 +172,16 @@ static int run(int argc, char **argv)
          .type = CLI_FLAG,
          .target = &o.is_auto,
          .help = "the file is any surface of triangles and quads: make quads of it first"},
+        {.name = "features",
+         .type = CLI_FLAG,
+         .target = &o.has_features,
+         .help = "the file is any surface of triangles and quads: its creases and boundaries alone become "
+                 "curves"},
+        {.name = "shortest",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &o.features.shortest,
+         .help = "with --features: leave out those that are shorter (default 3 % of the diagonal)"},
         {.name = "quads",
          .value = "N",
          .type = CLI_SIZE,
@@ -140,7 +203,7 @@ static int run(int argc, char **argv)
          .target = &o.crease_angle,
          .help =
              "edges whose faces differ by more are creases, and become curves; 0: none (default; with --auto "
-             "40)"},
+             "and --features 40)"},
         CLI_OPTION_THREADS(&o.quads.thread_count),
         {.name = "json",
          .letter = 'j',
@@ -158,6 +221,14 @@ static int run(int argc, char **argv)
               stderr);
         return EXIT_USAGE;
     }
+    if (o.has_features && (o.is_auto || o.surface || o.make.patches > 0)) {
+        fputs("quadmesh: --features goes without --auto, --surface and --patches\n", stderr);
+        return EXIT_USAGE;
+    }
+    if (!o.has_features && o.features.shortest != 0.0) {
+        fputs("quadmesh: --shortest goes with --features\n", stderr);
+        return EXIT_USAGE;
+    }
     if (!cli_check_writable(o.output, o.as_json)) return EXIT_BAD_INPUT;
     qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
@@ -168,7 +239,11 @@ static int run(int argc, char **argv)
     qm_loaded_mesh quads, surface = {0};
     if (!cli_load_mesh(&ctx, o.path, o.as_json, &as_quads, &quads)) return EXIT_BAD_INPUT;
     bool is_loaded = !o.surface || cli_load_mesh(&ctx, o.surface, o.as_json, &as_target, &surface);
-    status = is_loaded ? make(&ctx, &o, &quads.mesh, o.surface ? surface.bvh : quads.bvh) : EXIT_BAD_INPUT;
+    if (o.has_features)
+        status = make_of_features(&ctx, &o, quads.bvh);
+    else
+        status =
+            is_loaded ? make(&ctx, &o, &quads.mesh, o.surface ? surface.bvh : quads.bvh) : EXIT_BAD_INPUT;
     if (is_loaded) qm_loaded_mesh_reset(&ctx, &surface);
     qm_loaded_mesh_reset(&ctx, &quads);
     return status;
@@ -176,12 +251,14 @@ static int run(int argc, char **argv)
 
 const cli_command cmd_layout = {
     .name = "layout",
-    .arguments = "QUADS -o OUT [options], or SURFACE --auto -o OUT [options]",
+    .arguments = "QUADS -o OUT [options], or SURFACE --auto|--features -o OUT [options]",
     .summary = "a layout of few patches from a mesh of quads, or from any surface",
     .takes = "a mesh and -o OUT",
     .path_count = 1,
-    .description = "Makes a layout for reconstruct: patches of four sides, with "
-                   "nodes at the irregular vertices of the quads\n"
-                   "and curves along their boundaries and creases. With --auto the quads are made first.\n\n",
+    .description =
+        "Makes a layout for reconstruct: patches of four sides, with "
+        "nodes at the irregular vertices of the quads\n"
+        "and curves along their boundaries and creases. With --auto the quads are made first. With\n"
+        "--features only curves along creases and boundaries are made, to go on from.\n\n",
     .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
     .run = run};

@@ -29,7 +29,8 @@ static bool load_layout(qm_context *ctx, const reconstruct_options *options, con
     if (!bytes) return false;
     qm_problem problem;
     bool has_patches;
-    bool is_valid = qm_json_read_layout(ctx, (const char *)bytes, size, NULL, out, &has_patches, &problem);
+    bool is_valid =
+        qm_json_read_layout(ctx, (const char *)bytes, size, NULL, NULL, out, &has_patches, &problem);
     free(bytes);
     if (is_valid && !has_patches) {
         qm_layout_issues issues;

@@ -204,6 +204,29 @@ static bool apply_mirror(qm_layout_session *s, const qm_layout_edit *edit, uint3
         problem);
 }
 
+static bool apply_features(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,
+                           qm_problem *problem)
+{
+    (void)subject;
+    size_t added;
+    bool good = qm_layout_session_outcome(
+        s, qm_layout_add_features(&s->ctx, &s->layout, &s->source, &edit->features, &added), problem);
+    if (good) qm_json_add_count(more, "added_features", added);
+    return good;
+}
+
+static bool apply_marks(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,
+                        qm_problem *problem)
+{
+    (void)subject;
+    (void)more;
+    qm_status status =
+        qm_layout_mark_curves(&s->ctx, &s->layout, edit->curves, edit->curve_count, edit->mark);
+    if (status == QM_OK)
+        status = qm_layout_mark_nodes(&s->ctx, &s->layout, edit->nodes, edit->node_count, edit->is_corner);
+    return qm_layout_session_outcome(s, status, problem);
+}
+
 static bool apply_merge_nodes(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject,
                               qm_text *more, qm_problem *problem)
 {
@@ -368,6 +391,16 @@ void qm_handle_layout_fill(qm_request *request)
 void qm_handle_layout_mirror(qm_request *request)
 {
     edit_by_body(request, QM_EDIT_MIRROR, OF_LAYOUT, apply_mirror);
+}
+
+void qm_handle_layout_features(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_FEATURES, OF_LAYOUT, apply_features);
+}
+
+void qm_handle_layout_mark(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_MARKS, OF_LAYOUT, apply_marks);
 }
 
 void qm_handle_node_merge(qm_request *request)

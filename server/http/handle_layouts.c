@@ -41,6 +41,15 @@ static bool set_patches(qm_layout_session *s, bool has_patches, qm_problem *prob
     return status == QM_OK || qm_layout_session_fail(s, status, problem);
 }
 
+/** Adds the features of the mesh, if the request wants them. False with a problem. */
+static bool add_features(qm_layout_session *s, const qm_layout_features_options *wanted, qm_problem *problem)
+{
+    size_t added;
+    return wanted->angle == 0.0 ||
+           qm_layout_session_outcome(
+               s, qm_layout_add_features(&s->ctx, &s->layout, &s->source, wanted, &added), problem);
+}
+
 /** Makes the layout of quads that are made of the surface. False with a problem. */
 static bool make_of_surface(qm_layout_session *s, const qm_json_quad_layout *wanted, qm_problem *problem)
 {
@@ -77,13 +86,16 @@ static bool make_watched(qm_layout_session *s, qm_request *request, const qm_jso
 static bool read_new(qm_layout_session *s, qm_request *request, qm_problem *problem)
 {
     qm_json_quad_layout wanted;
+    qm_layout_features_options features;
     bool has_patches;
     size_t size;
     const char *body = qm_request_body(request, &size);
     if (!qm_json_read_quad_layout(body, size, &wanted, problem)) return false;
     if (wanted.source != QM_LAYOUT_GIVEN) return make_watched(s, request, &wanted, problem);
-    return qm_json_read_layout(&s->ctx, body, size, s->row.mesh, &s->layout, &has_patches, problem) &&
-           qm_layout_session_take_mesh(s, problem) && set_patches(s, has_patches, problem);
+    return qm_json_read_layout(&s->ctx, body, size, s->row.mesh, &features, &s->layout, &has_patches,
+                               problem) &&
+           qm_layout_session_take_mesh(s, problem) && add_features(s, &features, problem) &&
+           set_patches(s, has_patches, problem);
 }
 
 /** Replies with the layout that a repeated request has created, or with a problem; false for a new one. */

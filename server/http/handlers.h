@@ -53,6 +53,8 @@ void qm_handle_layout_link(qm_request *request);
 void qm_handle_layout_tube(qm_request *request);
 void qm_handle_layout_fill(qm_request *request);
 void qm_handle_layout_mirror(qm_request *request);
+void qm_handle_layout_features(qm_request *request);
+void qm_handle_layout_mark(qm_request *request);
 
 void qm_handle_reconstruction_create(qm_request *request);
 void qm_handle_reconstruction_list(qm_request *request);

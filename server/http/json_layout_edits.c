@@ -10,9 +10,13 @@
 #include "ops/json_request.h"
 #include "qm/layout_edit.h"
 
+#define MAX_MARKED 100000
+
 void qm_layout_edit_reset(qm_layout_edit *edit)
 {
     free(edit->points);
+    free(edit->curves);
+    free(edit->nodes);
     *edit = (qm_layout_edit){0};
 }
 
@@ -170,6 +174,54 @@ static bool read_pair(const cJSON *object, qm_layout_edit *out, qm_problem *prob
     return true;
 }
 
+static bool read_features(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+{
+    return qm_json_read_features(object, "", &out->features, problem);
+}
+
+/** Reads an array of ids or indices, with at least one. */
+static bool read_list(const cJSON *value, const char *name, uint32_t **out, size_t *count,
+                      qm_problem *problem)
+{
+    char pointer[32];
+    snprintf(pointer, sizeof pointer, "/%s", name);
+    int size = cJSON_IsArray(value) ? cJSON_GetArraySize(value) : 0;
+    if (size < 1 || size > MAX_MARKED)
+        return qm_json_reject(problem, "must be an array of 1 to 100000 whole numbers", pointer, 0, 0);
+    *out = malloc((size_t)size * sizeof **out);
+    if (!*out) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the request");
+        return false;
+    }
+    for (const cJSON *item = value->child; item; item = item->next) {
+        snprintf(pointer, sizeof pointer, "/%s/%%zu", name);
+        if (!qm_json_read_index(item, &(*out)[*count]))
+            return qm_json_reject(problem, "must be a whole number of 0 or more", pointer, *count, 0);
+        ++*count;
+    }
+    return true;
+}
+
+static bool read_marks(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+{
+    static const char *const names[] = {"curves", "mark", "nodes", "corner", NULL};
+    const cJSON *curves = cJSON_GetObjectItemCaseSensitive(object, "curves"),
+                *mark = cJSON_GetObjectItemCaseSensitive(object, "mark"),
+                *nodes = cJSON_GetObjectItemCaseSensitive(object, "nodes"),
+                *corner = cJSON_GetObjectItemCaseSensitive(object, "corner");
+    if (!qm_json_check_members(object, names, problem)) return false;
+    if (mark && !qm_json_read_mark(mark, &out->mark))
+        return qm_json_reject(problem, "must be \"smooth\", \"sharp\" or \"fixed\"", "/mark", 0, 0);
+    if (corner && !cJSON_IsBool(corner))
+        return qm_json_reject(problem, "must be true or false", "/corner", 0, 0);
+    if (!curves && !nodes) return qm_json_reject(problem, "curves or nodes must be named", "/curves", 0, 0);
+    if (!curves != !mark) return qm_json_reject(problem, "goes with curves", "/mark", 0, 0);
+    if (!nodes != !corner) return qm_json_reject(problem, "goes with nodes", "/corner", 0, 0);
+    out->is_corner = cJSON_IsTrue(corner);
+    return (!curves || read_list(curves, "curves", &out->curves, &out->curve_count, problem)) &&
+           (!nodes || read_list(nodes, "nodes", &out->nodes, &out->node_count, problem));
+}
+
 bool qm_json_read_layout_edit(const char *text, size_t size, qm_layout_edit_kind kind, qm_layout_edit *out,
                               qm_problem *problem)
 {
@@ -184,7 +236,9 @@ bool qm_json_read_layout_edit(const char *text, size_t size, qm_layout_edit_kind
                                                     [QM_EDIT_MIRROR] = read_mirror,
                                                     [QM_EDIT_MOVE] = read_move,
                                                     [QM_EDIT_SLIDE] = read_slide,
-                                                    [QM_EDIT_SPLIT_CHORD] = read_split_chord};
+                                                    [QM_EDIT_SPLIT_CHORD] = read_split_chord,
+                                                    [QM_EDIT_FEATURES] = read_features,
+                                                    [QM_EDIT_MARKS] = read_marks};
     *out = (qm_layout_edit){0};
     cJSON *object = qm_json_parse_object(text, size, "an edit", problem);
     if (!object) return false;

@@ -70,8 +70,8 @@ bool qm_layout_session_open(qm_request *request, qm_layout_session *s, qm_proble
     bool has_patches;
     if (!qm_layout_session_find(request, &s->row, problem) || !qm_layout_session_take_mesh(s, problem))
         return false;
-    if (!qm_json_read_layout(&s->ctx, s->row.layout, strlen(s->row.layout), NULL, &s->layout, &has_patches,
-                             problem))
+    if (!qm_json_read_layout(&s->ctx, s->row.layout, strlen(s->row.layout), NULL, NULL, &s->layout,
+                             &has_patches, problem))
         return false;
     s->layout.next_id = (uint32_t)s->row.next_curve;
     qm_status status = qm_layout_copy(&s->ctx, &s->layout, &s->before);
@@ -122,14 +122,14 @@ void qm_layout_session_reply(qm_request *request, int status, const qm_store_lay
     qm_reply_text(request, status, "application/json", qm_text_take(&out));
 }
 
-/** Adds the ids of the curves of one layout that the other lacks, or has with other points. */
+/** Adds the ids of the curves of one layout that the other lacks, or has with other points or another mark. */
 static void add_ids(qm_text *out, const char *name, const qm_layout *of, const qm_layout *other, bool changed)
 {
     qm_json_open(out, name, "[");
     for (size_t i = 0; i < of->curve_count; i++) {
         uint32_t index = qm_layout_find_curve(other, of->curves[i].id);
         const qm_curve *a = &of->curves[i], *b = index == QM_NO_INDEX ? NULL : &other->curves[index];
-        bool is_changed = b && (a->point_count != b->point_count ||
+        bool is_changed = b && (a->mark != b->mark || a->point_count != b->point_count ||
                                 memcmp(a->points, b->points, 3 * sizeof(double) * a->point_count) != 0);
         if (changed ? !is_changed : b != NULL) continue;
         qm_json_add_comma(out);

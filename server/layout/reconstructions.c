@@ -67,7 +67,7 @@ static lease_entry *lease_begin(qm_reconstructions *rs, const char *source, cons
     r->mesh = qm_meshes_acquire(rs->meshes, source, problem);
     qm_layout layout = {0};
     bool has_patches;
-    bool good = r->mesh && qm_json_read_layout(&r->ctx, layout_text, strcspn(layout_text, "\n"), NULL,
+    bool good = r->mesh && qm_json_read_layout(&r->ctx, layout_text, strcspn(layout_text, "\n"), NULL, NULL,
                                                &layout, &has_patches, problem);
     if (good) {
         qm_status status = qm_ref_surface_init(&r->ctx, qm_mesh_ref_get(r->mesh)->bvh, &r->source);
@@ -87,8 +87,8 @@ static bool lease_edit(qm_reconstruction_lease *r, const char *layout_text, size
 {
     qm_layout layout;
     bool has_patches;
-    if (!qm_json_read_layout(&r->ctx, layout_text, strcspn(layout_text, "\n"), NULL, &layout, &has_patches,
-                             problem))
+    if (!qm_json_read_layout(&r->ctx, layout_text, strcspn(layout_text, "\n"), NULL, NULL, &layout,
+                             &has_patches, problem))
         return false;
     qm_reconstruction *edited;
     qm_status status = qm_reconstruction_edit(&r->ctx, r->reconstruction, &layout, &edited, redone);

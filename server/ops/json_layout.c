@@ -31,6 +31,32 @@ static bool read_nodes(qm_context *ctx, const cJSON *value, qm_layout *out, qm_p
     return status == QM_OK || fail_with_status(status, ctx, problem);
 }
 
+static bool read_corners(qm_context *ctx, const cJSON *value, qm_layout *out, qm_problem *problem)
+{
+    if (!value) return true;
+    if (!cJSON_IsArray(value)) return qm_json_reject(problem, "must be an array", "/corners", 0, 0);
+    size_t index = 0;
+    for (const cJSON *item = value->child; item; item = item->next, index++) {
+        uint32_t node;
+        if (!qm_json_read_index(item, &node) || node >= out->node_count)
+            return qm_json_reject(problem, "must be an index into nodes", "/corners/%zu", index, 0);
+        qm_status status = qm_layout_set_corner(ctx, out, node, true);
+        if (status != QM_OK) return fail_with_status(status, ctx, problem);
+    }
+    return true;
+}
+
+bool qm_json_read_mark(const cJSON *value, qm_curve_mark *out)
+{
+    const char *name = cJSON_GetStringValue(value);
+    for (int mark = 0; mark < QM_CURVE_MARK_COUNT && name; mark++) {
+        if (strcmp(name, qm_curve_mark_name((qm_curve_mark)mark)) != 0) continue;
+        *out = (qm_curve_mark)mark;
+        return true;
+    }
+    return false;
+}
+
 /** Whether the curve ends at its nodes, up to the last digits of a decimal file. */
 static bool ends_match(const qm_layout *layout, uint32_t from, uint32_t to, const double *points,
                        size_t count)
@@ -49,7 +75,7 @@ static bool ends_match(const qm_layout *layout, uint32_t from, uint32_t to, cons
 
 static bool read_curve(qm_context *ctx, const cJSON *value, size_t index, qm_layout *out, qm_problem *problem)
 {
-    static const char *const names[] = {"id", "from", "to", "points", NULL};
+    static const char *const names[] = {"id", "from", "to", "points", "mark", NULL};
     if (!cJSON_IsObject(value) || !qm_json_check_members(value, names, problem))
         return qm_json_reject(problem, "must be an object with id, from, to and points", "/curves/%zu", index,
                               0);
@@ -63,6 +89,11 @@ static bool read_curve(qm_context *ctx, const cJSON *value, size_t index, qm_lay
         return qm_json_reject(problem, "must be an index into nodes", "/curves/%zu/from", index, 0);
     if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(value, "to"), &to) || to >= out->node_count)
         return qm_json_reject(problem, "must be an index into nodes", "/curves/%zu/to", index, 0);
+    qm_curve_mark mark = QM_CURVE_SMOOTH;
+    const cJSON *marked = cJSON_GetObjectItemCaseSensitive(value, "mark");
+    if (marked && !qm_json_read_mark(marked, &mark))
+        return qm_json_reject(problem, "must be \"smooth\", \"sharp\" or \"fixed\"", "/curves/%zu/mark",
+                              index, 0);
     char name[48];
     snprintf(name, sizeof name, "curves/%zu/points", index);
     double *points;
@@ -79,6 +110,7 @@ static bool read_curve(qm_context *ctx, const cJSON *value, size_t index, qm_lay
     qm_status status = qm_layout_add_curve(ctx, out, from, to, points, count);
     free(points);
     if (out->next_id < next) out->next_id = next;
+    if (status == QM_OK) out->curves[out->curve_count - 1].mark = mark;
     return status == QM_OK || fail_with_status(status, ctx, problem);
 }
 
@@ -113,18 +145,27 @@ static bool read_patches(qm_context *ctx, const cJSON *value, qm_layout *out, qm
 }
 
 bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char mesh[QM_ID_SIZE],
-                         qm_layout *out, bool *has_patches, qm_problem *problem)
+                         qm_layout_features_options *features, qm_layout *out, bool *has_patches,
+                         qm_problem *problem)
 {
-    static const char *const with_mesh[] = {"nodes", "curves", "patches", "mesh", NULL};
-    static const char *const alone[] = {"nodes", "curves", "patches", NULL};
+    static const char *const with_mesh[] = {"nodes", "corners",  "curves", "patches",
+                                            "mesh",  "features", NULL};
+    static const char *const alone[] = {"nodes", "corners", "curves", "patches", NULL};
     *out = (qm_layout){0};
     cJSON *object = qm_json_parse_object(text, size, "a layout", problem);
     if (!object) return false;
     const cJSON *patches = cJSON_GetObjectItemCaseSensitive(object, "patches");
     *has_patches = patches != NULL;
+    const cJSON *wanted = cJSON_GetObjectItemCaseSensitive(object, "features");
+    if (features) *features = (qm_layout_features_options){0};
     bool is_valid = qm_json_check_members(object, mesh ? with_mesh : alone, problem) &&
+                    (!wanted || qm_json_read_features(wanted, "features", features, problem)) &&
+                    (!wanted || !patches ||
+                     qm_json_reject(problem, "patches are found after features were added: name none",
+                                    "/patches", 0, 0)) &&
                     (!mesh || qm_json_read_id(object, "mesh", mesh, problem)) &&
                     read_nodes(ctx, cJSON_GetObjectItemCaseSensitive(object, "nodes"), out, problem) &&
+                    read_corners(ctx, cJSON_GetObjectItemCaseSensitive(object, "corners"), out, problem) &&
                     read_curves(ctx, cJSON_GetObjectItemCaseSensitive(object, "curves"), out, problem) &&
                     read_patches(ctx, patches, out, problem);
     cJSON_Delete(object);
@@ -132,12 +173,36 @@ bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char me
     return is_valid;
 }
 
+bool qm_json_read_features(const cJSON *object, const char *name, qm_layout_features_options *out,
+                           qm_problem *problem)
+{
+    static const char *const names[] = {"angle_deg", "shortest", "snap", NULL};
+    *out = qm_layout_features_options_default();
+    char pointer[48];
+    snprintf(pointer, sizeof pointer, "/%s", name);
+    if (!cJSON_IsObject(object)) return qm_json_reject(problem, "must be an object", pointer, 0, 0);
+    if (!qm_json_check_members(object, names, problem)) return false;
+    double *const into[] = {&out->angle, &out->shortest, &out->radius};
+    for (int k = 0; names[k]; k++) {
+        const cJSON *value = cJSON_GetObjectItemCaseSensitive(object, names[k]);
+        if (!value) continue;
+        bool is_number = qm_json_read_number(value, into[k]) && *into[k] >= 0.0;
+        snprintf(pointer, sizeof pointer, "%s%s/%s", name[0] ? "/" : "", name, names[k]);
+        if (k == 0 && !(is_number && out->angle > 0.0 && out->angle <= 180.0))
+            return qm_json_reject(problem, "must be a number above 0, and 180 at most", pointer, 0, 0);
+        if (!is_number) return qm_json_reject(problem, "must be a number of 0 or more", pointer, 0, 0);
+    }
+    return true;
+}
+
 /** Members of a layout that is made; names are those that are allowed. */
 static bool read_made_layout(const cJSON *object, const char *const *names, double *crease_angle,
                              qm_json_quad_layout *out, qm_problem *problem)
 {
+    static const char *const of_features[] = {"angle_deg", NULL};
     const cJSON *patches = cJSON_GetObjectItemCaseSensitive(object, "patches"),
                 *angle = cJSON_GetObjectItemCaseSensitive(object, "crease_angle"),
+                *features = cJSON_GetObjectItemCaseSensitive(object, "features"),
                 *deadline = cJSON_GetObjectItemCaseSensitive(object, "deadline_ms");
     if (!qm_json_check_members(object, names, problem) ||
         !qm_json_read_id(object, "mesh", out->mesh, problem))
@@ -146,6 +211,18 @@ static bool read_made_layout(const cJSON *object, const char *const *names, doub
         return qm_json_reject(problem, "must be an integer from 1 to 100000", "/patches", 0, 0);
     if (angle && !(qm_json_read_number(angle, crease_angle) && *crease_angle >= 0 && *crease_angle <= 180))
         return qm_json_reject(problem, "must be a number from 0 to 180", "/crease_angle", 0, 0);
+    if (features) {
+        const cJSON *given = cJSON_GetObjectItemCaseSensitive(features, "angle_deg");
+        if (angle)
+            return qm_json_reject(problem, "is an older form of features: give one of both", "/crease_angle",
+                                  0, 0);
+        if (!cJSON_IsObject(features)) return qm_json_reject(problem, "must be an object", "/features", 0, 0);
+        if (!qm_json_check_members(features, of_features, problem)) return false;
+        *crease_angle = qm_layout_features_options_default().angle;
+        if (given &&
+            !(qm_json_read_number(given, crease_angle) && *crease_angle >= 0 && *crease_angle <= 180))
+            return qm_json_reject(problem, "must be a number from 0 to 180", "/features/angle_deg", 0, 0);
+    }
     if (deadline && !(qm_json_read_number(deadline, &out->deadline_ms) && out->deadline_ms > 0.0))
         return qm_json_reject(problem, "must be a number above 0", "/deadline_ms", 0, 0);
     return true;
@@ -153,7 +230,8 @@ static bool read_made_layout(const cJSON *object, const char *const *names, doub
 
 static bool read_quad_layout(const cJSON *object, qm_json_quad_layout *out, qm_problem *problem)
 {
-    static const char *const names[] = {"mesh", "quads", "patches", "crease_angle", "deadline_ms", NULL};
+    static const char *const names[] = {"mesh",     "quads",       "patches", "crease_angle",
+                                        "features", "deadline_ms", NULL};
     out->source = QM_LAYOUT_QUADS;
     return read_made_layout(object, names, &out->options.crease_angle, out, problem) &&
            qm_json_read_id(object, "quads", out->quads, problem);
@@ -161,8 +239,8 @@ static bool read_quad_layout(const cJSON *object, qm_json_quad_layout *out, qm_p
 
 static bool read_auto_layout(const cJSON *object, qm_json_quad_layout *out, qm_problem *problem)
 {
-    static const char *const names[] = {"mesh",         "auto",        "quad_count", "patches",
-                                        "crease_angle", "deadline_ms", NULL};
+    static const char *const names[] = {"mesh",         "auto",     "quad_count",  "patches",
+                                        "crease_angle", "features", "deadline_ms", NULL};
     const cJSON *count = cJSON_GetObjectItemCaseSensitive(object, "quad_count");
     out->source = QM_LAYOUT_SURFACE;
     if (!read_made_layout(object, names, &out->make_quads.crease_angle, out, problem)) return false;
@@ -194,6 +272,14 @@ void qm_json_add_layout(qm_text *out, const qm_layout *layout)
     for (size_t i = 0; i < layout->node_count; i++)
         qm_json_add_array(out, layout->nodes + 3 * i, 3);
     qm_text_add_string(out, "]");
+    if (layout->corner_count > 0) {
+        qm_json_open(out, "corners", "[");
+        for (size_t i = 0; i < layout->corner_count; i++) {
+            qm_json_add_comma(out);
+            qm_text_printf(out, "%u", layout->corners[i]);
+        }
+        qm_text_add_string(out, "]");
+    }
     qm_json_open(out, "curves", "[");
     for (size_t i = 0; i < layout->curve_count; i++) {
         const qm_curve *curve = &layout->curves[i];
@@ -202,6 +288,7 @@ void qm_json_add_layout(qm_text *out, const qm_layout *layout)
         qm_json_add_count(out, "id", curve->id);
         qm_json_add_count(out, "from", curve->from);
         qm_json_add_count(out, "to", curve->to);
+        if (curve->mark != QM_CURVE_SMOOTH) qm_json_add_string(out, "mark", qm_curve_mark_name(curve->mark));
         qm_json_open(out, "points", "[");
         for (size_t k = 0; k < curve->point_count; k++)
             qm_json_add_array(out, curve->points + 3 * k, 3);

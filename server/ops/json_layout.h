@@ -7,21 +7,25 @@
 #include "base/id.h"
 #include "base/text.h"
 #include "problem.h"
-#include "qm/layout.h"
+#include "qm/layout_edit.h"
 #include "qm/pick.h"
 #include "qm/quad_layout.h"
 #include "qm/reconstruct.h"
 
+struct cJSON;
+
 /**
- * Reads {nodes, curves, patches}, each of which is optional: patches name curves by id; *has_patches is false if the
+ * Reads {nodes, corners, curves, patches}, each of which is optional: patches name curves by id; *has_patches is false if the
  * member is absent. mesh receives the id in the member "mesh", which is then required; NULL for a file that holds a
- * layout alone. Curves keep their ids.
+ * layout alone. features receives what the member "features" says, its angle 0 if that is absent; NULL with mesh. Curves keep
+ * their ids.
  *
  * Returns true, and *out is the caller's for qm_layout_reset with ctx; or false with a problem (400 that points to the
  * fault, 422 for an invalid layout, 507).
  */
 bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char mesh[QM_ID_SIZE],
-                         qm_layout *out, bool *has_patches, qm_problem *problem);
+                         qm_layout_features_options *features, qm_layout *out, bool *has_patches,
+                         qm_problem *problem);
 
 /** What the request of POST /v1/layouts makes the layout of. */
 typedef enum qm_layout_source {
@@ -41,14 +45,22 @@ typedef struct qm_json_quad_layout {
 } qm_json_quad_layout;
 
 /**
- * Reads {mesh, quads, patches, crease_angle, deadline_ms} or {mesh, auto, quad_count, patches, crease_angle, deadline_ms}. A
- * request with neither quads nor auto gives a layout, and has no problem here.
+ * Reads {mesh, quads, patches, features, deadline_ms} or {mesh, auto, quad_count, patches, features, deadline_ms}, where
+ * crease_angle may stand for features. A request with neither quads nor auto gives a layout, and has no problem here.
  *
  * False with a problem (400).
  */
 bool qm_json_read_quad_layout(const char *text, size_t size, qm_json_quad_layout *out, qm_problem *problem);
 
-/** Adds the members nodes, curves and patches. */
+/** Reads the name of a curve's mark. False for another value. */
+bool qm_json_read_mark(const struct cJSON *value, qm_curve_mark *out);
+
+/** Reads the members of a search for features, all of which may be absent; name is that of the member that the object is, or "".
+ * False with a problem. */
+bool qm_json_read_features(const struct cJSON *object, const char *name, qm_layout_features_options *out,
+                           qm_problem *problem);
+
+/** Adds the members nodes, corners, curves and patches. */
 void qm_json_add_layout(qm_text *out, const qm_layout *layout);
 
 /** Adds the member issues: why the layout is incomplete, each with a message. */
@@ -78,7 +90,9 @@ typedef enum qm_layout_edit_kind {
     QM_EDIT_MIRROR,
     QM_EDIT_MOVE,
     QM_EDIT_SLIDE,
-    QM_EDIT_SPLIT_CHORD
+    QM_EDIT_SPLIT_CHORD,
+    QM_EDIT_FEATURES,
+    QM_EDIT_MARKS
 } qm_layout_edit_kind;
 
 /** An edit; the fields of other kinds are zero. */
@@ -99,6 +113,11 @@ typedef struct qm_layout_edit {
     int end;                /* snap: 0 from, 1 to */
     uint32_t first, second; /* merge */
     uint32_t parts;         /* split of a chord */
+    qm_layout_features_options features;
+    uint32_t *curves, *nodes; /* marks: malloc'ed, NULL for none */
+    size_t curve_count, node_count;
+    qm_curve_mark mark; /* of the curves */
+    bool is_corner;     /* of the nodes */
 } qm_layout_edit;
 
 /** False with a problem (400, 507); else *out is the caller's, for qm_layout_edit_reset. */

@@ -32,7 +32,7 @@ static qm_layout read_layout(qm_context *ctx, const char *path, const qm_ref_sur
     qm_layout_issues issues = {0};
     bool has_patches;
     qm_problem problem;
-    if (!qm_json_read_layout(ctx, text, size, NULL, &layout, &has_patches, &problem))
+    if (!qm_json_read_layout(ctx, text, size, NULL, NULL, &layout, &has_patches, &problem))
         bench_fail(path, problem.detail);
     if (!has_patches && qm_layout_find_patches(ctx, source, &layout, &issues) != QM_OK)
         bench_fail(path, ctx->message);

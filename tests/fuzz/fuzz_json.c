@@ -62,13 +62,14 @@ static void read_layout(void)
 {
     qm_context ctx = qm_context_make();
     char mesh[QM_ID_SIZE];
+    qm_layout_features_options features;
     qm_layout layout;
     bool has_patches;
     qm_problem problem = {0};
     qm_json_quad_layout of_quads;
     check(qm_json_read_quad_layout(text, text_size, &of_quads, &problem), &problem);
     problem = (qm_problem){0};
-    bool taken = qm_json_read_layout(&ctx, text, text_size, mesh, &layout, &has_patches, &problem);
+    bool taken = qm_json_read_layout(&ctx, text, text_size, mesh, &features, &layout, &has_patches, &problem);
     check(taken, &problem);
     if (!taken) return;
     qm_text out = {0};
@@ -76,7 +77,7 @@ static void read_layout(void)
     qm_json_add_layout(&out, &layout);
     qm_text_add_string(&out, "}");
     qm_layout again;
-    if (!qm_json_read_layout(&ctx, out.data, out.size, NULL, &again, &has_patches, &problem)) abort();
+    if (!qm_json_read_layout(&ctx, out.data, out.size, NULL, NULL, &again, &has_patches, &problem)) abort();
     qm_layout_reset(&ctx, &again);
     qm_text_reset(&out);
     qm_layout_reset(&ctx, &layout);
@@ -110,7 +111,7 @@ static void read_manifest(void)
 
 static void read_as(char letter)
 {
-    static const char edits[] = "spnrg"; /* in the order of qm_layout_edit_kind */
+    static const char edits[] = "spnrgihxyzqfa"; /* in the order of qm_layout_edit_kind */
     const char *edit = strchr(edits, letter);
     if (letter == 'j')
         read_job();

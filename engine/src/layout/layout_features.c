@@ -43,6 +43,7 @@ typedef struct cut {
     double arc;
     uint32_t point; /* QM_NO_INDEX: inside an edge */
     bool is_corner;
+    uint32_t node; /* QM_NO_INDEX: none yet */
 } cut;
 
 typedef struct maker {
@@ -176,7 +177,7 @@ static qm_status find_corners(maker *m, cut *cuts, size_t most, size_t *count)
             sharpest = i;
         }
         if (sharpest == c->count) break;
-        cuts[(*count)++] = (cut){c->arc[sharpest], c->point[sharpest], true};
+        cuts[(*count)++] = (cut){c->arc[sharpest], c->point[sharpest], true, QM_NO_INDEX};
         for (size_t i = first; i + 1 < c->count; i++)
             if (arc_between(c, c->arc[i], c->arc[sharpest]) <= reach) c->cosine[i] = 1.0;
     }
@@ -298,18 +299,16 @@ static bool take_covered(const maker *m, const qm_section *line)
 }
 
 /** The node of a cut in a layout that had no curves, which is made when it is new. */
-static qm_status find_node(maker *m, const cut *at, qm_vec place, uint32_t *node)
+static qm_status find_node(maker *m, cut *at, qm_vec place)
 {
-    if (at->point != QM_NO_INDEX && m->node_of[at->point] != QM_NO_INDEX) {
-        *node = m->node_of[at->point];
-        return QM_OK;
-    }
+    if (at->point != QM_NO_INDEX) at->node = m->node_of[at->point];
+    if (at->node != QM_NO_INDEX) return QM_OK;
     double position[3];
     qm_vec_store(position, place);
-    *node = (uint32_t)m->layout->node_count;
+    at->node = (uint32_t)m->layout->node_count;
     qm_status status = qm_layout_add_node(m->ctx, m->layout, position);
-    if (status == QM_OK && at->is_corner) status = qm_layout_set_corner(m->ctx, m->layout, *node, true);
-    if (at->point != QM_NO_INDEX) m->node_of[at->point] = *node;
+    if (status == QM_OK && at->is_corner) status = qm_layout_set_corner(m->ctx, m->layout, at->node, true);
+    if (at->point != QM_NO_INDEX) m->node_of[at->point] = at->node;
     return status;
 }
 
@@ -342,7 +341,7 @@ static qm_status draw_line(maker *m, const qm_section *line, const cut *from, co
 }
 
 /** Adds the curve between two cuts of a chain. */
-static qm_status add_between(maker *m, const cut *from, const cut *to)
+static qm_status add_between(maker *m, cut *from, cut *to)
 {
     qm_section line = {0};
     if (m->added >= MOST_FEATURES)
@@ -355,12 +354,10 @@ static qm_status add_between(maker *m, const cut *from, const cut *to)
     if (status == QM_OK && !m->was_empty) {
         status = draw_line(m, &line, from, to);
     } else if (status == QM_OK) {
-        uint32_t node[2];
-        status = find_node(m, from, qm_vec_load(line.points), &node[0]);
+        status = find_node(m, from, qm_vec_load(line.points));
+        if (status == QM_OK) status = find_node(m, to, qm_vec_load(line.points + 3 * (line.count - 1)));
         if (status == QM_OK)
-            status = find_node(m, to, qm_vec_load(line.points + 3 * (line.count - 1)), &node[1]);
-        if (status == QM_OK)
-            status = qm_layout_add_curve(m->ctx, m->layout, node[0], node[1], line.points, line.count);
+            status = qm_layout_add_curve(m->ctx, m->layout, from->node, to->node, line.points, line.count);
         if (status == QM_OK) m->layout->curves[m->layout->curve_count - 1].mark = QM_CURVE_SHARP;
         m->added += status == QM_OK;
     }
@@ -374,7 +371,7 @@ static size_t cut_ring(const maker *m, cut start, cut cuts[RING_PARTS])
     cuts[0] = start;
     for (int k = 1; k < RING_PARTS; k++) {
         double length = chain_length(&m->chain), arc = start.arc + k * length / RING_PARTS;
-        cuts[k] = (cut){arc > length ? arc - length : arc, QM_NO_INDEX, false};
+        cuts[k] = (cut){arc > length ? arc - length : arc, QM_NO_INDEX, false, QM_NO_INDEX};
     }
     return RING_PARTS;
 }
@@ -389,19 +386,19 @@ static qm_status add_chain(maker *m, cut *cuts, size_t most)
     if (status != QM_OK) return status;
     if (!c->is_closed && !(is_ring && count == 0)) {
         /* From end to end: one more cut before the first corner, and one behind the last. */
-        cuts[count++] = (cut){0.0, c->point[0], true};
-        cuts[count++] = (cut){chain_length(c), c->point[c->count - 1], true};
+        cuts[count++] = (cut){0.0, c->point[0], true, QM_NO_INDEX};
+        cuts[count++] = (cut){chain_length(c), c->point[c->count - 1], true, QM_NO_INDEX};
     } else if (!c->is_closed) {
-        count = cut_ring(m, (cut){0.0, c->point[0], true}, cuts);
+        count = cut_ring(m, (cut){0.0, c->point[0], true, QM_NO_INDEX}, cuts);
     } else if (count == 1) {
         count = cut_ring(m, cuts[0], cuts);
     } else if (count == 0) {
         size_t start = find_start(m);
         if (!m->was_empty) { /* a closed stroke is cut where it meets curves, else into four */
-            const cut whole = {c->arc[start], c->point[start], false};
+            cut whole = {c->arc[start], c->point[start], false, QM_NO_INDEX};
             return add_between(m, &whole, &whole);
         }
-        count = cut_ring(m, (cut){c->arc[start], c->point[start], false}, cuts);
+        count = cut_ring(m, (cut){c->arc[start], c->point[start], false, QM_NO_INDEX}, cuts);
     }
     sort_cuts(cuts, count);
     for (size_t k = 0; k + 1 < count && status == QM_OK; k++)
