@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "bvh/bvh_tree.h"
+#include "layout/layout_creases.h"
 
 #define FIRST_PER_PATCH 300 /* samples for the first parameters, within FIRST_MIN and FIRST_MAX */
 #define FIRST_MIN 8000
@@ -175,12 +176,16 @@ static uint32_t find_old_curve(const qm_reconstruction *r, const qm_reconstructi
     return qm_layout_find_curve(&old->layout, r->layout.curves[curve].id);
 }
 
-/** True if the points of a curve are those of the old one. */
+/** True if the points, the mark and the corners of a curve are those of the old one. */
 static bool is_unchanged(const qm_reconstruction *r, const qm_reconstruction *old, size_t curve,
                          uint32_t old_curve)
 {
     const qm_curve *a = &r->layout.curves[curve], *b = &old->layout.curves[old_curve];
-    return a->point_count == b->point_count && memcmp(a->points, b->points, a->point_count * POINT_SIZE) == 0;
+    if (qm_layout_is_corner(&r->layout, a->from) != qm_layout_is_corner(&old->layout, b->from) ||
+        qm_layout_is_corner(&r->layout, a->to) != qm_layout_is_corner(&old->layout, b->to))
+        return false;
+    return a->mark == b->mark && a->point_count == b->point_count &&
+           memcmp(a->points, b->points, a->point_count * POINT_SIZE) == 0;
 }
 
 /**
@@ -253,7 +258,8 @@ static void copy_rotated(const qm_lattice *from, int rotation, qm_lattice *to)
  * Creation and edit.
  */
 
-/** Creates a reconstruction with a copy of a valid layout, and nothing else; NULL after an error. */
+/** Creates a reconstruction with a copy of a valid layout, whose sharp curves lie on creases, and nothing else; *out is to be
+ * destroyed after an error, too. */
 static qm_status create_empty(qm_context *ctx, const qm_ref_surface *surface, const qm_layout *layout,
                               const qm_reconstruction_options *options, qm_reconstruction **out)
 {
@@ -272,10 +278,15 @@ static qm_status create_empty(qm_context *ctx, const qm_ref_surface *surface, co
     if (!r) return no_memory(ctx);
     *r = (qm_reconstruction){.surface = *surface, .options = *options};
     status = qm_layout_copy(ctx, layout, &r->layout);
-    if (status == QM_OK)
-        *out = r;
-    else
-        qm_context_free(ctx, r, 1, sizeof *r);
+    /* The ends of fixed curves stay, too. Grids come with curves that lie where they belong. */
+    for (size_t i = 0; i < r->layout.curve_count && status == QM_OK; i++) {
+        const qm_curve *curve = &r->layout.curves[i];
+        if (curve->mark != QM_CURVE_FIXED) continue;
+        status = qm_layout_set_corner(ctx, &r->layout, curve->from, true);
+        if (status == QM_OK) status = qm_layout_set_corner(ctx, &r->layout, curve->to, true);
+    }
+    if (status == QM_OK && !options->grids) status = qm_creases_follow(ctx, &r->layout, surface);
+    *out = r;
     return status;
 }
 

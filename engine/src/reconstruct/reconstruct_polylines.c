@@ -33,9 +33,9 @@ static qm_status no_memory(qm_context *ctx)
  * Projects a point of a curve of some length onto the surface, unless the surface is so far away that it may have a hole
  * there.
  */
-static void project_point(const qm_reconstruction *r, double length, double p[3])
+static void project_point(const qm_reconstruction *r, qm_curve_mark mark, double length, double p[3])
 {
-    if (!r->options.pull_curves) return;
+    if (!r->options.pull_curves || mark == QM_CURVE_FIXED) return;
     qm_ref_surface_point projection;
     if (r->has_sides)
         qm_ref_surface_project_curve(&r->surface, p, CREASE_REACH * length, &projection);
@@ -113,14 +113,25 @@ void qm_polylines_straighten(qm_reconstruction *r)
 {
     for (size_t i = 0; i < r->layout.curve_count && r->options.pull_curves; i++) {
         qm_polyline *polyline = &r->polylines[i];
-        if (straighten(polyline->points, polyline->point_count - 1))
+        if (r->layout.curves[i].mark == QM_CURVE_SMOOTH &&
+            straighten(polyline->points, polyline->point_count - 1))
             set_arc(polyline->points, polyline->point_count, polyline->arc);
     }
 }
 
+/** Ends at corners stay where these are: all curves there share that place. */
+static void hold_ends(const qm_reconstruction *r, const qm_curve *curve, qm_polyline *polyline)
+{
+    if (qm_layout_is_corner(&r->layout, curve->from))
+        memcpy(polyline->points, r->layout.nodes + 3 * (size_t)curve->from, POINT_SIZE);
+    if (qm_layout_is_corner(&r->layout, curve->to))
+        memcpy(polyline->points + 3 * (polyline->point_count - 1), r->layout.nodes + 3 * (size_t)curve->to,
+               POINT_SIZE);
+}
+
 /** Sets the fine points of a polyline: at equal arc length along given points, then projected. */
-static qm_status resample(qm_context *ctx, const qm_reconstruction *r, const double *points, size_t count,
-                          qm_polyline *out)
+static qm_status resample(qm_context *ctx, const qm_reconstruction *r, const qm_curve *curve,
+                          const double *points, size_t count, qm_polyline *out)
 {
     QM_ASSERT(count >= 2 && out->point_count >= 2);
     double *arc = qm_context_alloc(ctx, count, sizeof *arc);
@@ -131,10 +142,46 @@ static qm_status resample(qm_context *ctx, const qm_reconstruction *r, const dou
         double length = arc[count - 1] * ((double)i / (double)last);
         qm_vec_store(out->points + 3 * i, i == last ? qm_vec_load(points + 3 * (count - 1))
                                                     : point_along(points, arc, count, length, &at));
-        project_point(r, arc[count - 1], out->points + 3 * i);
+        project_point(r, QM_CURVE_SMOOTH, arc[count - 1], out->points + 3 * i);
     }
+    hold_ends(r, curve, out);
     set_arc(out->points, out->point_count, out->arc);
     qm_context_free(ctx, arc, count, sizeof *arc);
+    return QM_OK;
+}
+
+/** The segments that one of a curve becomes, so that it has fine ones throughout. */
+static size_t count_parts(const qm_curve *curve, double length, size_t segment)
+{
+    double share = qm_vec_norm(edge_to(curve->points, segment + 1)) / length;
+    return share > 0.0 ? (size_t)ceil(share * FINE_EDGES) : 1;
+}
+
+/** Makes the polyline of a marked curve: its own points, and places between them. */
+static qm_status keep_points(qm_context *ctx, const qm_reconstruction *r, const qm_curve *curve,
+                             qm_polyline *out)
+{
+    double length = qm_layout_curve_length(curve);
+    out->point_count = 1;
+    for (size_t i = 0; i + 1 < curve->point_count; i++)
+        out->point_count += count_parts(curve, length, i);
+    out->points = qm_context_alloc(ctx, out->point_count, POINT_SIZE);
+    out->arc = qm_context_alloc(ctx, out->point_count, sizeof *out->arc);
+    if (!out->points || !out->arc) return no_memory(ctx);
+    size_t at = 0;
+    qm_vec_store(out->points, qm_vec_load(curve->points));
+    for (size_t i = 0; i + 1 < curve->point_count; i++) {
+        qm_vec a = qm_vec_load(curve->points + 3 * i), b = qm_vec_load(curve->points + 3 * i + 3);
+        size_t parts = count_parts(curve, length, i);
+        for (size_t k = 1; k <= parts; k++)
+            qm_vec_store(out->points + 3 * ++at,
+                         k == parts ? b : qm_vec_mix(a, b, (double)k / (double)parts));
+    }
+    QM_ASSERT(at + 1 == out->point_count);
+    for (size_t i = 0; i <= at; i++)
+        project_point(r, curve->mark, length, out->points + 3 * i);
+    hold_ends(r, curve, out);
+    set_arc(out->points, out->point_count, out->arc);
     return QM_OK;
 }
 
@@ -143,12 +190,17 @@ qm_status qm_polylines_create(qm_context *ctx, qm_reconstruction *r)
     for (size_t i = 0; i < r->layout.curve_count; i++) {
         const qm_curve *curve = &r->layout.curves[i];
         qm_polyline *polyline = &r->polylines[i];
+        if (curve->mark != QM_CURVE_SMOOTH) {
+            qm_status status = keep_points(ctx, r, curve, polyline);
+            if (status != QM_OK) return status;
+            continue;
+        }
         size_t count = 2 * (curve->point_count - 1);
         polyline->point_count = (count < FINE_EDGES ? FINE_EDGES : count) + 1;
         polyline->points = qm_context_alloc(ctx, polyline->point_count, POINT_SIZE);
         polyline->arc = qm_context_alloc(ctx, polyline->point_count, sizeof *polyline->arc);
         if (!polyline->points || !polyline->arc) return no_memory(ctx);
-        qm_status status = resample(ctx, r, curve->points, curve->point_count, polyline);
+        qm_status status = resample(ctx, r, curve, curve->points, curve->point_count, polyline);
         if (status != QM_OK) return status;
     }
     return QM_OK;
@@ -169,8 +221,8 @@ void qm_polyline_at(const qm_polyline *polyline, double fraction, double positio
  * Sets the vertices of a polyline at equal arc length. They are projected again, as there may be more of them
  * than fine points.
  */
-static qm_status set_vertices(qm_context *ctx, const qm_reconstruction *r, qm_polyline *polyline,
-                              uint32_t edges)
+static qm_status set_vertices(qm_context *ctx, const qm_reconstruction *r, qm_curve_mark mark,
+                              qm_polyline *polyline, uint32_t edges)
 {
     double *vertices = qm_context_alloc(ctx, (size_t)edges + 1, POINT_SIZE);
     if (!vertices) return no_memory(ctx);
@@ -179,11 +231,11 @@ static qm_status set_vertices(qm_context *ctx, const qm_reconstruction *r, qm_po
         double length = polyline->arc[last] * ((double)i / edges);
         qm_vec_store(vertices + 3 * (size_t)i,
                      point_along(polyline->points, polyline->arc, polyline->point_count, length, &at));
-        project_point(r, polyline->arc[last], vertices + 3 * (size_t)i);
+        project_point(r, mark, polyline->arc[last], vertices + 3 * (size_t)i);
     }
     memcpy(vertices, polyline->points, POINT_SIZE);
     memcpy(vertices + 3 * (size_t)edges, polyline->points + 3 * last, POINT_SIZE);
-    if (r->options.pull_curves) straighten(vertices, edges);
+    if (r->options.pull_curves && mark == QM_CURVE_SMOOTH) straighten(vertices, edges);
     qm_context_free(ctx, polyline->vertices, (size_t)polyline->vertex_edges + 1, POINT_SIZE);
     polyline->vertices = vertices;
     polyline->vertex_edges = edges;
@@ -197,7 +249,8 @@ qm_status qm_polylines_set_vertices(qm_context *ctx, qm_reconstruction *r)
         if (polyline->chord == QM_NO_INDEX ||
             r->chords[polyline->chord].lattice_edges == polyline->vertex_edges)
             continue;
-        qm_status status = set_vertices(ctx, r, polyline, r->chords[polyline->chord].lattice_edges);
+        qm_status status = set_vertices(ctx, r, r->layout.curves[i].mark, polyline,
+                                        r->chords[polyline->chord].lattice_edges);
         if (status != QM_OK) return status;
     }
     return QM_OK;
@@ -293,7 +346,8 @@ static void smooth(const qm_reconstruction *r, double *points, size_t count)
 }
 
 /** Inserts the path between two samples before fine point `at`, and resamples the polyline. */
-static qm_status insert_path(path_search *s, qm_polyline *polyline, size_t at, uint32_t from, uint32_t to)
+static qm_status insert_path(path_search *s, const qm_curve *curve, qm_polyline *polyline, size_t at,
+                             uint32_t from, uint32_t to)
 {
     QM_ASSERT(at > 0 && at < polyline->point_count);
     size_t path_count = 1;
@@ -309,13 +363,13 @@ static qm_status insert_path(path_search *s, qm_polyline *polyline, size_t at, u
     for (size_t k = at + path_count; k-- > at; i = s->previous[i])
         memcpy(points + 3 * k, s->samples.positions + 3 * (size_t)i, POINT_SIZE);
     smooth(s->r, points + 3 * (at - 1), path_count + 2);
-    qm_status status = resample(s->ctx, s->r, points, count, polyline);
+    qm_status status = resample(s->ctx, s->r, curve, points, count, polyline);
     qm_context_free(s->ctx, points, count, POINT_SIZE);
     return status;
 }
 
 /** Reroutes the jumps of a polyline, the longest first, up to one without a path. */
-static qm_status reroute(path_search *s, qm_polyline *polyline)
+static qm_status reroute(path_search *s, const qm_curve *curve, qm_polyline *polyline)
 {
     qm_status status = QM_OK;
     for (int count = 0; count < MAX_REROUTES && status == QM_OK; count++) {
@@ -325,16 +379,22 @@ static qm_status reroute(path_search *s, qm_polyline *polyline)
         uint32_t from = nearest_sample(s, start), to = nearest_sample(s, end);
         status = find_paths(s, from, to, MAX_PATH * qm_vec_distance(start, end));
         if (status != QM_OK || from == to || s->length[to] == INFINITY) return status;
-        status = insert_path(s, polyline, at, from, to);
+        status = insert_path(s, curve, polyline, at, from, to);
     }
     return status;
+}
+
+/** Marked curves lie where they were drawn. */
+static bool may_jump(const qm_reconstruction *r, size_t curve)
+{
+    return r->layout.curves[curve].mark == QM_CURVE_SMOOTH;
 }
 
 qm_status qm_polylines_reroute(qm_context *ctx, qm_reconstruction *r, size_t sample_count)
 {
     bool has_jumps = false;
     for (size_t i = 0; i < r->layout.curve_count; i++)
-        has_jumps |= find_jump(&r->polylines[i]) > 0;
+        has_jumps |= may_jump(r, i) && find_jump(&r->polylines[i]) > 0;
     if (!r->options.pull_curves || !has_jumps) return QM_OK;
     path_search s = {.ctx = ctx, .r = r};
     qm_status status = qm_samples_create(ctx, r, sample_count, &s.samples);
@@ -345,7 +405,8 @@ qm_status qm_polylines_reroute(qm_context *ctx, qm_reconstruction *r, size_t sam
     status = s.length && s.previous ? QM_OK : no_memory(ctx);
     if (status == QM_OK) status = qm_knn_graph_build(ctx, s.samples.positions, count, NULL, &s.graph);
     for (size_t i = 0; i < r->layout.curve_count && status == QM_OK; i++)
-        if (find_jump(&r->polylines[i]) > 0) status = reroute(&s, &r->polylines[i]);
+        if (may_jump(r, i) && find_jump(&r->polylines[i]) > 0)
+            status = reroute(&s, &r->layout.curves[i], &r->polylines[i]);
     qm_knn_graph_reset(ctx, &s.graph);
     qm_context_free(ctx, s.length, count, sizeof *s.length);
     qm_context_free(ctx, s.previous, count, sizeof *s.previous);

@@ -1,0 +1,438 @@
+/**
+ * layout_creases.c: lines that run along the creases and boundaries of a mesh are put on them, exactly.
+ *
+ * The parts of a line that stay within a reach of the features are found by projection; each is replaced by the shortest way
+ * over the edges of the features from its first place on them to its last, where edges off the line count more. A way that
+ * is much longer than the part, as where the line only crosses a crease, is not taken.
+ */
+#include "layout_creases.h"
+
+#include <string.h>
+
+#include "core/heap.h"
+#include "layout_internal.h"
+#include "qm/project.h"
+
+#define CREASE_ANGLE 15.0   /* degrees: lines tell which of the fine creases are meant */
+#define SHORTEST 1e-9       /* of the diagonal: no feature is too short to be meant */
+#define FOLLOW_REACH 0.01   /* of the diagonal, from a sharp curve */
+#define MOST_OF_LENGTH 0.25 /* of a curve's length: the reach is no more */
+#define STEPS_A_REACH 2.0   /* places of a line in one reach */
+#define MOST_PLACES 4096    /* of a line */
+#define MIN_RUN 3.0         /* reaches: a shorter part of a line only crosses */
+#define MOST_DETOUR 1.25    /* of the length of a part, and one reach */
+#define OFF_COST 2.0        /* of an edge one reach off the line, beside its length */
+#define MOST_OFF 1.5        /* reaches: edges farther off are not taken */
+#define CLOSED_PARTS 4      /* a way round a closed line is found in so many parts */
+
+enum { POINT_SIZE = 3 * sizeof(double) };
+
+static qm_status no_memory(qm_context *ctx)
+{
+    return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the creases");
+}
+
+/** A tree of the edges, as triangles that repeat a corner: face i is edge i. */
+static qm_status build_tree(qm_context *ctx, qm_creases *c)
+{
+    size_t edges = c->features.edge_count;
+    c->segments = (qm_mesh){.vertex_count = c->features.point_count, .face_count = edges};
+    c->segments.positions = qm_context_alloc(ctx, c->features.point_count, POINT_SIZE);
+    c->segments.faces = qm_context_alloc(ctx, edges, 4 * sizeof *c->segments.faces);
+    if (!c->segments.positions || !c->segments.faces) return no_memory(ctx);
+    memcpy(c->segments.positions, c->features.points, c->features.point_count * POINT_SIZE);
+    for (size_t i = 0; i < edges; i++) {
+        const uint32_t *end = c->features.edges[i];
+        const uint32_t face[4] = {end[0], end[1], end[1], QM_NO_INDEX};
+        memcpy(c->segments.faces + 4 * i, face, sizeof face);
+    }
+    return qm_bvh_build(ctx, &c->segments, QM_BVH_TARGET, 1, &c->tree);
+}
+
+static qm_status list_links(qm_context *ctx, qm_creases *c)
+{
+    size_t points = c->features.point_count, edges = c->features.edge_count;
+    c->start = qm_context_alloc(ctx, points + 1, sizeof *c->start);
+    c->edge = qm_context_alloc(ctx, 2 * edges, sizeof *c->edge);
+    if (!c->start || !c->edge) return no_memory(ctx);
+    memset(c->start, 0, (points + 1) * sizeof *c->start);
+    for (size_t i = 0; i < edges; i++)
+        for (int k = 0; k < 2; k++)
+            c->start[c->features.edges[i][k]]++;
+    for (size_t v = 0; v < points; v++)
+        c->start[v + 1] += c->start[v];
+    for (size_t i = edges; i-- > 0;)
+        for (int k = 0; k < 2; k++)
+            c->edge[--c->start[c->features.edges[i][k]]] = (uint32_t)i;
+    return QM_OK;
+}
+
+qm_status qm_creases_find(qm_context *ctx, const qm_ref_surface *surface, double angle, const double *box,
+                          qm_creases *out)
+{
+    QM_ASSERT(ctx && surface && out);
+    *out = (qm_creases){0};
+    if (surface->is_cloud) return QM_OK;
+    const qm_features_options options = {
+        .angle = angle > 0.0 ? angle : CREASE_ANGLE, .shortest = SHORTEST * surface->diagonal, .box = box};
+    qm_status status = qm_features_find(ctx, qm_bvh_mesh(surface->bvh), &options, &out->features);
+    if (status == QM_OK && out->features.edge_count > 0) {
+        status = build_tree(ctx, out);
+        if (status == QM_OK) status = list_links(ctx, out);
+    }
+    if (status != QM_OK) qm_creases_reset(ctx, out);
+    return status;
+}
+
+void qm_creases_reset(qm_context *ctx, qm_creases *c)
+{
+    size_t points = c->features.point_count, edges = c->features.edge_count;
+    qm_bvh_destroy(ctx, c->tree);
+    qm_mesh_reset(ctx, &c->segments);
+    qm_context_free(ctx, c->start, points + 1, sizeof *c->start);
+    qm_context_free(ctx, c->edge, 2 * edges, sizeof *c->edge);
+    qm_features_reset(ctx, &c->features);
+    *c = (qm_creases){0};
+}
+
+static qm_vec feature_point(const qm_creases *c, uint32_t point)
+{
+    return qm_vec_load(c->features.points + 3 * (size_t)point);
+}
+
+/* ---- places of a line ---- */
+
+/** Places along a line, each with the nearest one of the features. */
+typedef struct places {
+    size_t count;
+    double *at;       /* rows of x y z */
+    double *on;       /* rows of x y z */
+    double *distance; /* between both */
+    uint32_t *edge;
+} places;
+
+static void reset_places(qm_context *ctx, places *p)
+{
+    qm_context_free(ctx, p->at, p->count, POINT_SIZE);
+    qm_context_free(ctx, p->on, p->count, POINT_SIZE);
+    qm_context_free(ctx, p->distance, p->count, sizeof *p->distance);
+    qm_context_free(ctx, p->edge, p->count, sizeof *p->edge);
+    *p = (places){0};
+}
+
+/** Projects the points of a line onto the features, and places between them. */
+static qm_status find_places(qm_context *ctx, const qm_creases *c, const double *points, size_t count,
+                             double reach, places *p)
+{
+    double length = qm_layout_points_length(points, count), step = reach / STEPS_A_REACH;
+    double longest = fmax(step, length / (double)MOST_PLACES);
+    *p = (places){.count = 1};
+    for (int round = 0; round < 2; round++) {
+        size_t n = 0;
+        if (round == 1) {
+            p->at = qm_context_alloc(ctx, p->count, POINT_SIZE);
+            p->on = qm_context_alloc(ctx, p->count, POINT_SIZE);
+            p->distance = qm_context_alloc(ctx, p->count, sizeof *p->distance);
+            p->edge = qm_context_alloc(ctx, p->count, sizeof *p->edge);
+            if (!p->at || !p->on || !p->distance || !p->edge) return no_memory(ctx);
+            memcpy(p->at, points, POINT_SIZE);
+        }
+        for (size_t i = 1; i < count; i++) {
+            qm_vec a = qm_vec_load(points + 3 * i - 3), b = qm_vec_load(points + 3 * i);
+            size_t parts = (size_t)qm_clamp(ceil(qm_vec_distance(a, b) / longest), 1.0, MOST_PLACES);
+            for (size_t k = 1; k <= parts; k++) {
+                n++;
+                if (round == 1) qm_vec_store(p->at + 3 * n, qm_vec_mix(a, b, (double)k / (double)parts));
+            }
+        }
+        p->count = n + 1;
+    }
+    const qm_projection into = {.distance = p->distance, .position = p->on, .face = p->edge};
+    return qm_project_points(ctx, c->tree, QM_QUADS_TRIANGLES, p->at, p->count, 1, &into);
+}
+
+/** The distance from a feature's point to the nearest place of a part of a line. */
+static double distance_to_part(const places *p, size_t first, size_t last, qm_vec point)
+{
+    double nearest = INFINITY;
+    for (size_t i = first; i <= last; i++)
+        nearest = fmin(nearest, qm_vec_norm2(qm_vec_sub(qm_vec_load(p->at + 3 * i), point)));
+    return sqrt(nearest);
+}
+
+/* ---- ways ---- */
+
+typedef struct way_search {
+    qm_context *ctx;
+    const qm_creases *creases;
+    double *cost;       /* of the way to each point */
+    uint32_t *previous; /* the point before it, QM_NO_INDEX at the start */
+    double *off;        /* from the part of the line, in reaches; below 0: not known */
+    uint32_t *touched;  /* points whose entries are not as at the start */
+    size_t touched_count;
+} way_search;
+
+static qm_status open_search(qm_context *ctx, const qm_creases *c, way_search *s)
+{
+    size_t points = c->features.point_count;
+    *s = (way_search){.ctx = ctx,
+                      .creases = c,
+                      .cost = qm_context_alloc(ctx, points, sizeof *s->cost),
+                      .previous = qm_context_alloc(ctx, points, sizeof *s->previous),
+                      .off = qm_context_alloc(ctx, points, sizeof *s->off),
+                      .touched = qm_context_alloc(ctx, points, sizeof *s->touched)};
+    if (!s->cost || !s->previous || !s->off || !s->touched) return no_memory(ctx);
+    for (size_t i = 0; i < points; i++) {
+        s->cost[i] = INFINITY;
+        s->off[i] = -1.0;
+    }
+    return QM_OK;
+}
+
+static void close_search(way_search *s)
+{
+    size_t points = s->creases->features.point_count;
+    qm_context_free(s->ctx, s->cost, points, sizeof *s->cost);
+    qm_context_free(s->ctx, s->previous, points, sizeof *s->previous);
+    qm_context_free(s->ctx, s->off, points, sizeof *s->off);
+    qm_context_free(s->ctx, s->touched, points, sizeof *s->touched);
+}
+
+static void restart(way_search *s)
+{
+    for (size_t i = 0; i < s->touched_count; i++) {
+        s->cost[s->touched[i]] = INFINITY;
+        s->off[s->touched[i]] = -1.0;
+    }
+    s->touched_count = 0;
+}
+
+/** Offers a way to a point by another one. */
+static qm_status reach_point(way_search *s, qm_heap *heap, const places *p, size_t first, size_t last,
+                             double reach, uint32_t point, uint32_t previous, double before, double length)
+{
+    if (s->off[point] < 0.0) {
+        s->off[point] = distance_to_part(p, first, last, feature_point(s->creases, point)) / reach;
+        s->touched[s->touched_count++] = point;
+    }
+    double off = s->off[point], cost = before + length * (1.0 + OFF_COST * off * off);
+    if (off > MOST_OFF || cost >= s->cost[point]) return QM_OK;
+    s->cost[point] = cost;
+    s->previous[point] = previous;
+    return qm_heap_push(s->ctx, heap, (qm_heap_item){.key = cost, .number = point});
+}
+
+/** Finds the way between two places on features; its end is the point before the second, QM_NO_INDEX: there is none, or
+ * both are on one edge. */
+static qm_status find_way(way_search *s, const places *p, size_t from, size_t to, double reach, uint32_t *end)
+{
+    const uint32_t(*edges)[2] = (const uint32_t(*)[2])s->creases->features.edges;
+    qm_heap heap = {0};
+    qm_vec start = qm_vec_load(p->on + 3 * from), goal = qm_vec_load(p->on + 3 * to);
+    double best = INFINITY;
+    qm_status status = QM_OK;
+    restart(s);
+    *end = QM_NO_INDEX;
+    for (int k = 0; k < 2 && status == QM_OK; k++) {
+        uint32_t point = edges[p->edge[from]][k];
+        status = reach_point(s, &heap, p, from, to, reach, point, QM_NO_INDEX, 0.0,
+                             qm_vec_distance(start, feature_point(s->creases, point)));
+    }
+    while (status == QM_OK && heap.count > 0) {
+        qm_heap_item item = qm_heap_pop(&heap);
+        uint32_t at = item.number;
+        if (item.key >= best) break;
+        if (item.key > s->cost[at]) continue;
+        const uint32_t *last = edges[p->edge[to]];
+        double rest = qm_vec_distance(feature_point(s->creases, at), goal);
+        if ((at == last[0] || at == last[1]) && item.key + rest < best) {
+            best = item.key + rest;
+            *end = at;
+        }
+        for (uint32_t k = s->creases->start[at]; k < s->creases->start[at + 1] && status == QM_OK; k++) {
+            const uint32_t *edge = edges[s->creases->edge[k]];
+            uint32_t next = edge[edge[0] == at];
+            status =
+                reach_point(s, &heap, p, from, to, reach, next, at, item.key,
+                            qm_vec_distance(feature_point(s->creases, at), feature_point(s->creases, next)));
+        }
+    }
+    qm_heap_reset(s->ctx, &heap);
+    return status;
+}
+
+/** Appends a place if it differs from the last one. */
+static qm_status append(qm_context *ctx, qm_section *line, qm_vec place)
+{
+    if (line->count > 0 && qm_vec_distance(qm_vec_load(line->points + 3 * (line->count - 1)), place) == 0.0)
+        return QM_OK;
+    return qm_section_add(ctx, line, place);
+}
+
+/** Appends the way between two places on features; *is_found is false if there is none that is about as long as the line. */
+static qm_status append_way(way_search *s, const places *p, size_t from, size_t to, double reach,
+                            qm_section *line, bool *is_found)
+{
+    uint32_t end = QM_NO_INDEX;
+    size_t before = line->count, first;
+    qm_vec start = qm_vec_load(p->on + 3 * from), goal = qm_vec_load(p->on + 3 * to);
+    double drawn = 0.0, length = 0.0;
+    for (size_t i = from + 1; i <= to; i++)
+        drawn += qm_vec_distance(qm_vec_load(p->at + 3 * i), qm_vec_load(p->at + 3 * i - 3));
+    qm_status status = p->edge[from] == p->edge[to] ? QM_OK : find_way(s, p, from, to, reach, &end);
+    *is_found = status == QM_OK && (end != QM_NO_INDEX || p->edge[from] == p->edge[to]);
+    if (!*is_found) return status;
+    status = append(s->ctx, line, start);
+    first = line->count;
+    for (uint32_t at = end; at != QM_NO_INDEX && status == QM_OK; at = s->previous[at])
+        status = qm_section_add(s->ctx, line, feature_point(s->creases, at));
+    /* The way was followed backward. */
+    for (size_t a = first, b = line->count; a + 1 < b; a++) {
+        double swapped[3];
+        b--;
+        memcpy(swapped, line->points + 3 * a, POINT_SIZE);
+        memcpy(line->points + 3 * a, line->points + 3 * b, POINT_SIZE);
+        memcpy(line->points + 3 * b, swapped, POINT_SIZE);
+    }
+    if (status == QM_OK) status = append(s->ctx, line, goal);
+    for (size_t i = before + 1; i < line->count; i++)
+        length += qm_vec_distance(qm_vec_load(line->points + 3 * i), qm_vec_load(line->points + 3 * i - 3));
+    *is_found = status == QM_OK && length <= MOST_DETOUR * drawn + reach;
+    if (!*is_found) line->count = before;
+    return status;
+}
+
+/** Appends a part of a line that is near features, on these if it runs along them, else as it is. */
+static qm_status append_run(way_search *s, const places *p, size_t from, size_t to, double reach,
+                            qm_section *line, bool *has_moved)
+{
+    double length = 0.0;
+    bool is_whole = from == 0 && to + 1 == p->count, is_found = true;
+    bool is_closed = is_whole && memcmp(p->at, p->at + 3 * to, POINT_SIZE) == 0;
+    size_t parts = is_closed ? CLOSED_PARTS : 1, before = line->count;
+    qm_status status = QM_OK;
+    for (size_t i = from + 1; i <= to; i++)
+        length += qm_vec_distance(qm_vec_load(p->at + 3 * i), qm_vec_load(p->at + 3 * i - 3));
+    if (!is_whole && length < MIN_RUN * reach) is_found = false;
+    for (size_t k = 0; k < parts && is_found && status == QM_OK; k++)
+        status = append_way(s, p, from + (to - from) * k / parts, from + (to - from) * (k + 1) / parts, reach,
+                            line, &is_found);
+    *has_moved |= is_found;
+    if (is_found || status != QM_OK) return status;
+    line->count = before;
+    for (size_t i = from; i <= to && status == QM_OK; i++)
+        status = append(s->ctx, line, qm_vec_load(p->at + 3 * i));
+    return status;
+}
+
+qm_status qm_creases_snap_line(qm_context *ctx, const qm_creases *c, const double *points, size_t count,
+                               double reach, qm_section *out)
+{
+    QM_ASSERT(ctx && c && points && count >= 2 && reach > 0.0 && out);
+    *out = (qm_section){0};
+    if (c->features.edge_count == 0) return QM_OK;
+    places p = {0};
+    way_search s = {0};
+    bool has_moved = false;
+    qm_status status = find_places(ctx, c, points, count, reach, &p);
+    if (status == QM_OK) status = open_search(ctx, c, &s);
+    for (size_t i = 0; i < p.count && status == QM_OK;) {
+        size_t last = i;
+        while (last + 1 < p.count && p.distance[i] <= reach && p.distance[last + 1] <= reach)
+            last++;
+        status = p.distance[i] <= reach ? append_run(&s, &p, i, last, reach, out, &has_moved)
+                                        : append(ctx, out, qm_vec_load(p.at + 3 * i));
+        i = last + 1;
+    }
+    if (s.ctx) close_search(&s);
+    reset_places(ctx, &p);
+    if (status != QM_OK || !has_moved || out->count < 2) qm_section_reset(ctx, out);
+    return status;
+}
+
+/* ---- sharp curves ---- */
+
+/** The place of a node of sharp curves on the features: where more than two of these meet, or one ends, if that is near
+ * and the node is such a place too. False if none is near. */
+static qm_status place_node(qm_context *ctx, const qm_creases *c, const double node[3], size_t sharp,
+                            double reach, double out[3], bool *is_near)
+{
+    double distance, nearest = reach;
+    uint32_t edge;
+    const qm_projection into = {.distance = &distance, .position = out, .face = &edge};
+    qm_status status = qm_project_points(ctx, c->tree, QM_QUADS_TRIANGLES, node, 1, 1, &into);
+    *is_near = status == QM_OK && distance <= reach;
+    for (uint32_t i = 0; i < c->features.point_count && *is_near && sharp != 2; i++) {
+        double away = qm_vec_distance(qm_vec_load(node), feature_point(c, i));
+        if (c->start[i + 1] - c->start[i] == 2 || away > nearest) continue;
+        nearest = away;
+        memcpy(out, c->features.points + 3 * (size_t)i, POINT_SIZE);
+    }
+    return status;
+}
+
+/** How far nodes and points of a curve may be off a feature. */
+static double reach_of(const qm_ref_surface *surface, const qm_curve *curve)
+{
+    return fmin(FOLLOW_REACH * surface->diagonal, MOST_OF_LENGTH * qm_layout_curve_length(curve));
+}
+
+/** Puts the nodes of sharp curves onto the features, unless they are corners or belong to a fixed curve. */
+static qm_status place_nodes(qm_context *ctx, const qm_creases *c, qm_layout *layout,
+                             const qm_ref_surface *surface)
+{
+    qm_status status = QM_OK;
+    for (uint32_t node = 0; node < layout->node_count && status == QM_OK; node++) {
+        double reach = INFINITY, place[3], *at = layout->nodes + 3 * (size_t)node;
+        size_t sharp = 0;
+        bool is_near, is_held = qm_layout_is_corner(layout, node);
+        for (size_t i = 0; i < layout->curve_count; i++) {
+            const qm_curve *curve = &layout->curves[i];
+            if (curve->from != node && curve->to != node) continue;
+            if (curve->mark == QM_CURVE_FIXED) is_held = true;
+            if (curve->mark != QM_CURVE_SHARP) continue;
+            sharp += (size_t)(curve->from == node) + (size_t)(curve->to == node);
+            reach = fmin(reach, reach_of(surface, curve));
+        }
+        if (sharp == 0 || is_held || !(reach > 0.0)) continue;
+        status = place_node(ctx, c, at, sharp, reach, place, &is_near);
+        if (status != QM_OK || !is_near) continue;
+        memcpy(at, place, POINT_SIZE);
+        for (size_t i = 0; i < layout->curve_count; i++) {
+            qm_curve *curve = &layout->curves[i];
+            if (curve->from == node) memcpy(curve->points, at, POINT_SIZE);
+            if (curve->to == node) memcpy(curve->points + 3 * (curve->point_count - 1), at, POINT_SIZE);
+        }
+    }
+    return status;
+}
+
+qm_status qm_creases_follow(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface)
+{
+    QM_ASSERT(ctx && layout && surface);
+    bool has_sharp = false;
+    for (size_t i = 0; i < layout->curve_count; i++)
+        has_sharp |= layout->curves[i].mark == QM_CURVE_SHARP;
+    if (!has_sharp || surface->is_cloud) return QM_OK;
+    qm_creases c;
+    qm_status status = qm_creases_find(ctx, surface, 0.0, NULL, &c);
+    if (status == QM_OK && c.features.edge_count > 0) status = place_nodes(ctx, &c, layout, surface);
+    for (size_t i = 0; i < layout->curve_count && status == QM_OK; i++) {
+        qm_curve *curve = &layout->curves[i];
+        double reach = reach_of(surface, curve);
+        qm_section line;
+        if (curve->mark != QM_CURVE_SHARP || !(reach > 0.0)) continue;
+        status = qm_creases_snap_line(ctx, &c, curve->points, curve->point_count, reach, &line);
+        if (status != QM_OK || line.count < 2) continue;
+        const double *from = layout->nodes + 3 * (size_t)curve->from,
+                     *to = layout->nodes + 3 * (size_t)curve->to;
+        status = qm_layout_set_points(ctx, curve, line.points, line.count);
+        if (status == QM_OK) {
+            memcpy(curve->points, from, POINT_SIZE);
+            memcpy(curve->points + 3 * (curve->point_count - 1), to, POINT_SIZE);
+        }
+        qm_section_reset(ctx, &line);
+    }
+    qm_creases_reset(ctx, &c);
+    return status;
+}
