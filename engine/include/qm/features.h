@@ -18,6 +18,9 @@ typedef struct qm_features {
     double *points; /* rows of x y z, as in the mesh */
     size_t point_count;
     uint32_t (*edges)[2]; /* indices of points; none is there twice */
+    double (*across)
+        [3]; /* of each edge: the unit normal of the face on its left as it is seen from outside, less that
+                             on its right; 0 0 0 of a boundary, of more than two faces, and of two oriented differently */
     size_t edge_count;
 } qm_features;
 
@@ -28,7 +31,9 @@ typedef struct qm_features {
  *
  * So that a rough surface does not fill up with creases, an edge is one only if the faces within 0.23 of the shortest length
  * on both sides of it differ by the angle, too; twigs shorter than the shortest length go; and connected creases
- * stay only if together they are that long, four times longer for each loose end, and half as long again for each bend or meeting.
+ * stay only if together they are that long, and longer: by four times that for each end, loose or at a boundary, by half of it for
+ * each bend, by one and a half for each meeting of three or more, and by half of it for each edge at whose ends the line turns by
+ * more than 30 degrees to opposite sides: a crease that its mesh makes a staircase of is none.
  *
  * Ownership: *out is the caller's, for qm_features_reset. After an error it is empty.
  * Returns:   QM_OK; QM_E_ARGUMENT (an option); QM_E_NO_MEMORY; QM_E_CANCELED.

@@ -25,6 +25,9 @@
 #define MOST_OFF 1.5        /* reaches: edges farther off are not taken */
 #define CLOSED_PARTS 4      /* a way round a closed line is found in so many parts */
 
+#define INSIDE 0.01    /* of the way from an end of a line to its next point */
+#define ON_CREASE 1e-6 /* of the diagonal */
+
 enum { POINT_SIZE = 3 * sizeof(double) };
 
 static qm_status no_memory(qm_context *ctx)
@@ -407,22 +410,23 @@ static qm_status place_nodes(qm_context *ctx, const qm_creases *c, qm_layout *la
     return status;
 }
 
-qm_status qm_creases_follow(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface)
+qm_status qm_creases_follow(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                            qm_creases *out)
 {
-    QM_ASSERT(ctx && layout && surface);
+    QM_ASSERT(ctx && layout && surface && out);
+    *out = (qm_creases){0};
     bool has_sharp = false;
     for (size_t i = 0; i < layout->curve_count; i++)
         has_sharp |= layout->curves[i].mark == QM_CURVE_SHARP;
     if (!has_sharp || surface->is_cloud) return QM_OK;
-    qm_creases c;
-    qm_status status = qm_creases_find(ctx, surface, 0.0, NULL, &c);
-    if (status == QM_OK && c.features.edge_count > 0) status = place_nodes(ctx, &c, layout, surface);
+    qm_status status = qm_creases_find(ctx, surface, 0.0, NULL, out);
+    if (status == QM_OK && out->features.edge_count > 0) status = place_nodes(ctx, out, layout, surface);
     for (size_t i = 0; i < layout->curve_count && status == QM_OK; i++) {
         qm_curve *curve = &layout->curves[i];
         double reach = reach_of(surface, curve);
         qm_section line;
         if (curve->mark != QM_CURVE_SHARP || !(reach > 0.0)) continue;
-        status = qm_creases_snap_line(ctx, &c, curve->points, curve->point_count, reach, &line);
+        status = qm_creases_snap_line(ctx, out, curve->points, curve->point_count, reach, &line);
         if (status != QM_OK || line.count < 2) continue;
         const double *from = layout->nodes + 3 * (size_t)curve->from,
                      *to = layout->nodes + 3 * (size_t)curve->to;
@@ -433,6 +437,40 @@ qm_status qm_creases_follow(qm_context *ctx, qm_layout *layout, const qm_ref_sur
         }
         qm_section_reset(ctx, &line);
     }
-    qm_creases_reset(ctx, &c);
+    if (status != QM_OK) qm_creases_reset(ctx, out);
+    return status;
+}
+
+qm_status qm_creases_step_across(qm_context *ctx, const qm_creases *c, double diagonal, const double *points,
+                                 size_t count, double *across)
+{
+    QM_ASSERT(ctx && c && points && count >= 2 && across);
+    memset(across, 0, count * POINT_SIZE);
+    if (c->features.edge_count == 0) return QM_OK;
+    /* Ends may lie where several creases meet: a little inside, the edge is the line's own. */
+    double *inside = qm_context_alloc(ctx, count, POINT_SIZE);
+    double *distance = qm_context_alloc(ctx, count, sizeof *distance);
+    uint32_t *edge = qm_context_alloc(ctx, count, sizeof *edge);
+    qm_status status = inside && distance && edge ? QM_OK : no_memory(ctx);
+    if (status == QM_OK) {
+        const qm_projection into = {.distance = distance, .face = edge};
+        memcpy(inside, points, count * POINT_SIZE);
+        qm_vec_store(inside, qm_vec_mix(qm_vec_load(points), qm_vec_load(points + 3), INSIDE));
+        qm_vec_store(inside + 3 * (count - 1), qm_vec_mix(qm_vec_load(points + 3 * (count - 1)),
+                                                          qm_vec_load(points + 3 * (count - 2)), INSIDE));
+        status = qm_project_points(ctx, c->tree, QM_QUADS_TRIANGLES, inside, count, 1, &into);
+    }
+    for (size_t i = 0; i < count && status == QM_OK; i++) {
+        if (distance[i] > ON_CREASE * diagonal) continue;
+        const uint32_t *end = c->features.edges[edge[i]];
+        size_t before = i > 0 ? i - 1 : 0, after = i + 1 < count ? i + 1 : i;
+        qm_vec way = qm_vec_sub(qm_vec_load(points + 3 * after), qm_vec_load(points + 3 * before));
+        double along = qm_vec_dot(way, qm_vec_sub(feature_point(c, end[1]), feature_point(c, end[0])));
+        for (int k = 0; k < 3; k++)
+            across[3 * i + (size_t)k] = (along < 0.0 ? -1.0 : 1.0) * c->features.across[edge[i]][k];
+    }
+    qm_context_free(ctx, inside, count, POINT_SIZE);
+    qm_context_free(ctx, distance, count, sizeof *distance);
+    qm_context_free(ctx, edge, count, sizeof *edge);
     return status;
 }

@@ -37,7 +37,18 @@ qm_status qm_creases_snap_line(qm_context *ctx, const qm_creases *creases, const
                                double reach, qm_section *out);
 
 /** Puts the sharp curves of a layout, and their nodes but for corners, onto the features that they run along within 1 % of the
- * diagonal. Other curves keep their points but for the ends. */
-qm_status qm_creases_follow(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface);
+ * diagonal. Other curves keep their points but for the ends. *out receives the features, none if no curve is sharp; it is the
+ * caller's, for qm_creases_reset. */
+qm_status qm_creases_follow(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                            qm_creases *out);
+
+/**
+ * Finds, for points of a line in order, the normal of the surface on the left of the line less that on its right, of length
+ * up to 2: 0 where the line is on no crease, by 1e-6 of the diagonal.
+ *
+ * across  count rows of x y z
+ */
+qm_status qm_creases_step_across(qm_context *ctx, const qm_creases *creases, double diagonal,
+                                 const double *points, size_t count, double *across);
 
 #endif

@@ -160,14 +160,15 @@ static double arc_between(const chain *c, double a, double b)
     return c->is_closed ? fmin(way, chain_length(c) - way) : way;
 }
 
-/** Adds the corners of a chain to its cuts, the sharpest first: none is nearer to another one than the reach. */
+/** Adds the corners of a chain to its cuts, the sharpest first: none is nearer to another one than the reach. A chain turns at
+ * a corner over twice that length, too: over the shorter one alone a rough boundary turns everywhere. */
 static qm_status find_corners(maker *m, cut *cuts, size_t most, size_t *count)
 {
     chain *c = &m->chain;
     double reach = fmin(m->shortest / TURN_SIDES, chain_length(c) / TURN_PARTS);
     size_t first = c->is_closed ? 0 : 1;
     for (size_t i = first; i + 1 < c->count; i++)
-        c->cosine[i] = turn_cosine(m, c->arc[i], reach);
+        c->cosine[i] = fmax(turn_cosine(m, c->arc[i], reach), turn_cosine(m, c->arc[i], 2.0 * reach));
     while (*count < most) {
         size_t sharpest = c->count;
         double least = SHARP_TURN;

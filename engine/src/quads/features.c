@@ -11,7 +11,15 @@
 
 #define SHORTEST_SIDES 3.0 /* the sides of a quad in the length below which quads_features.c drops features */
 
-enum { POINT_SIZE = 3 * sizeof(double) };
+#define ENDS 4.0 /* times the shortest length that creases with an end have */
+
+#define ZIGZAG 0.5      /* times the shortest length, for each zigzag */
+#define ZIGZAG_SINE 0.5 /* of both turns of one */
+
+enum {
+    POINT_SIZE = 3 * sizeof(double),
+    BOUNDARY = 1 << 16, /* counts the edges of boundaries at a vertex beside its creases, which are fewer */
+};
 
 typedef struct placed {
     double at[3];
@@ -90,8 +98,10 @@ static qm_status weld_faces(qm_context *ctx, const qm_mesh *mesh, const double *
 typedef struct feature_edge {
     uint32_t end[2];
     uint32_t boundaries; /* how many half-edges without a twin run along it; 0 of a crease */
-    qm_vec normal;       /* of the face of such a half-edge */
-    bool is_forward;     /* it runs from the lower index on */
+    qm_vec normal;       /* of the face of the half-edge */
+    qm_vec other_normal; /* of a crease: that of the face beyond it */
+    bool is_forward;     /* the half-edge runs from the lower index on */
+    bool is_kept;
 } feature_edge;
 
 static int compare_edges(const void *a, const void *b)
@@ -138,35 +148,101 @@ static size_t list_edges(const qm_trimesh *m, const double *box, const double *p
         out[count++] = (feature_edge){.end = {from < to ? from : to, from < to ? to : from},
                                       .boundaries = twin == QM_NO_INDEX,
                                       .normal = qm_trimesh_normal(m, h / 3),
+                                      .other_normal = twin == QM_NO_INDEX ? (qm_vec){0, 0, 0}
+                                                                          : qm_trimesh_normal(m, twin / 3),
                                       .is_forward = from < to};
     }
     return count;
 }
 
-/** Leaves out connected edges that are shorter together than the shortest length. */
+/** The turn of a line from one edge to the next at a vertex, as a vector whose length is the sine of its angle. */
+static qm_vec turn_at(const double *positions, const feature_edge *before, uint32_t at,
+                      const feature_edge *after)
+{
+    qm_vec here = qm_vec_load(positions + 3 * (size_t)at);
+    qm_vec a = qm_vec_sub(here, qm_vec_load(positions + 3 * (size_t)before->end[before->end[0] == at])),
+           b = qm_vec_sub(qm_vec_load(positions + 3 * (size_t)after->end[after->end[0] == at]), here);
+    double scale = qm_vec_norm(a) * qm_vec_norm(b);
+    return scale > 0.0 ? qm_vec_scale(1.0 / scale, qm_vec_cross(a, b)) : (qm_vec){0, 0, 0};
+}
+
+/**
+ * Charges connected creases for the edges before and after which the line turns sharply to opposite sides. links has, of
+ * each vertex of two edges, the numbers of both, one combined with the other by exclusive or.
+ */
+static void charge_zigzags(const double *positions, const feature_edge *edge, size_t count,
+                           const uint32_t *degree, const uint32_t *links, double price, uint32_t *parent,
+                           double *length)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t from = edge[i].end[0], to = edge[i].end[1];
+        if (edge[i].boundaries > 0 || degree[from] != 2 || degree[to] != 2) continue;
+        qm_vec first = turn_at(positions, &edge[links[from] ^ i], from, &edge[i]),
+               second = turn_at(positions, &edge[i], to, &edge[links[to] ^ i]);
+        if (qm_vec_norm(first) > ZIGZAG_SINE && qm_vec_norm(second) > ZIGZAG_SINE &&
+            qm_vec_dot(first, second) < 0.0)
+            length[qm_union_find_root(parent, from)] -= price;
+    }
+}
+
+/**
+ * Leaves out connected creases, and connected boundaries, that are shorter together than the shortest length; creases also as
+ * much for each meeting of three edges or more, as where all edges of a rough mesh are creases these meet everywhere, and
+ * four times as much where only one of these is a crease: it ends at the boundary. Half as much is charged for each zigzag.
+ */
 static qm_status drop_short(qm_context *ctx, const double *positions, size_t vertex_count, double shortest,
                             feature_edge *edge, size_t *count)
 {
     uint32_t *parent = qm_context_alloc(ctx, vertex_count, sizeof *parent);
+    uint32_t *degree = qm_context_alloc(ctx, vertex_count, sizeof *degree);
+    uint32_t *links = qm_context_alloc(ctx, vertex_count, sizeof *links);
     double *length = qm_context_alloc(ctx, vertex_count, sizeof *length);
-    size_t kept = 0;
-    if (parent && length) {
+    bool has_memory = parent && degree && links && length;
+    size_t total = *count, kept = 0;
+    for (uint32_t v = 0; v < vertex_count && has_memory; v++)
+        degree[v] = links[v] = 0;
+    for (uint32_t i = 0; i < total && has_memory; i++)
+        for (int k = 0; k < 2; k++) {
+            degree[edge[i].end[k]] += edge[i].boundaries > 0 ? BOUNDARY : 1;
+            links[edge[i].end[k]] ^= i;
+        }
+    for (int of_boundaries = 0; of_boundaries < 2 && has_memory; of_boundaries++) {
         for (uint32_t v = 0; v < vertex_count; v++)
             parent[v] = v, length[v] = 0.0;
-        for (size_t i = 0; i < *count; i++)
-            qm_union_find_join(parent, edge[i].end[0], edge[i].end[1]);
-        for (size_t i = 0; i < *count; i++)
-            length[qm_union_find_root(parent, edge[i].end[0])] +=
-                qm_vec_distance(qm_vec_load(positions + 3 * (size_t)edge[i].end[0]),
-                                qm_vec_load(positions + 3 * (size_t)edge[i].end[1]));
-        for (size_t i = 0; i < *count; i++)
-            if (length[qm_union_find_root(parent, edge[i].end[0])] >= shortest) edge[kept++] = edge[i];
-        *count = kept;
+        for (size_t i = 0; i < total; i++)
+            if ((edge[i].boundaries > 0) == of_boundaries)
+                qm_union_find_join(parent, edge[i].end[0], edge[i].end[1]);
+        for (uint32_t v = 0; v < vertex_count && !of_boundaries; v++)
+            if (degree[v] % BOUNDARY > 0 && degree[v] > 2)
+                length[qm_union_find_root(parent, v)] -= (degree[v] % BOUNDARY == 1 ? ENDS : 1.0) * shortest;
+        if (!of_boundaries)
+            charge_zigzags(positions, edge, total, degree, links, ZIGZAG * shortest, parent, length);
+        for (size_t i = 0; i < total; i++)
+            if ((edge[i].boundaries > 0) == of_boundaries)
+                length[qm_union_find_root(parent, edge[i].end[0])] +=
+                    qm_vec_distance(qm_vec_load(positions + 3 * (size_t)edge[i].end[0]),
+                                    qm_vec_load(positions + 3 * (size_t)edge[i].end[1]));
+        for (size_t i = 0; i < total; i++)
+            if ((edge[i].boundaries > 0) == of_boundaries)
+                edge[i].is_kept = length[qm_union_find_root(parent, edge[i].end[0])] >= shortest;
     }
-    bool has_memory = parent && length;
+    for (size_t i = 0; i < total && has_memory; i++)
+        if (edge[i].is_kept) edge[kept++] = edge[i];
+    if (has_memory) *count = kept;
     qm_context_free(ctx, parent, vertex_count, sizeof *parent);
+    qm_context_free(ctx, degree, vertex_count, sizeof *degree);
+    qm_context_free(ctx, links, vertex_count, sizeof *links);
     qm_context_free(ctx, length, vertex_count, sizeof *length);
     return has_memory ? QM_OK : QM_E_NO_MEMORY;
+}
+
+/** The normal on the left of an edge less that on its right: a half-edge has its face on its left. */
+static qm_vec step_across(const feature_edge *edge)
+{
+    double own = qm_vec_norm(edge->normal), other = qm_vec_norm(edge->other_normal);
+    if (edge->boundaries > 0 || !(own > 0.0) || !(other > 0.0)) return (qm_vec){0, 0, 0};
+    qm_vec across = qm_vec_axpy(qm_vec_scale(1.0 / own, edge->normal), -1.0 / other, edge->other_normal);
+    return edge->is_forward ? across : qm_vec_scale(-1.0, across);
 }
 
 /** Makes the graph of edges: numbers the positions that they use in order. */
@@ -184,9 +260,10 @@ static qm_status make_graph(qm_context *ctx, const double *positions, size_t ver
         used += number[v];
     out->points = qm_context_alloc(ctx, used, POINT_SIZE);
     out->edges = qm_context_alloc(ctx, count, sizeof *out->edges);
-    bool has_memory = out->points && out->edges;
-    if (out->points) out->point_count = used;
-    if (out->edges) out->edge_count = count;
+    out->across = qm_context_alloc(ctx, count, sizeof *out->across);
+    bool has_memory = out->points && out->edges && out->across;
+    out->point_count = used;
+    out->edge_count = count;
     if (has_memory) {
         used = 0;
         for (size_t v = 0; v < vertex_count; v++) {
@@ -194,9 +271,11 @@ static qm_status make_graph(qm_context *ctx, const double *positions, size_t ver
             memcpy(out->points + 3 * used, positions + 3 * v, POINT_SIZE);
             number[v] = (uint32_t)used++;
         }
-        for (size_t i = 0; i < count; i++)
+        for (size_t i = 0; i < count; i++) {
             for (int k = 0; k < 2; k++)
                 out->edges[i][k] = number[edge[i].end[k]];
+            qm_vec_store(out->across[i], step_across(&edge[i]));
+        }
     }
     qm_context_free(ctx, number, vertex_count, sizeof *number);
     return has_memory ? QM_OK : QM_E_NO_MEMORY;
@@ -263,5 +342,6 @@ void qm_features_reset(qm_context *ctx, qm_features *features)
 {
     qm_context_free(ctx, features->points, features->point_count, POINT_SIZE);
     qm_context_free(ctx, features->edges, features->edge_count, sizeof *features->edges);
+    qm_context_free(ctx, features->across, features->edge_count, sizeof *features->across);
     *features = (qm_features){0};
 }

@@ -12,7 +12,6 @@
 #include <string.h>
 
 #include "bvh/bvh_tree.h"
-#include "layout/layout_creases.h"
 
 #define FIRST_PER_PATCH 300 /* samples for the first parameters, within FIRST_MIN and FIRST_MAX */
 #define FIRST_MIN 8000
@@ -45,6 +44,7 @@ void qm_reconstruction_destroy(qm_context *ctx, qm_reconstruction *r)
         qm_context_free(ctx, polyline->points, polyline->point_count, POINT_SIZE);
         qm_context_free(ctx, polyline->arc, polyline->point_count, sizeof *polyline->arc);
         qm_context_free(ctx, polyline->vertices, (size_t)polyline->vertex_edges + 1, POINT_SIZE);
+        qm_context_free(ctx, polyline->across, (size_t)polyline->vertex_edges + 1, POINT_SIZE);
     }
     for (size_t p = 0; p < r->layout.patch_count && r->lattices; p++)
         qm_lattice_free(ctx, &r->lattices[p]);
@@ -52,6 +52,7 @@ void qm_reconstruction_destroy(qm_context *ctx, qm_reconstruction *r)
     qm_context_free(ctx, r->lattices, r->layout.patch_count, sizeof *r->lattices);
     qm_context_free(ctx, r->chords, r->layout.curve_count, sizeof *r->chords);
     qm_layout_reset(ctx, &r->layout);
+    qm_creases_reset(ctx, &r->creases);
     qm_context_free(ctx, r, 1, sizeof *r);
 }
 
@@ -285,7 +286,7 @@ static qm_status create_empty(qm_context *ctx, const qm_ref_surface *surface, co
         status = qm_layout_set_corner(ctx, &r->layout, curve->from, true);
         if (status == QM_OK) status = qm_layout_set_corner(ctx, &r->layout, curve->to, true);
     }
-    if (status == QM_OK && !options->grids) status = qm_creases_follow(ctx, &r->layout, surface);
+    if (status == QM_OK && !options->grids) status = qm_creases_follow(ctx, &r->layout, surface, &r->creases);
     *out = r;
     return status;
 }
@@ -447,8 +448,10 @@ static size_t vertex_count(const qm_polyline *polyline)
 /** Frees a copy, whose vertices may be NULL. */
 static void free_saved(qm_context *ctx, const qm_reconstruction *r, saved_state *saved)
 {
-    for (size_t i = 0; i < r->layout.curve_count && saved->polylines; i++)
+    for (size_t i = 0; i < r->layout.curve_count && saved->polylines; i++) {
         qm_context_free(ctx, saved->polylines[i].vertices, vertex_count(&saved->polylines[i]), POINT_SIZE);
+        qm_context_free(ctx, saved->polylines[i].across, vertex_count(&saved->polylines[i]), POINT_SIZE);
+    }
     for (size_t p = 0; p < r->layout.patch_count && saved->lattices; p++)
         qm_lattice_free(ctx, &saved->lattices[p]);
     qm_context_free(ctx, saved->chords, r->layout.curve_count, sizeof *saved->chords);
@@ -465,11 +468,17 @@ static qm_status save_state(qm_context *ctx, const qm_reconstruction *r, saved_s
     out->lattices = copy_array(ctx, r->lattices, patches, sizeof *r->lattices);
     bool has_memory = out->chords && out->polylines && out->lattices;
     for (size_t i = 0; i < curves && out->polylines; i++) {
-        const double *vertices = r->polylines[i].vertices;
-        out->polylines[i].vertices = NULL;
-        if (!vertices) continue;
-        out->polylines[i].vertices = copy_array(ctx, vertices, vertex_count(&r->polylines[i]), POINT_SIZE);
-        has_memory &= out->polylines[i].vertices != NULL;
+        const qm_polyline *from = &r->polylines[i];
+        qm_polyline *to = &out->polylines[i];
+        to->vertices = to->across = NULL;
+        if (from->vertices) {
+            to->vertices = copy_array(ctx, from->vertices, vertex_count(from), POINT_SIZE);
+            has_memory &= to->vertices != NULL;
+        }
+        if (from->across) {
+            to->across = copy_array(ctx, from->across, vertex_count(from), POINT_SIZE);
+            has_memory &= to->across != NULL;
+        }
     }
     for (size_t p = 0; p < patches && out->lattices; p++) {
         const qm_lattice *from = &r->lattices[p];

@@ -23,6 +23,7 @@
 
 #include "core/vec.h"
 #include "layout/knn_graph.h"
+#include "layout/layout_creases.h"
 #include "mesh/quad_shape.h"
 #include "qm/reconstruct.h"
 
@@ -39,6 +40,7 @@ typedef struct qm_polyline {
     double *points;        /* rows of x y z, on the surface if options.pull_curves */
     double *arc;           /* arc length up to each point */
     double *vertices;      /* vertex_edges + 1 rows at equal arc length */
+    double *across;        /* of the vertices of a sharp curve, see qm_creases_step_across; else NULL */
     uint32_t vertex_edges; /* lattice_edges of the chord */
 } qm_polyline;
 
@@ -78,7 +80,8 @@ struct qm_reconstruction {
     qm_ref_surface surface;
     qm_reconstruction_options options;
     qm_layout layout;
-    qm_chord *chords; /* capacity layout.curve_count */
+    qm_creases creases; /* near sharp curves; none without such */
+    qm_chord *chords;   /* capacity layout.curve_count */
     size_t chord_count;
     qm_polyline *polylines; /* layout.curve_count */
     qm_lattice *lattices;   /* layout.patch_count */
@@ -218,6 +221,16 @@ qm_vec qm_lattice_normal(const qm_lattice *lattice, uint32_t column, uint32_t ro
  * is such a wall near. */
 bool qm_lattice_project(const qm_ref_surface *surface, const qm_lattice *lattice, uint32_t column,
                         uint32_t row, const double p[3], qm_ref_surface_point *out);
+
+/**
+ * A direction that the surface looks along beside a sharp side of a patch, and not beyond it: for a place in the first row of
+ * quads from such sides. 0 elsewhere.
+ */
+qm_vec qm_lattice_own_side(const qm_reconstruction *r, size_t patch, double u, double v);
+
+/** As qm_lattice_project, of a patch; beside a sharp curve onto its own side of the crease. */
+bool qm_lattice_project_own(const qm_reconstruction *r, size_t patch, uint32_t column, uint32_t row,
+                            const double p[3], qm_ref_surface_point *out);
 
 /** Evens out the inner vertices of stale lattices within the surface. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_lattices_fair(qm_context *ctx, qm_reconstruction *r, int rounds);

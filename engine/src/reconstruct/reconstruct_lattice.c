@@ -161,6 +161,40 @@ bool qm_lattice_project(const qm_ref_surface *surface, const qm_lattice *lattice
     return false;
 }
 
+qm_vec qm_lattice_own_side(const qm_reconstruction *r, size_t p, double u, double v)
+{
+    const qm_layout_patch *patch = &r->layout.patches[p];
+    const qm_lattice *lattice = &r->lattices[p];
+    const double from[4] = {v, lattice->columns - u, lattice->rows - v, u};
+    const double along[4] = {u, v, lattice->columns - u, lattice->rows - v};
+    qm_vec sum = {0, 0, 0};
+    for (int side = 0; side < 4; side++) {
+        const qm_polyline *polyline = &r->polylines[patch->side[side]];
+        if (!polyline->across || from[side] > 1.0) continue;
+        uint32_t k = (uint32_t)(along[side] + 0.5);
+        QM_ASSERT(k <= polyline->vertex_edges);
+        /* Patches lie on the left of the sides that run in their direction. */
+        if (patch->against[side])
+            sum = qm_vec_sub(sum, qm_vec_load(polyline->across + 3 * (size_t)(polyline->vertex_edges - k)));
+        else
+            sum = qm_vec_add(sum, qm_vec_load(polyline->across + 3 * (size_t)k));
+    }
+    return sum;
+}
+
+bool qm_lattice_project_own(const qm_reconstruction *r, size_t p, uint32_t i, uint32_t j,
+                            const double position[3], qm_ref_surface_point *out)
+{
+    const qm_lattice *lattice = &r->lattices[p];
+    double shortest, longest, toward[3];
+    qm_vec_store(toward, qm_lattice_own_side(r, p, i, j));
+    measure_edges(lattice, i, j, &shortest, &longest);
+    if (r->has_sides && longest > 0.0 && qm_vec_norm2(qm_vec_load(toward)) > 0.0 &&
+        qm_ref_surface_project_toward(&r->surface, position, toward, longest, out))
+        return true;
+    return qm_lattice_project(&r->surface, lattice, i, j, position, out);
+}
+
 /** The number of inner vertices that are off the wall that the lattice faces there. */
 static size_t count_off_wall(const qm_ref_surface *surface, const qm_lattice *lattice)
 {
@@ -379,7 +413,7 @@ qm_status qm_lattices_fair(qm_context *ctx, qm_reconstruction *r, int rounds)
                 for (uint32_t i = 1; i < lattice->columns; i++) {
                     double *vertex = qm_lattice_vertex(lattice, i, j);
                     qm_ref_surface_point projection;
-                    qm_lattice_project(&r->surface, lattice, i, j, vertex, &projection);
+                    qm_lattice_project_own(r, p, i, j, vertex, &projection);
                     memcpy(vertex, projection.position, POINT_SIZE);
                 }
             }

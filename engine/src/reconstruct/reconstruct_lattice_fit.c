@@ -207,7 +207,7 @@ static bool find_move(const qm_reconstruction *r, const vertex_bins *bins, const
     qm_ref_surface_point projection;
     double at[3];
     qm_vec_store(at, to);
-    qm_lattice_project(&r->surface, lattice, i, j, at, &projection);
+    qm_lattice_project_own(r, p, i, j, at, &projection);
     *move = qm_vec_sub(qm_vec_load(projection.position), qm_vec_load(qm_lattice_vertex(lattice, i, j)));
     if (!samples->is_projected) return true;
     qm_vec here = qm_lattice_at(lattice, i, j);
@@ -282,7 +282,7 @@ static qm_status fit_lattice(qm_context *ctx, qm_reconstruction *r, const vertex
             qm_vec_store(vertex, qm_vec_add(qm_vec_load(vertex), move[k]));
             if (!lattice->in_hole[k]) continue;
             qm_ref_surface_point projection;
-            qm_lattice_project(&r->surface, lattice, i, j, vertex, &projection);
+            qm_lattice_project_own(r, p, i, j, vertex, &projection);
             if (!r->surface.is_cloud || projection.distance <= projection.spacing)
                 memcpy(vertex, projection.position, POINT_SIZE);
         }

@@ -26,7 +26,9 @@
 #define SWEEPS 24          /* of relaxation in a round, forward and backward */
 #define RELAXATION 1.7     /* the factor of successive over-relaxation */
 #define CLEARLY_NEARER 0.8 /* times the distance of the other side */
-#define MIN_SIDE_SINE 0.1  /* of the angle between curve and sample, to separate the sides of the curve */
+#define MIN_TURN                                                                                             \
+    0.25 /* of the most that a normal can tell of the side of a crease: half is that of a face beside it */
+#define MIN_SIDE_SINE 0.1 /* of the angle between curve and sample, to separate the sides of the curve */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
 
@@ -296,6 +298,7 @@ typedef struct parameterization {
     qm_context *ctx;
     qm_reconstruction *r;
     const graph_nodes *nodes;
+    const qm_samples *samples;
     qm_knn_graph graph;
     uint32_t (*beside)[2]; /* patches to the left and right of each curve */
     uint32_t *label;       /* patch of each sample, or QM_NO_INDEX */
@@ -347,6 +350,18 @@ static bool border_uv(const parameterization *a, const border_node *node, uint32
     return found == 1;
 }
 
+/** Which side of a sharp curve a sample looks as: above 0 on the left of it, below 0 on the right; 0: not known. */
+static double crease_side(const parameterization *a, const border_node *node, uint32_t sample)
+{
+    const qm_polyline *polyline = &a->r->polylines[node->curve];
+    if (!polyline->across || !a->samples->normals || !a->r->has_sides) return 0.0;
+    size_t vertex = (size_t)(node->t * polyline->vertex_edges + 0.5);
+    qm_vec across = qm_vec_load(polyline->across + 3 * vertex);
+    const float *row = a->samples->normals + 3 * (size_t)sample;
+    double turn = qm_vec_dot(across, (qm_vec){row[0], row[1], row[2]});
+    return fabs(turn) >= MIN_TURN * qm_vec_norm2(across) ? turn : 0.0;
+}
+
 /** Labels a sample near a node of a curve with the patch on its side, unless it is nearly on the curve. */
 static void label_by_side(parameterization *a, uint32_t border, uint32_t sample)
 {
@@ -355,7 +370,12 @@ static void label_by_side(parameterization *a, uint32_t border, uint32_t sample)
     qm_vec d = qm_vec_sub(node_at(a, sample), node_at(a, border));
     double distance = qm_vec_norm(d);
     double side = qm_vec_dot(d, qm_vec_cross(a->graph.normal[border], node->tangent));
-    if (fabs(side) < MIN_SIDE_SINE * distance || distance >= a->distance[sample]) return;
+    double turn = crease_side(a, node, sample);
+    if (turn != 0.0)
+        side = turn; /* the sample's normal tells, however near it is to the curve */
+    else if (fabs(side) < MIN_SIDE_SINE * distance)
+        return;
+    if (distance >= a->distance[sample]) return;
     a->distance[sample] = distance;
     a->label[sample] = a->beside[node->curve][side < 0.0];
     a->nearest[sample] = border;
@@ -545,7 +565,7 @@ static qm_status locate_samples(qm_context *ctx, qm_reconstruction *r, const gra
                                 qm_samples *samples)
 {
     size_t count = samples->count, curves = r->layout.curve_count;
-    parameterization a = {.ctx = ctx, .r = r, .nodes = nodes};
+    parameterization a = {.ctx = ctx, .r = r, .nodes = nodes, .samples = samples};
     a.beside = qm_context_alloc(ctx, curves, sizeof *a.beside);
     a.label = qm_context_alloc(ctx, count, sizeof *a.label);
     a.distance = qm_context_alloc(ctx, count, sizeof *a.distance);

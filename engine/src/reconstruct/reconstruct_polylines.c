@@ -237,9 +237,15 @@ static qm_status set_vertices(qm_context *ctx, const qm_reconstruction *r, qm_cu
     memcpy(vertices + 3 * (size_t)edges, polyline->points + 3 * last, POINT_SIZE);
     if (r->options.pull_curves && mark == QM_CURVE_SMOOTH) straighten(vertices, edges);
     qm_context_free(ctx, polyline->vertices, (size_t)polyline->vertex_edges + 1, POINT_SIZE);
+    qm_context_free(ctx, polyline->across, (size_t)polyline->vertex_edges + 1, POINT_SIZE);
     polyline->vertices = vertices;
     polyline->vertex_edges = edges;
-    return QM_OK;
+    polyline->across = NULL;
+    if (mark != QM_CURVE_SHARP || r->creases.features.edge_count == 0) return QM_OK;
+    polyline->across = qm_context_alloc(ctx, (size_t)edges + 1, POINT_SIZE);
+    if (!polyline->across) return no_memory(ctx);
+    return qm_creases_step_across(ctx, &r->creases, r->surface.diagonal, vertices, (size_t)edges + 1,
+                                  polyline->across);
 }
 
 qm_status qm_polylines_set_vertices(qm_context *ctx, qm_reconstruction *r)

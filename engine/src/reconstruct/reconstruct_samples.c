@@ -264,10 +264,18 @@ void qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph)
     }
 }
 
+/** True if a sample beside a sharp curve looks as the surface does beyond it. */
+static bool is_across(const qm_reconstruction *r, const qm_samples *samples, size_t i)
+{
+    const qm_sample_location *at = &samples->location[i];
+    return r->has_sides &&
+           qm_vec_dot(own_normal(samples, i), qm_lattice_own_side(r, at->patch, at->u, at->v)) < 0.0;
+}
+
 /**
  * Puts the samples whose normals are opposed to their lattice onto its corner, where the fit ignores them:
  * they lie on the other side of a gap or sheet. Only in patches where nearly all samples agree, as normals
- * may be wrong.
+ * may be wrong. Likewise those on the other side of a sharp curve.
  */
 static qm_status exclude_opposed(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples)
 {
@@ -282,9 +290,10 @@ static qm_status exclude_opposed(qm_context *ctx, const qm_reconstruction *r, qm
         votes[samples->location[i].patch].against += side < 0;
     }
     for (size_t i = 0; i < samples->count; i++) {
-        int majority = majority_side(&votes[samples->location[i].patch]);
-        if (majority == 0 || sample_side(r, samples, i) != -majority) continue;
-        samples->location[i].u = samples->location[i].v = 0.0;
+        qm_sample_location *at = &samples->location[i];
+        int majority = majority_side(&votes[at->patch]);
+        bool is_opposed = majority != 0 && sample_side(r, samples, i) == -majority;
+        if (is_opposed || is_across(r, samples, i)) at->u = at->v = 0.0;
     }
     qm_context_free(ctx, votes, patches, sizeof *votes);
     return QM_OK;
