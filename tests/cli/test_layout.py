@@ -80,3 +80,34 @@ def test_a_surface_alone_gives_a_layout(quadmesh, tmp_path):
     for wrong in (["--auto", "--surface", "ball.obj"], ["--quads", "400"]):
         run = quadmesh("layout", "ball.obj", "-o", "layout.json", *wrong)
         assert run.returncode == 2 and "--auto" in run.stderr
+
+
+def box(path):
+    """A cube of 12 triangles."""
+    corners = [(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)]
+    sides = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    faces = [f"f {a + 1} {b + 1} {c + 1}\nf {a + 1} {c + 1} {d + 1}" for a, b, c, d in sides]
+    path.write_text("\n".join([*("v {} {} {}".format(*p) for p in corners), *faces]) + "\n")
+    return path
+
+
+def test_features_become_sharp_curves(quadmesh, tmp_path):
+    surface, out, mesh = box(tmp_path / "box.obj"), tmp_path / "layout.json", tmp_path / "out.obj"
+    run = quadmesh("layout", surface, "--features", "-o", out, "--json")
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout) == {"curves": 12, "corners": 8, "patches": 6, "issues": []}
+    layout = json.loads(out.read_text())
+    assert all(curve["mark"] == "sharp" for curve in layout["curves"]) and len(layout["corners"]) == 8
+    run = quadmesh("reconstruct", surface, out, "-o", mesh, "--quads", "600")
+    assert run.returncode == 0, run.stderr
+    for line in mesh.read_text().splitlines():
+        if line.startswith("v "):
+            assert any(abs(float(x) - end) < 1e-9 for x in line.split()[1:] for end in (0, 1))
+    run = quadmesh("layout", surface, "--features", "--shortest", "50", "-o", out)
+    assert run.returncode == 0 and "0 curves along features" in run.stdout
+    for wrong in (["--features", "--auto"], ["--features", "--surface", "box.obj"], ["--features", "--patches", "9"],
+                  ["--auto", "--shortest", "1"]):
+        run = quadmesh("layout", "box.obj", "-o", "layout.json", *wrong)
+        assert run.returncode == 2 and "--features" in run.stderr
+    run = quadmesh("layout", surface, "--features", "--crease-angle", "0", "-o", out)
+    assert run.returncode == 2 and "angle of creases" in run.stderr
