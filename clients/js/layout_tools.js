@@ -3,7 +3,7 @@
 //   import { LayoutTools } from "quadmeshd-client/layout_tools.js";
 //   await new LayoutTools(client.layouts).fill(layout.id);
 
-/** @import { EditedLayout, Mirror, Point, Stroke } from "./types.js" */
+/** @import { CurveMark, EditedLayout, FeatureRequest, Mirror, Point, Stroke } from "./types.js" */
 /** @import { Layouts, Options } from "./layouts.js" */
 
 export class LayoutTools {
@@ -73,6 +73,26 @@ export class LayoutTools {
    */
   mirror(id, plane, options = {}) {
     return this.edit(id, "mirror", plane, options);
+  }
+
+  /**
+   * Draws curves along the creases and boundaries of the mesh.
+   * @param {string} id
+   * @param {FeatureRequest} [wanted]
+   * @param {Options} [options]
+   */
+  features(id, wanted = {}, options = {}) {
+    return this.edit(id, "features", wanted, options);
+  }
+
+  /**
+   * Marks curves, by their ids, and makes nodes, by their places in `nodes`, corners or none.
+   * @param {string} id
+   * @param {{ curves?: number[], mark?: CurveMark, nodes?: number[], corner?: boolean }} marks
+   * @param {Options} [options]
+   */
+  mark(id, marks, options = {}) {
+    return this.edit(id, "marks", marks, options);
   }
 
   /**

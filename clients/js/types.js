@@ -160,18 +160,23 @@
 /** @typedef {HausdorffResult | ProjectResult | DeviationResult | ComparisonResult | HeatmapResult | DistanceResult | CollisionResult
  *   | AlignmentResult | MatrixResult | StepResult | RemeshResult} JobResult */
 
-/** @typedef {{ id: number, from: number, to: number, points: Point[] }} Curve */
-/** @typedef {{ mesh: string, nodes?: Point[], curves?: Curve[], patches?: number[][] }} LayoutRequest */
-/** @typedef {{ mesh: string, quads: string, patches?: number, crease_angle?: number, deadline_ms?: number }} QuadLayoutRequest */
-/** @typedef {{ mesh: string, auto: true, quad_count?: number, patches?: number, crease_angle?: number,
- *   deadline_ms?: number }} AutoLayoutRequest */
+/** @typedef {"smooth" | "sharp" | "fixed"} CurveMark */
+/** @typedef {{ id: number, from: number, to: number, mark?: CurveMark, points: Point[] }} Curve */
+/** @typedef {{ angle_deg?: number, shortest?: number, snap?: number }} FeatureRequest */
+/** @typedef {{ mesh: string, nodes?: Point[], corners?: number[], curves?: Curve[], patches?: number[][],
+ *   features?: FeatureRequest }} LayoutRequest */
+/** @typedef {{ mesh: string, quads: string, patches?: number, features?: { angle_deg?: number }, crease_angle?: number,
+ *   deadline_ms?: number }} QuadLayoutRequest */
+/** @typedef {{ mesh: string, auto: true, quad_count?: number, patches?: number, features?: { angle_deg?: number },
+ *   crease_angle?: number, deadline_ms?: number }} AutoLayoutRequest */
 /** @typedef {{ id: string, mesh: string, revision: number, can_undo: boolean, can_redo: boolean, complete: boolean,
  *   created: string }} LayoutBrief */
 /** @typedef {{ kind: "dangling_end" | "cell_sides" | "apart" | "crossing", curve: number, other_curve?: number, node?: number,
  *   sides?: number, point: Point, detail: string }} LayoutIssue */
-/** @typedef {LayoutBrief & { nodes: Point[], curves: Curve[], patches: number[][], issues: LayoutIssue[] }} Layout */
+/** @typedef {LayoutBrief & { nodes: Point[], corners?: number[], curves: Curve[], patches: number[][],
+ *   issues: LayoutIssue[] }} Layout */
 /** @typedef {Layout & { changed: { added_curves: number[], changed_curves: number[], removed_curves: number[] },
- *   filled_cells?: number, stroke?: { curve: number, points: number, missed_points: number } }} EditedLayout */
+ *   filled_cells?: number, added_features?: number, stroke?: { curve: number, points: number, missed_points: number } }} EditedLayout */
 /** @typedef {{ point: Point, normal: Point }} Mirror a plane */
 /** @typedef {{ points: [number, number][], view: number[], projection: number[], viewport: number[], radius_px?: number,
  *   depth?: number, snap?: number, mirror?: Mirror }} Stroke */

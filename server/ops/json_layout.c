@@ -50,7 +50,7 @@ bool qm_json_read_mark(const cJSON *value, qm_curve_mark *out)
 {
     const char *name = cJSON_GetStringValue(value);
     for (int mark = 0; mark < QM_CURVE_MARK_COUNT && name; mark++) {
-        if (strcmp(name, qm_curve_mark_name((qm_curve_mark)mark)) != 0) continue;
+        if (strcmp(name, qm_layout_mark_name((qm_curve_mark)mark)) != 0) continue;
         *out = (qm_curve_mark)mark;
         return true;
     }
@@ -288,7 +288,7 @@ void qm_json_add_layout(qm_text *out, const qm_layout *layout)
         qm_json_add_count(out, "id", curve->id);
         qm_json_add_count(out, "from", curve->from);
         qm_json_add_count(out, "to", curve->to);
-        if (curve->mark != QM_CURVE_SMOOTH) qm_json_add_string(out, "mark", qm_curve_mark_name(curve->mark));
+        if (curve->mark != QM_CURVE_SMOOTH) qm_json_add_string(out, "mark", qm_layout_mark_name(curve->mark));
         qm_json_open(out, "points", "[");
         for (size_t k = 0; k < curve->point_count; k++)
             qm_json_add_array(out, curve->points + 3 * k, 3);

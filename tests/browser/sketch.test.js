@@ -40,6 +40,39 @@ async function open(layout, id = mesh.id) {
   return page;
 }
 
+test("features are drawn by a button, and curves and nodes are marked by clicks", async () => {
+  const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [(k & 1) * 2 - 1, (k & 2) - 1, (k >> 1 & 2) - 1]);
+  const sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+  const faces = sides.flatMap(([a, b, c, d]) => [[a, b, c], [a, c, d]]);
+  const { mesh: cube } = await daemon.client().meshes.create(off({ vertices: corners, faces }), { name: "cube.off" });
+  const page = await open(undefined, cube.id);
+  await page.getByRole("button", { name: "Features" }).click();
+  await did(page, "12 curves run along features.");
+  await says(page, "6 patches");
+  const id = new URLSearchParams(new URL(page.url()).hash.split("?")[1]).get("layout");
+  const layouts = daemon.client().layouts;
+  const drawn = await layouts.get(id);
+  assert(drawn.curves.every(({ mark }) => mark === "sharp") && drawn.corners.length === 8);
+  await page.getByRole("button", { name: "Features" }).click();
+  await did(page, "no features that are not drawn");
+
+  await page.getByRole("button", { name: "Mark", exact: true }).click();
+  const [onEdge, atCorner] = await lookAt(page, [2, 1.5, 1], [[1, 1, 0], [1, 1, 1]]);
+  const edge = drawn.curves.find(({ points }) => points.every(([x, y]) => x === 1 && y === 1)).id;
+  for (const mark of ["fixed", "smooth", "sharp"]) {
+    await page.mouse.click(...onEdge);
+    await did(page, `Curve ${edge} is ${mark} now.`);
+    assert.equal((await layouts.get(id)).curves.find((curve) => curve.id === edge).mark ?? "smooth", mark);
+  }
+  const node = drawn.nodes.findIndex((place) => place.every((value) => value === 1));
+  await page.mouse.click(...atCorner);
+  await did(page, `Node ${node} is no corner now.`);
+  await page.getByRole("button", { name: "Undo" }).click();
+  await did(page, "Undone.");
+  assert.equal((await layouts.get(id)).corners.length, 8);
+  await finish(page);
+});
+
 test("a layout of the whole surface is made by a button, and grown into quads", async () => {
   const { mesh: own } = await daemon.client().meshes.create(off(roundedBox(12)), { name: "whole box.off" });
   const page = await open(undefined, own.id);

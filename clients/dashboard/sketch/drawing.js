@@ -10,21 +10,25 @@ import { toScene } from "./window.js";
 /** @import { Plan } from "../view/regions.js" */
 /** @import { Stage } from "../view/stage.js" */
 
+const MARKED_WIDTH = 5;
+
 /**
+ * Sharp curves are drawn thick, fixed ones thick and pale; corners are large dots.
  * @param {Stage} stage
  * @param {Layout} layout
  * @param {Set<number>} chosen ids of curves; the ends of one that is chosen alone can be held
  */
 export function drawLayout(stage, layout, chosen) {
-  const [ink, accent, fault] = ["--ink", "--accent", "--fault"].map((name) => toVector(colour(name)));
+  const [ink, accent, fault, muted] = ["--ink", "--accent", "--fault", "--muted"].map((name) => toVector(colour(name)));
   const grips = chosen.size === 1 ? layout.curves.filter(({ id }) => chosen.has(id)).flatMap(({ from, to }) => [from, to]) : [];
   stage.setOverlay({
     isOverCloud: stage.models.get("a")?.mesh.kind === "points",
     ribbons: layout.curves.map((curve) => ({
-      points: toScene(stage, curve.points), colour: chosen.has(curve.id) ? accent : ink, width: chosen.has(curve.id) ? 4 : 2.25 })),
+      points: toScene(stage, curve.points), colour: chosen.has(curve.id) ? accent : curve.mark === "fixed" ? muted : ink,
+      width: curve.mark ? MARKED_WIDTH : chosen.has(curve.id) ? 4 : 2.25 })),
     dots: [
       ...layout.nodes.map((node, place) => ({
-        point: stage.toScene(node), colour: grips.includes(place) ? accent : ink, size: grips.includes(place) ? 15 : 10 })),
+        point: stage.toScene(node), colour: grips.includes(place) ? accent : ink, size: grips.includes(place) || layout.corners?.includes(place) ? 15 : 10 })),
       ...layout.issues.map(({ point }) => ({ point: stage.toScene(point), colour: fault, size: 13, isMark: true })),
     ],
   });

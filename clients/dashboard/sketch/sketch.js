@@ -169,6 +169,15 @@ export function showSketch(panel) {
     draw();
   }
 
+  /** @param {number} x @param {number} y */
+  function markAt(x, y) {
+    const stage = currentStage();
+    if (!stage || !tools || !editor.layout) return;
+    const target = targetOf(stage, x, y);
+    const found = tools[1].curveAt(stage, editor.layout.curves, x, y, isSeen);
+    run(() => toolbox.mark(target?.kind === "node" ? toolbox.nodeOf(target.point) : -1, found ? found.curve.id : -1));
+  }
+
   const isSeen = (/** @type {import("three").Vector3} */ place) => depth?.isSeen(place) ?? true;
 
   /** What is drawn at a place of the window. @param {Stage} stage @param {number} x @param {number} y */
@@ -221,6 +230,7 @@ export function showSketch(panel) {
       },
       onClick: (x, y) => {
         if (toolbox.kind === "ring") run(() => toolbox.ring(bodyOf([[x, y]], false)));
+        else if (toolbox.kind === "mark") markAt(x, y);
         else choose(x, y);
       },
       gripAt,

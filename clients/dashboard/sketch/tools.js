@@ -4,12 +4,13 @@ import { LayoutTools } from "../js/layout_tools.js";
 import { client } from "../core/connection.js";
 import { h, select } from "../core/dom.js";
 import { count } from "../core/format.js";
+import { meshOf, state } from "../core/state.js";
 import { currentStage } from "../view/view.js";
 
-/** @import { Mirror, Point, Stroke } from "../../js/types.js" */
+/** @import { CurveMark, Mirror, Point, Stroke } from "../../js/types.js" */
 /** @import { Editor } from "./editor.js" */
 /** @import { Target } from "./window.js" */
-/** @typedef {"draw" | "ring" | "link" | "move"} Kind what a stroke does */
+/** @typedef {"draw" | "ring" | "link" | "move" | "mark"} Kind what a stroke does */
 /** @typedef {{ node: number } | { curve: number }} Held what a stroke begins on */
 
 const KINDS = /** @type {[Kind, string, string][]} */ ([
@@ -17,7 +18,9 @@ const KINDS = /** @type {[Kind, string, string][]} */ ([
   ["ring", "Ring", "A click on a limb, or a stroke across it, draws a ring round it"],
   ["link", "Link", "Drag from a node to another one: a curve along the surface joins them"],
   ["move", "Move", "Drag a node, or a curve between its nodes; a node dropped on another one becomes one with it"],
+  ["mark", "Mark", "A click makes a curve sharp, where the surface bends across it, then fixed as it is drawn, then smooth; a node a corner that stays, or none"],
 ]);
+const NEXT_MARK = /** @type {Record<string, CurveMark>} */ ({ smooth: "sharp", sharp: "fixed", fixed: "smooth" });
 const AXES = /** @type {Record<string, Point>} */ ({ x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] });
 
 export class Tools {
@@ -35,12 +38,13 @@ export class Tools {
     this.fill = button("Fill", () => this.fillAll(), "Divide all cells that have not four sides into patches");
     this.tube = button("Tube", () => this.makeTube(), "Join the rings, or cells, of the two chosen curves");
     this.row = button("Add row", () => this.splitRow(), "Divide all patches across the chosen curve");
+    this.features = button("Features", () => this.addFeatures(), "Draw sharp curves along the creases and boundaries of the mesh");
     this.axis = select("mirror", [["", "none"], ["x", "x"], ["y", "y"], ["z", "z"]], "");
     this.axis.addEventListener("change", () => this.update());
     this.image = button("Mirror", () => this.mirrorAll(), "Replace one half by the image of the other, which is kept");
     this.element = h("section", { className: "section", "aria-label": "Tools" },
       h("div", { className: "row", role: "group", "aria-label": "A stroke" }, ...this.kinds),
-      h("div", { className: "row" }, this.fill, this.tube, this.row),
+      h("div", { className: "row" }, this.features, this.fill, this.tube, this.row),
       h("div", { className: "row" }, h("label", { className: "inline" }, "Mirror plane across", this.axis), this.image));
   }
 
@@ -53,6 +57,8 @@ export class Tools {
 
   update() {
     const { layout, chosen } = this.editor;
+    const mesh = meshOf(state.a);
+    this.features.disabled = !mesh || mesh.kind === "points";
     this.fill.disabled = !layout?.issues.some(({ kind }) => kind === "cell_sides");
     this.tube.disabled = chosen.size !== 2;
     this.row.disabled = chosen.size !== 1;
@@ -64,6 +70,25 @@ export class Tools {
     const stage = currentStage();
     const normal = AXES[this.axis.value];
     return stage && normal ? { point: /** @type {Point} */ ([...stage.frame.centre]), normal } : undefined;
+  }
+
+  addFeatures() {
+    return this.editor.edit((id) => this.calls.features(id), (now) => {
+      const added = "added_features" in now ? now.added_features ?? 0 : 0;
+      return added === 0 ? "The mesh has no features that are not drawn." : `${count(added)} curve${added === 1 ? " runs" : "s run"} along features.`;
+    });
+  }
+
+  /** Marks what was clicked: a node, else a curve. @param {number} node -1: none @param {number} curve -1: none */
+  async mark(node, curve) {
+    const { layout } = this.editor;
+    if (node >= 0) {
+      const corner = !layout?.corners?.includes(node);
+      await this.editor.edit((id) => this.calls.mark(id, { nodes: [node], corner }), () => `Node ${node} is ${corner ? "a corner" : "no corner"} now.`);
+    } else if (curve >= 0) {
+      const mark = NEXT_MARK[layout?.curves.find(({ id }) => id === curve)?.mark ?? "smooth"];
+      await this.editor.edit((id) => this.calls.mark(id, { curves: [curve], mark }), () => `Curve ${curve} is ${mark} now.`);
+    }
   }
 
   fillAll() {

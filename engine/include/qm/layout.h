@@ -85,7 +85,7 @@ qm_status qm_layout_set_corner(qm_context *ctx, qm_layout *layout, uint32_t node
 bool qm_layout_is_corner(const qm_layout *layout, uint32_t node);
 
 /** "smooth", "sharp" or "fixed". */
-const char *qm_curve_mark_name(qm_curve_mark mark);
+const char *qm_layout_mark_name(qm_curve_mark mark);
 
 /** Index of the curve with this id, or QM_NO_INDEX. */
 uint32_t qm_layout_find_curve(const qm_layout *layout, uint32_t id);

@@ -161,7 +161,7 @@ qm_status qm_layout_set_corner(qm_context *ctx, qm_layout *layout, uint32_t node
     return QM_OK;
 }
 
-const char *qm_curve_mark_name(qm_curve_mark mark)
+const char *qm_layout_mark_name(qm_curve_mark mark)
 {
     static const char *const names[] = {"smooth", "sharp", "fixed"};
     _Static_assert(sizeof names / sizeof names[0] == QM_CURVE_MARK_COUNT, "a name for each mark");

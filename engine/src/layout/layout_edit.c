@@ -67,7 +67,7 @@ qm_status qm_layout_merge_curves(qm_context *ctx, qm_layout *layout, uint32_t fi
     if (layout->curves[a].mark != layout->curves[b].mark)
         return qm_context_fail(
             ctx, QM_E_ARGUMENT, "curve %u is %s, but curve %u is %s: mark them alike first", first,
-            qm_curve_mark_name(layout->curves[a].mark), second, qm_curve_mark_name(layout->curves[b].mark));
+            qm_layout_mark_name(layout->curves[a].mark), second, qm_layout_mark_name(layout->curves[b].mark));
     qm_layout copy;
     qm_status status = qm_layout_copy(ctx, layout, &copy);
     if (status != QM_OK) return status;
