@@ -177,9 +177,10 @@
  *   issues: LayoutIssue[] }} Layout */
 /** @typedef {Layout & { changed: { added_curves: number[], changed_curves: number[], removed_curves: number[] },
  *   filled_cells?: number, added_features?: number, stroke?: { curve: number, points: number, missed_points: number } }} EditedLayout */
+/** @typedef {{ angle_deg?: number, reach?: number }} FeatureSnap */
 /** @typedef {{ point: Point, normal: Point }} Mirror a plane */
 /** @typedef {{ points: [number, number][], view: number[], projection: number[], viewport: number[], radius_px?: number,
- *   depth?: number, snap?: number, mirror?: Mirror }} Stroke */
+ *   depth?: number, snap?: number, features?: FeatureSnap, mirror?: Mirror }} Stroke */
 /** @typedef {{ layout: string, source?: string, cover_share?: number, pull_curves?: boolean }} ReconstructionRequest */
 /** @typedef {{ id: string, source: string, layout: string, patch_count: number, cover_share: number,
  *   pull_curves: boolean, coverage: { samples: number, uncovered_samples: number }, created: string, mesh: string,

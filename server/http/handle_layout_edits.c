@@ -115,10 +115,14 @@ static void add_stroke_facts(qm_text *out, uint32_t curve, const picked_stroke *
 static bool add_stroke(qm_layout_session *s, const qm_layout_edit *edit, const picked_stroke *stroke,
                        uint32_t *id, qm_problem *problem)
 {
-    return qm_layout_session_outcome(s,
-                                     qm_layout_add_stroke(&s->ctx, &s->layout, &s->source, stroke->points,
-                                                          stroke->count, snap_radius(s, edit), id),
-                                     problem);
+    double reach = edit->features.radius > 0.0 ? edit->features.radius : SNAP_SHARE * s->source.diagonal;
+    qm_status status =
+        edit->has_features
+            ? qm_layout_add_snapped_stroke(&s->ctx, &s->layout, &s->source, stroke->points, stroke->count,
+                                           snap_radius(s, edit), edit->features.angle, reach, id)
+            : qm_layout_add_stroke(&s->ctx, &s->layout, &s->source, stroke->points, stroke->count,
+                                   snap_radius(s, edit), id);
+    return qm_layout_session_outcome(s, status, problem);
 }
 
 static bool apply_stroke(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,

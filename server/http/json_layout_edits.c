@@ -62,10 +62,32 @@ static bool read_mirror_of_stroke(const cJSON *object, qm_layout_edit *out, qm_p
     return qm_json_check_members(value, names, problem) && read_plane(value, out, problem);
 }
 
+/** Reads the member "features" of a stroke, which may be absent. */
+static bool read_features_of_stroke(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+{
+    static const char *const names[] = {"angle_deg", "reach", NULL};
+    const cJSON *value = cJSON_GetObjectItemCaseSensitive(object, "features");
+    if (!value) return true;
+    out->has_features = true;
+    out->features = qm_layout_features_options_default();
+    if (!cJSON_IsObject(value))
+        return qm_json_reject(problem, "must be an object with angle_deg and reach", "/features", 0, 0);
+    if (!qm_json_check_members(value, names, problem)) return false;
+    const cJSON *angle = cJSON_GetObjectItemCaseSensitive(value, "angle_deg"),
+                *reach = cJSON_GetObjectItemCaseSensitive(value, "reach");
+    if (angle && !(qm_json_read_number(angle, &out->features.angle) && out->features.angle > 0.0 &&
+                   out->features.angle <= 180.0))
+        return qm_json_reject(problem, "must be a number above 0, and 180 at most", "/features/angle_deg", 0,
+                              0);
+    if (reach && !(qm_json_read_number(reach, &out->features.radius) && out->features.radius > 0.0))
+        return qm_json_reject(problem, "must be a number above 0", "/features/reach", 0, 0);
+    return true;
+}
+
 static bool read_window(const cJSON *object, size_t min_points, qm_layout_edit *out, qm_problem *problem)
 {
     static const char *const names[] = {"points", "view", "projection", "viewport", "radius_px",
-                                        "depth",  "snap", "mirror",     NULL};
+                                        "depth",  "snap", "mirror",     "features", NULL};
     out->in_window = true;
     return qm_json_check_members(object, names, problem) &&
            read_array(object, "view", 16, out->camera.view, problem) &&
@@ -74,7 +96,7 @@ static bool read_window(const cJSON *object, size_t min_points, qm_layout_edit *
            read_amount(object, "radius_px", &out->pick.radius_px, problem) &&
            read_amount(object, "depth", &out->pick.depth, problem) &&
            read_amount(object, "snap", &out->radius, problem) &&
-           read_mirror_of_stroke(object, out, problem) &&
+           read_mirror_of_stroke(object, out, problem) && read_features_of_stroke(object, out, problem) &&
            qm_json_read_table(cJSON_GetObjectItemCaseSensitive(object, "points"), 2, min_points, "points",
                               &out->points, &out->point_count, problem);
 }
@@ -86,6 +108,8 @@ static bool read_stroke(const cJSON *object, qm_layout_edit *out, qm_problem *pr
 
 static bool read_ring(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
+    if (cJSON_GetObjectItemCaseSensitive(object, "features"))
+        return qm_json_reject(problem, "is not a field of this request", "/features", 0, 0);
     return read_window(object, 1, out, problem);
 }
 

@@ -113,7 +113,9 @@ typedef struct qm_layout_edit {
     int end;                /* snap: 0 from, 1 to */
     uint32_t first, second; /* merge */
     uint32_t parts;         /* split of a chord */
-    qm_layout_features_options features;
+    qm_layout_features_options
+        features; /* of features; of a stroke angle and radius, the reach, where has_features */
+    bool has_features;
     uint32_t *curves, *nodes; /* marks: malloc'ed, NULL for none */
     size_t curve_count, node_count;
     qm_curve_mark mark; /* of the curves */

@@ -176,6 +176,24 @@ def count_off(quads):
     return sum(not any(all(abs(p[k] - end) < 1e-9 for p in quad) for k in range(3) for end in (-1, 1)) for quad in quads)
 
 
+def test_strokes_snap_to_features(client, box):
+    layout = client.post("/v1/layouts", json={"mesh": box}).json()
+    along = stroke([(-0.7, 0.96, 1), (0, 0.98, 1), (0.7, 0.95, 1)])
+    snapped = edit(client, layout, "strokes", features={"reach": 0.1, "angle_deg": 30}, **along)
+    assert marks(snapped) == {0: "sharp"}
+    assert all(point[1] == 1 and point[2] == 1 for point in snapped["curves"][0]["points"])
+    free = edit(client, snapped, "undo")
+    free = edit(client, free, "strokes", **along)
+    assert marks(free) == {0: "smooth"} and all(point[1] < 0.99 for point in free["curves"][0]["points"])
+    path = f"/v1/layouts/{layout['id']}"
+    for body, pointer in [({"features": 1}, "/features"), ({"features": {"reach": 0}}, "/features/reach"),
+                          ({"features": {"angle_deg": 200}}, "/features/angle_deg")]:
+        reply = client.post(f"{path}/strokes", json={**along, **body})
+        check_problem(reply, 400, "invalid_field")
+        assert reply.json()["errors"][0]["pointer"] == pointer
+    check_problem(client.post(f"{path}/rings", json={**along, "features": {}}), 400, "invalid_field")
+
+
 def test_sharp_curves_stay_sharp(client, box, featured):
     def shaken(point, k):
         return [x + 0.012 * math.sin(7.0 * k + 3.0 * axis + sum(point)) for axis, x in enumerate(point)]

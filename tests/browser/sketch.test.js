@@ -70,7 +70,25 @@ test("features are drawn by a button, and curves and nodes are marked by clicks"
   await page.getByRole("button", { name: "Undo" }).click();
   await did(page, "Undone.");
   assert.equal((await layouts.get(id)).corners.length, 8);
+
+  // A stroke beside a crease comes onto it, and with Alt stays where it was drawn.
+  const { mesh: other } = await daemon.client().meshes.create(off({ vertices: corners, faces }), { name: "another cube.off" });
+  const empty = await layouts.create({ mesh: other.id });
   await finish(page);
+  const second = await open(empty.id, other.id);
+  const beside = [-0.5, -0.2, 0.2, 0.5].map((z) => [1, 0.98, z]);
+  await draw(second, await lookAt(second, [2, 1.5, 1], beside));
+  await did(second, "is new");
+  const [snapped] = (await layouts.get(empty.id)).curves;
+  assert(snapped.mark === "sharp" && snapped.points.every(([x, y]) => x === 1 && y === 1));
+  await second.getByRole("button", { name: "Undo" }).click();
+  await did(second, "Undone.");
+  await second.keyboard.down("Alt");
+  await draw(second, await lookAt(second, [2, 1.5, 1], beside));
+  await second.keyboard.up("Alt");
+  await did(second, "is new");
+  assert((await layouts.get(empty.id)).curves.every(({ mark, points }) => mark === undefined && points.every(([, y]) => y < 0.999)));
+  await finish(second);
 });
 
 test("a layout of the whole surface is made by a button, and grown into quads", async () => {

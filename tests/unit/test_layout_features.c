@@ -288,6 +288,48 @@ static void features_that_are_drawn_become_sharp(void **state)
     qm_ground_free(&g);
 }
 
+static void strokes_snap_to_features(void **state)
+{
+    (void)state;
+    qm_ground g;
+    qm_layout layout = {0};
+    uint32_t id;
+    qm_ground_make(&g, qm_shape_cube_grid(10));
+    /* Along an edge and round a corner, then off over a side; and one that only crosses an edge. */
+    const double round[] = {0.97, 1.0, -0.5, 1.0, 0.98, 0.2, 0.99, 1.0, 0.9,
+                            0.9,  1.0, 0.98, 0.1, 0.98, 1.0, -0.5, 1.0, 0.99};
+    const double off[] = {0.2, 1.0, 0.97, -0.2, 0.99, 1.0, -0.6, 0.98, 1.0, -0.7, 0.6, 1.0, -0.7, 0.1, 1.0};
+    const double across[] = {0.5, 0.6, 1.0, 0.5, 0.99, 1.0, 0.5, 1.0, 0.99, 0.5, 1.0, 0.6};
+    assert_int_equal(
+        qm_layout_add_snapped_stroke(&g.ctx, &layout, &g.source, round, 6, 1e-6, 40.0, 0.06, &id), QM_OK);
+    assert_int_equal(layout.curves[0].mark, QM_CURVE_SHARP);
+    bool has_corner = false;
+    for (size_t i = 0; i < layout.curves[0].point_count; i++) {
+        const double *p = layout.curves[0].points + 3 * i;
+        assert_true(p[1] == 1.0 && (p[0] == 1.0 || p[2] == 1.0));
+        has_corner |= p[0] == 1.0 && p[2] == 1.0;
+    }
+    assert_true(has_corner);
+    qm_layout_reset(&g.ctx, &layout);
+
+    assert_int_equal(qm_layout_add_snapped_stroke(&g.ctx, &layout, &g.source, off, 5, 1e-6, 40.0, 0.06, &id),
+                     QM_OK);
+    assert_int_equal(layout.curves[0].mark, QM_CURVE_SMOOTH);
+    assert_true(layout.nodes[1] == 1.0 && layout.nodes[2] == 1.0);
+    const double *last = layout.nodes + 3 * (layout.node_count - 1);
+    assert_true(last[0] == -0.7 && last[1] == 0.1);
+    qm_layout_reset(&g.ctx, &layout);
+
+    assert_int_equal(
+        qm_layout_add_snapped_stroke(&g.ctx, &layout, &g.source, across, 4, 1e-6, 40.0, 0.06, &id), QM_OK);
+    assert_int_equal(layout.curves[0].point_count, 4);
+    assert_int_equal(
+        qm_layout_add_snapped_stroke(&g.ctx, &layout, &g.source, across, 4, 1e-6, 0.0, 0.06, &id),
+        QM_E_ARGUMENT);
+    qm_layout_reset(&g.ctx, &layout);
+    qm_ground_free(&g);
+}
+
 /* ---- marks ---- */
 
 static void edits_keep_marks(void **state)
@@ -555,6 +597,7 @@ int main(void)
         cmocka_unit_test(round_features_are_cut_into_four),
         cmocka_unit_test(rough_surfaces_have_no_specks),
         cmocka_unit_test(features_that_are_drawn_become_sharp),
+        cmocka_unit_test(strokes_snap_to_features),
         cmocka_unit_test(edits_keep_marks),
         cmocka_unit_test(mirror_images_and_strokes_have_marks),
         cmocka_unit_test(sharp_curves_stay_on_the_crease_at_every_step),

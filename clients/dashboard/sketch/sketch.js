@@ -71,7 +71,7 @@ export function showSketch(panel) {
     h("section", { className: "section", "aria-labelledby": "sketch-title" },
       h("header", {}, h("h2", { id: "sketch-title" }, "Sketch"), undo, redo), side,
       h("p", { className: "muted small" }, "Draw boundary curves on the surface until cells of four sides cover it. The right button,"
-        + " or two fingers, turn the view; the middle one moves it. Ends snap to nodes and curves within 12 pixels, with Alt to none."
+        + " or two fingers, turn the view; the middle one moves it. Ends snap to nodes and curves within 12 pixels, and strokes to creases; with Alt to none."
         + " A click chooses a curve; the ends of a chosen one can be dragged. A closed stroke is cut into four."
         + " By keyboard, in the view: D shows a pen that the arrow keys move; D puts it down, and lifts it.")),
     h("section", { className: "section", "aria-labelledby": "automatic-title" }, h("h2", { id: "automatic-title" }, "Automatic layout"), automatic),
@@ -221,7 +221,9 @@ export function showSketch(panel) {
     /** @param {Track} track @param {boolean} isFree */
     const bodyOf = (track, isFree) => {
       const snap = Math.max(...[track[0], track[track.length - 1]].map((place) => snapRadius(stage, ...place)));
-      return { ...strokeOf(stage, track), ...(editor.isRedrawing || isFree ? {} : { snap }), mirror: editor.isRedrawing ? undefined : toolbox.mirror };
+      const holds = !editor.isRedrawing && !isFree;
+      const features = holds && toolbox.kind === "draw" && meshOf(state.a)?.kind !== "points" ? { reach: snap } : undefined;
+      return { ...strokeOf(stage, track), ...(holds ? { snap } : {}), features, mirror: editor.isRedrawing ? undefined : toolbox.mirror };
     };
     pen = tools[0].takePen(stage, {
       onStroke: (track, isFree) => {

@@ -76,6 +76,18 @@ qm_status qm_layout_add_features(qm_context *ctx, qm_layout *layout, const qm_re
                                  const qm_layout_features_options *options, size_t *added);
 
 /**
+ * As qm_layout_add_stroke, for a stroke on a mesh: first its parts that run along creases and boundaries no farther off than reach
+ * are put on these, exactly, and each end that is so near to one; parts shorter than three times the reach only cross. A stroke
+ * that lies on them as a whole becomes sharp.
+ *
+ * angle  degrees, above 0 up to 180, at which an edge is a crease
+ * reach  above 0
+ */
+qm_status qm_layout_add_snapped_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                                       const double *points, size_t point_count, double radius, double angle,
+                                       double reach, uint32_t *id);
+
+/**
  * Fills cells that have not four sides by patterns of curves, so that patches remain. Sides may be cut for that, and then
  * the whole chords of patches that they belong to: what a curve that ends inside another's side has begun goes on to
  * the opposite side, and so on.

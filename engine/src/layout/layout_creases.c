@@ -11,6 +11,7 @@
 
 #include "core/heap.h"
 #include "layout_internal.h"
+#include "qm/layout_edit.h"
 #include "qm/project.h"
 
 #define CREASE_ANGLE 15.0   /* degrees: lines tell which of the fine creases are meant */
@@ -307,7 +308,7 @@ static qm_status append_way(way_search *s, const places *p, size_t from, size_t 
 
 /** Appends a part of a line that is near features, on these if it runs along them, else as it is. */
 static qm_status append_run(way_search *s, const places *p, size_t from, size_t to, double reach,
-                            qm_section *line, bool *has_moved)
+                            qm_section *line, bool *has_moved, bool *is_left)
 {
     double length = 0.0;
     bool is_whole = from == 0 && to + 1 == p->count, is_found = true;
@@ -321,6 +322,7 @@ static qm_status append_run(way_search *s, const places *p, size_t from, size_t 
         status = append_way(s, p, from + (to - from) * k / parts, from + (to - from) * (k + 1) / parts, reach,
                             line, &is_found);
     *has_moved |= is_found;
+    *is_left |= !is_found;
     if (is_found || status != QM_OK) return status;
     line->count = before;
     for (size_t i = from; i <= to && status == QM_OK; i++)
@@ -329,26 +331,32 @@ static qm_status append_run(way_search *s, const places *p, size_t from, size_t 
 }
 
 qm_status qm_creases_snap_line(qm_context *ctx, const qm_creases *c, const double *points, size_t count,
-                               double reach, qm_section *out)
+                               double reach, qm_section *out, bool *is_whole)
 {
     QM_ASSERT(ctx && c && points && count >= 2 && reach > 0.0 && out);
     *out = (qm_section){0};
     if (c->features.edge_count == 0) return QM_OK;
     places p = {0};
     way_search s = {0};
-    bool has_moved = false;
+    bool has_moved = false, is_left = false;
+    if (is_whole) *is_whole = false;
     qm_status status = find_places(ctx, c, points, count, reach, &p);
     if (status == QM_OK) status = open_search(ctx, c, &s);
     for (size_t i = 0; i < p.count && status == QM_OK;) {
         size_t last = i;
         while (last + 1 < p.count && p.distance[i] <= reach && p.distance[last + 1] <= reach)
             last++;
-        status = p.distance[i] <= reach ? append_run(&s, &p, i, last, reach, out, &has_moved)
-                                        : append(ctx, out, qm_vec_load(p.at + 3 * i));
+        if (p.distance[i] <= reach) {
+            status = append_run(&s, &p, i, last, reach, out, &has_moved, &is_left);
+        } else {
+            is_left = true;
+            status = append(ctx, out, qm_vec_load(p.at + 3 * i));
+        }
         i = last + 1;
     }
     if (s.ctx) close_search(&s);
     reset_places(ctx, &p);
+    if (is_whole) *is_whole = status == QM_OK && has_moved && !is_left;
     if (status != QM_OK || !has_moved || out->count < 2) qm_section_reset(ctx, out);
     return status;
 }
@@ -426,7 +434,7 @@ qm_status qm_creases_follow(qm_context *ctx, qm_layout *layout, const qm_ref_sur
         double reach = reach_of(surface, curve);
         qm_section line;
         if (curve->mark != QM_CURVE_SHARP || !(reach > 0.0)) continue;
-        status = qm_creases_snap_line(ctx, out, curve->points, curve->point_count, reach, &line);
+        status = qm_creases_snap_line(ctx, out, curve->points, curve->point_count, reach, &line, NULL);
         if (status != QM_OK || line.count < 2) continue;
         const double *from = layout->nodes + 3 * (size_t)curve->from,
                      *to = layout->nodes + 3 * (size_t)curve->to;
@@ -472,5 +480,76 @@ qm_status qm_creases_step_across(qm_context *ctx, const qm_creases *c, double di
     qm_context_free(ctx, inside, count, POINT_SIZE);
     qm_context_free(ctx, distance, count, sizeof *distance);
     qm_context_free(ctx, edge, count, sizeof *edge);
+    return status;
+}
+
+/* ---- strokes ---- */
+
+/** Moves an end of a line onto the nearest feature within the reach. */
+static qm_status snap_end(qm_context *ctx, const qm_creases *c, double *end, double reach)
+{
+    double place[3], distance;
+    const qm_projection into = {.distance = &distance, .position = place};
+    qm_status status = qm_project_points(ctx, c->tree, QM_QUADS_TRIANGLES, end, 1, 1, &into);
+    if (status == QM_OK && distance <= reach) memcpy(end, place, POINT_SIZE);
+    return status;
+}
+
+/** Puts a stroke onto features; *line is empty where it is near none. */
+static qm_status snap_stroke(qm_context *ctx, const qm_ref_surface *surface, const double *points,
+                             size_t count, double angle, double reach, qm_section *line, bool *is_whole)
+{
+    double box[6];
+    qm_creases c;
+    for (size_t k = 0; k < 3; k++) {
+        box[k] = INFINITY;
+        box[3 + k] = -INFINITY;
+        for (size_t i = 0; i < count; i++) {
+            box[k] = fmin(box[k], points[3 * i + k]);
+            box[3 + k] = fmax(box[3 + k], points[3 * i + k]);
+        }
+        box[k] -= MOST_OFF * reach;
+        box[3 + k] += MOST_OFF * reach;
+    }
+    *line = (qm_section){0};
+    *is_whole = false;
+    qm_status status = qm_creases_find(ctx, surface, angle, box, &c);
+    if (status != QM_OK || c.features.edge_count == 0) return status;
+    status = qm_creases_snap_line(ctx, &c, points, count, reach, line, is_whole);
+    bool is_off = line->count == 0;
+    for (size_t i = 0; i < count && status == QM_OK && is_off; i++)
+        status = qm_section_add(ctx, line, qm_vec_load(points + 3 * i));
+    if (status == QM_OK) status = snap_end(ctx, &c, line->points, reach);
+    if (status == QM_OK) status = snap_end(ctx, &c, line->points + 3 * (line->count - 1), reach);
+    qm_creases_reset(ctx, &c);
+    return status;
+}
+
+qm_status qm_layout_add_snapped_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                                       const double *points, size_t count, double radius, double angle,
+                                       double reach, uint32_t *id)
+{
+    QM_ASSERT(ctx && layout && surface && points && id);
+    if (count < 2)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "a stroke has two points or more, got %zu", count);
+    if (!(reach > 0.0) || !(angle > 0.0) || angle > 180.0)
+        return qm_context_fail(
+            ctx, QM_E_ARGUMENT,
+            "the angle of creases must be above 0, and 180 at most, and their reach above 0");
+    qm_section line;
+    bool is_whole;
+    qm_status status = snap_stroke(ctx, surface, points, count, angle, reach, &line, &is_whole);
+    bool is_snapped = line.count >= 2;
+    qm_layout copy;
+    if (status == QM_OK) {
+        status = qm_layout_copy(ctx, layout, &copy);
+        if (status == QM_OK)
+            status = qm_layout_finish_edit(
+                ctx, layout, &copy,
+                qm_layout_draw_stroke(ctx, &copy, surface, is_snapped ? line.points : points,
+                                      is_snapped ? line.count : count, radius,
+                                      is_whole ? QM_CURVE_SHARP : QM_CURVE_SMOOTH, id));
+    }
+    qm_section_reset(ctx, &line);
     return status;
 }

@@ -31,10 +31,11 @@ void qm_creases_reset(qm_context *ctx, qm_creases *creases);
 /**
  * Puts the parts of a line that run along features, no farther off than the reach, onto these.
  *
- * out  the whole line with these parts; empty where no part runs along any
+ * out       the whole line with these parts; empty where no part runs along any
+ * is_whole  whether nothing else is left of it; may be NULL
  */
 qm_status qm_creases_snap_line(qm_context *ctx, const qm_creases *creases, const double *points, size_t count,
-                               double reach, qm_section *out);
+                               double reach, qm_section *out, bool *is_whole);
 
 /** Puts the sharp curves of a layout, and their nodes but for corners, onto the features that they run along within 1 % of the
  * diagonal. Other curves keep their points but for the ends. *out receives the features, none if no curve is sharp; it is the
