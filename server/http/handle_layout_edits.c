@@ -219,6 +219,19 @@ static bool apply_features(qm_layout_session *s, const qm_layout_edit *edit, uin
     return good;
 }
 
+static bool apply_curve(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,
+                        qm_problem *problem)
+{
+    (void)subject;
+    (void)more;
+    uint32_t id;
+    return qm_layout_session_outcome(s,
+                                     qm_layout_add_marked_stroke(&s->ctx, &s->layout, &s->source,
+                                                                 edit->points, edit->point_count,
+                                                                 snap_radius(s, edit), edit->mark, &id),
+                                     problem);
+}
+
 static bool apply_marks(qm_layout_session *s, const qm_layout_edit *edit, uint32_t subject, qm_text *more,
                         qm_problem *problem)
 {
@@ -405,6 +418,11 @@ void qm_handle_layout_features(qm_request *request)
 void qm_handle_layout_mark(qm_request *request)
 {
     edit_by_body(request, QM_EDIT_MARKS, OF_LAYOUT, apply_marks);
+}
+
+void qm_handle_curve_add(qm_request *request)
+{
+    edit_by_body(request, QM_EDIT_CURVE, OF_LAYOUT, apply_curve);
 }
 
 void qm_handle_node_merge(qm_request *request)

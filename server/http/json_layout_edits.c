@@ -187,6 +187,18 @@ static bool read_redraw(const cJSON *object, qm_layout_edit *out, qm_problem *pr
                               &out->points, &out->point_count, problem);
 }
 
+static bool read_curve(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+{
+    static const char *const names[] = {"points", "mark", "snap", NULL};
+    const cJSON *mark = cJSON_GetObjectItemCaseSensitive(object, "mark");
+    if (!qm_json_check_members(object, names, problem) || !read_amount(object, "snap", &out->radius, problem))
+        return false;
+    if (mark && !qm_json_read_mark(mark, &out->mark))
+        return qm_json_reject(problem, "must be \"smooth\", \"sharp\" or \"fixed\"", "/mark", 0, 0);
+    return qm_json_read_table(cJSON_GetObjectItemCaseSensitive(object, "points"), 3, 2, "points",
+                              &out->points, &out->point_count, problem);
+}
+
 static bool read_pair(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
     static const char *const names[] = {"first", "second", NULL};
@@ -262,7 +274,8 @@ bool qm_json_read_layout_edit(const char *text, size_t size, qm_layout_edit_kind
                                                     [QM_EDIT_SLIDE] = read_slide,
                                                     [QM_EDIT_SPLIT_CHORD] = read_split_chord,
                                                     [QM_EDIT_FEATURES] = read_features,
-                                                    [QM_EDIT_MARKS] = read_marks};
+                                                    [QM_EDIT_MARKS] = read_marks,
+                                                    [QM_EDIT_CURVE] = read_curve};
     *out = (qm_layout_edit){0};
     cJSON *object = qm_json_parse_object(text, size, "an edit", problem);
     if (!object) return false;

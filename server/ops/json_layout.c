@@ -392,3 +392,33 @@ void qm_json_add_layout_issues(qm_text *out, const qm_layout_issues *issues)
     }
     qm_text_add_string(out, "]");
 }
+
+void qm_json_add_suggestions(qm_text *out, const qm_layout_suggestions *suggestions)
+{
+    static const char *const names[] = {"feature", "end", "join", "divide"};
+    _Static_assert(sizeof names / sizeof names[0] == QM_SUGGEST_KIND_COUNT, "a name for each kind");
+    qm_json_open(out, "suggestions", "[");
+    for (size_t i = 0; i < suggestions->count; i++) {
+        const qm_layout_suggestion *one = &suggestions->items[i];
+        char detail[80];
+        if (one->kind == QM_SUGGEST_FEATURE)
+            snprintf(detail, sizeof detail, "a crease or boundary that no curve runs along");
+        else if (one->kind == QM_SUGGEST_END)
+            snprintf(detail, sizeof detail, "goes on from an end where no other curve begins");
+        else if (one->kind == QM_SUGGEST_JOIN)
+            snprintf(detail, sizeof detail, "joins two parts that no curve connects");
+        else
+            snprintf(detail, sizeof detail, "cuts four sides off a cell of %u", one->sides);
+        qm_json_add_comma(out);
+        qm_text_add_string(out, "{");
+        qm_json_add_string(out, "kind", names[one->kind]);
+        if (one->mark != QM_CURVE_SMOOTH) qm_json_add_string(out, "mark", qm_layout_mark_name(one->mark));
+        qm_json_open(out, "points", "[");
+        for (size_t k = 0; k < one->point_count; k++)
+            qm_json_add_array(out, one->points + 3 * k, 3);
+        qm_text_add_string(out, "]");
+        qm_json_add_string(out, "detail", detail);
+        qm_text_add_string(out, "}");
+    }
+    qm_text_add_string(out, "]");
+}

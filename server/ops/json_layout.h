@@ -8,6 +8,7 @@
 #include "base/text.h"
 #include "problem.h"
 #include "qm/layout_edit.h"
+#include "qm/layout_suggest.h"
 #include "qm/pick.h"
 #include "qm/quad_layout.h"
 #include "qm/reconstruct.h"
@@ -66,6 +67,9 @@ void qm_json_add_layout(qm_text *out, const qm_layout *layout);
 /** Adds the member issues: why the layout is incomplete, each with a message. */
 void qm_json_add_layout_issues(qm_text *out, const qm_layout_issues *issues);
 
+/** Adds the member suggestions, each with a reason. */
+void qm_json_add_suggestions(qm_text *out, const qm_layout_suggestions *suggestions);
+
 /** What a reconstruction's warning says, and the word that names it. */
 #define QM_WARNING_TEXT 200
 const char *qm_json_warning_name(qm_reconstruction_warning_kind kind);
@@ -92,7 +96,8 @@ typedef enum qm_layout_edit_kind {
     QM_EDIT_SLIDE,
     QM_EDIT_SPLIT_CHORD,
     QM_EDIT_FEATURES,
-    QM_EDIT_MARKS
+    QM_EDIT_MARKS,
+    QM_EDIT_CURVE
 } qm_layout_edit_kind;
 
 /** An edit; the fields of other kinds are zero. */
@@ -118,7 +123,7 @@ typedef struct qm_layout_edit {
     bool has_features;
     uint32_t *curves, *nodes; /* marks: malloc'ed, NULL for none */
     size_t curve_count, node_count;
-    qm_curve_mark mark; /* of the curves */
+    qm_curve_mark mark; /* of the curves, or of a curve that is added */
     bool is_corner;     /* of the nodes */
 } qm_layout_edit;
 

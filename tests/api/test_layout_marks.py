@@ -209,3 +209,68 @@ def test_sharp_curves_stay_sharp(client, box, featured):
     assert count_off(quads_of(client, sharp)) == 0
     smooth = edit(client, sharp, "marks", curves=[curve["id"] for curve in curves], mark="smooth")
     assert count_off(quads_of(client, smooth)) > 0
+
+
+# ---- suggestions ----
+
+def suggestions(client, layout):
+    reply = client.get(f"/v1/layouts/{layout['id']}/suggestions")
+    assert reply.status_code == 200, reply.text
+    return reply.json()["suggestions"]
+
+
+def accept(client, layout, one):
+    return edit(client, layout, "curves", points=one["points"], snap=1e-6, **({"mark": one["mark"]} if "mark" in one else {}))
+
+
+def test_features_are_suggested_first(client, box):
+    layout = client.post("/v1/layouts", json={"mesh": box}).json()
+    for left in range(12, 0, -1):
+        found = suggestions(client, layout)
+        assert len(found) == left and {(one["kind"], one["mark"]) for one in found} == {("feature", "sharp")}
+        layout = accept(client, layout, found[0])
+    assert len(layout["patches"]) == 6 and layout["complete"] and suggestions(client, layout) == []
+
+
+def test_ends_parts_and_wide_cells_get_curves(client, box):
+    layout = client.post("/v1/layouts", json={"mesh": box, "features": {}}).json()
+    # A curve into one side of the box ends there.
+    layout = edit(client, layout, "curves", points=[[1, 0, 1], [0.5, 0.1, 1], [0, 0, 1]])
+    found = suggestions(client, layout)
+    assert [one["kind"] for one in found] == ["end"] and "no other curve begins" in found[0]["detail"]
+    assert all(abs(point[2] - 1) < 1e-9 for point in found[0]["points"])
+    layout = accept(client, layout, found[0])
+    assert not any(issue["kind"] == "dangling_end" for issue in layout["issues"])
+    # A closed curve inside another side lies apart.
+    ring = [[0.4 * math.cos(k * math.pi / 12), 0.4 * math.sin(k * math.pi / 12), -1] for k in range(25)]
+    layout = edit(client, layout, "curves", points=[*ring[:-1], ring[0]])
+    assert any(issue["kind"] == "apart" for issue in layout["issues"])
+    found = suggestions(client, layout)
+    joins = [one for one in found if one["kind"] == "join"]
+    assert len(joins) == 1 and all(abs(point[2] + 1) < 1e-9 for point in joins[0]["points"])
+    layout = accept(client, layout, joins[0])
+    assert not any(issue["kind"] == "apart" for issue in layout["issues"])
+
+
+def test_a_wide_cell_is_divided(client, box):
+    layout = client.post("/v1/layouts", json={"mesh": box, "features": {}}).json()
+    top = [curve["id"] for curve in layout["curves"] if all(point[2] == 1 for point in curve["points"])]
+    for curve, place in zip(top, [next(one["points"] for one in layout["curves"] if one["id"] == curve) for curve in top]):
+        layout = edit(client, layout, f"curves/{curve}/split", point=[(x + y) / 2 for x, y in zip(place[0], place[-1])])
+    assert sorted(issue["sides"] for issue in layout["issues"]) == [5, 5, 5, 5, 8]
+    found = suggestions(client, layout)
+    assert [one["kind"] for one in found] == ["divide"] and "cell of 8" in found[0]["detail"]
+    assert all(abs(point[2] - 1) < 1e-9 for point in found[0]["points"])
+    layout = accept(client, layout, found[0])
+    assert sorted(issue["sides"] for issue in layout["issues"]) == [5, 5, 5, 5, 6]
+    assert suggestions(client, layout) == []
+
+
+def test_a_bad_curve_names_the_place(client, featured):
+    path = f"/v1/layouts/{featured['id']}/curves"
+    for body, pointer in [({}, "/points"), ({"points": [[0, 0, 1]]}, "/points"), ({"points": [[0, 0, 1], [0, 0]]}, "/points/1"),
+                          ({"points": [[0, 0, 1], [0, 1, 1]], "mark": "no"}, "/mark"), ({"points": [[0, 0, 1], [0, 1, 1]], "snap": -1}, "/snap")]:
+        reply = client.post(path, json=body)
+        check_problem(reply, 400, "invalid_field")
+        assert reply.json()["errors"][0]["pointer"] == pointer
+    check_problem(client.get("/v1/layouts/l_none/suggestions"), 404, "layout_not_found")

@@ -111,7 +111,7 @@ static void read_manifest(void)
 
 static void read_as(char letter)
 {
-    static const char edits[] = "spnrgihxyzqfa"; /* in the order of qm_layout_edit_kind */
+    static const char edits[] = "spnrgihxyzqfae"; /* in the order of qm_layout_edit_kind */
     const char *edit = strchr(edits, letter);
     if (letter == 'j')
         read_job();

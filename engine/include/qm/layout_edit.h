@@ -75,6 +75,11 @@ qm_layout_features_options qm_layout_features_options_default(void);
 qm_status qm_layout_add_features(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
                                  const qm_layout_features_options *options, size_t *added);
 
+/** As qm_layout_add_stroke, with a mark: a marked stroke is joined with curves of its own mark only. */
+qm_status qm_layout_add_marked_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                                      const double *points, size_t point_count, double radius,
+                                      qm_curve_mark mark, uint32_t *id);
+
 /**
  * As qm_layout_add_stroke, for a stroke on a mesh: first its parts that run along creases and boundaries no farther off than reach
  * are put on these, exactly, and each end that is so near to one; parts shorter than three times the reach only cross. A stroke

@@ -540,16 +540,10 @@ qm_status qm_layout_add_snapped_stroke(qm_context *ctx, qm_layout *layout, const
     bool is_whole;
     qm_status status = snap_stroke(ctx, surface, points, count, angle, reach, &line, &is_whole);
     bool is_snapped = line.count >= 2;
-    qm_layout copy;
-    if (status == QM_OK) {
-        status = qm_layout_copy(ctx, layout, &copy);
-        if (status == QM_OK)
-            status = qm_layout_finish_edit(
-                ctx, layout, &copy,
-                qm_layout_draw_stroke(ctx, &copy, surface, is_snapped ? line.points : points,
-                                      is_snapped ? line.count : count, radius,
-                                      is_whole ? QM_CURVE_SHARP : QM_CURVE_SMOOTH, id));
-    }
+    if (status == QM_OK)
+        status = qm_layout_add_marked_stroke(ctx, layout, surface, is_snapped ? line.points : points,
+                                             is_snapped ? line.count : count, radius,
+                                             is_whole ? QM_CURVE_SHARP : QM_CURVE_SMOOTH, id);
     qm_section_reset(ctx, &line);
     return status;
 }

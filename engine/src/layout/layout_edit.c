@@ -358,8 +358,9 @@ qm_status qm_layout_draw_stroke(qm_context *ctx, qm_layout *layout, const qm_ref
     return status == QM_OK && is_closed ? finish_ring(ctx, layout, *id, from, radius) : status;
 }
 
-qm_status qm_layout_add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
-                               const double *points, size_t point_count, double radius, uint32_t *id)
+qm_status qm_layout_add_marked_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                                      const double *points, size_t point_count, double radius,
+                                      qm_curve_mark mark, uint32_t *id)
 {
     if (point_count < 2)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "a stroke has two points or more, got %zu", point_count);
@@ -368,5 +369,12 @@ qm_status qm_layout_add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_
     if (status != QM_OK) return status;
     return qm_layout_finish_edit(
         ctx, layout, &copy,
-        qm_layout_draw_stroke(ctx, &copy, surface, points, point_count, radius, QM_CURVE_SMOOTH, id));
+        qm_layout_draw_stroke(ctx, &copy, surface, points, point_count, radius, mark, id));
+}
+
+qm_status qm_layout_add_stroke(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                               const double *points, size_t point_count, double radius, uint32_t *id)
+{
+    return qm_layout_add_marked_stroke(ctx, layout, surface, points, point_count, radius, QM_CURVE_SMOOTH,
+                                       id);
 }

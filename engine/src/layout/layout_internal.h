@@ -124,4 +124,11 @@ void qm_layout_cells_reset(qm_context *ctx, qm_layout_cells *cells);
 qm_status qm_layout_draw_curve(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
                                uint32_t from, uint32_t to, qm_vec inward);
 
+/** True if a quarter of the last curve and more lies within a distance of other curves. */
+bool qm_layout_runs_along(const qm_layout *layout, double distance);
+
+/** How often the last curve crosses others, or itself. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_layout_count_crossings(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
+                                    size_t *count);
+
 #endif

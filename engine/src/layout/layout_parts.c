@@ -8,6 +8,8 @@
 
 #define DETOUR                                                                                               \
     1.6 /* of the straight distance: a curve that is shorter, and crosses nothing, is taken at once */
+#define SAME_LINE 1e-6      /* of the diagonal: curves that are nearer run along each other */
+#define ALONG_SAMPLES 12    /* of a curve; with a quarter of them on other curves it runs along these */
 #define CROSSING_COST 100.0 /* of the length of a curve */
 #define SAME_POINT 1e-9     /* of a curve's length */
 #define MIN_END_GAP 1e-6    /* of a curve's length: a position nearer to an end counts as the end */
@@ -291,9 +293,8 @@ qm_vec qm_layout_leaving_direction(const qm_curve *curve, bool from_end)
     return length > 0.0 ? qm_vec_scale(1.0 / length, d) : d;
 }
 
-/** How often the last curve crosses others, or itself. */
-static qm_status count_crossings(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
-                                 size_t *count)
+qm_status qm_layout_count_crossings(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
+                                    size_t *count)
 {
     qm_layout_issues issues = {0};
     uint32_t own = layout->curves[layout->curve_count - 1].id;
@@ -305,6 +306,23 @@ static qm_status count_crossings(qm_context *ctx, const qm_layout *layout, const
     return status;
 }
 
+bool qm_layout_runs_along(const qm_layout *layout, double distance)
+{
+    const qm_curve *own = &layout->curves[layout->curve_count - 1];
+    const qm_section line = {own->points, own->point_count, own->point_count};
+    double length = qm_section_length(&line);
+    int along = 0;
+    for (int k = 0; k < ALONG_SAMPLES; k++) {
+        double at[3];
+        bool is_along = false;
+        qm_vec_store(at, qm_section_at(&line, length * (k + 1) / (ALONG_SAMPLES + 1)));
+        for (size_t i = 0; i + 1 < layout->curve_count && !is_along; i++)
+            is_along = qm_layout_nearest_position(&layout->curves[i], at).distance <= distance;
+        along += is_along;
+    }
+    return 4 * along > ALONG_SAMPLES;
+}
+
 /** Gives the last curve the points of a line, and finds what it costs: its length, many times as much where it crosses. */
 static qm_status try_line(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
                           const qm_section *line, double *cost)
@@ -312,7 +330,8 @@ static qm_status try_line(qm_context *ctx, qm_layout *layout, const qm_ref_surfa
     size_t crossings = 0;
     qm_curve *curve = &layout->curves[layout->curve_count - 1];
     qm_status status = qm_layout_set_points(ctx, curve, line->points, line->count);
-    if (status == QM_OK) status = count_crossings(ctx, layout, surface, &crossings);
+    if (status == QM_OK) status = qm_layout_count_crossings(ctx, layout, surface, &crossings);
+    crossings += qm_layout_runs_along(layout, SAME_LINE * surface->diagonal);
     *cost = qm_section_length(line) * (1.0 + CROSSING_COST * (double)crossings);
     return status;
 }
@@ -341,6 +360,10 @@ qm_status qm_layout_draw_curve(qm_context *ctx, qm_layout *layout, const qm_ref_
             best = cost;
         }
         if (best <= DETOUR * qm_vec_distance(start, end)) break;
+    }
+    if (status == QM_OK && found.count < 2) { /* no plane through both connects them */
+        qm_section_reset(ctx, &found);
+        status = qm_section_project(ctx, surface, start, end, &found);
     }
     if (status == QM_OK)
         status =
