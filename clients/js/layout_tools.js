@@ -3,7 +3,7 @@
 //   import { LayoutTools } from "quadmeshd-client/layout_tools.js";
 //   await new LayoutTools(client.layouts).fill(layout.id);
 
-/** @import { CurveMark, EditedLayout, FeatureRequest, Mirror, Point, Stroke } from "./types.js" */
+/** @import { CurveMark, EditedLayout, FeatureRequest, LayoutSuggestion, Mirror, Point, Stroke } from "./types.js" */
 /** @import { Layouts, Options } from "./layouts.js" */
 
 export class LayoutTools {
@@ -93,6 +93,27 @@ export class LayoutTools {
    */
   mark(id, marks, options = {}) {
     return this.edit(id, "marks", marks, options);
+  }
+
+  /**
+   * Draws a curve by points in space: as a stroke whose points are known already.
+   * @param {string} id
+   * @param {{ points: Point[], mark?: CurveMark, snap?: number }} curve
+   * @param {Options} [options]
+   */
+  addCurve(id, curve, options = {}) {
+    return this.edit(id, "curves", curve, options);
+  }
+
+  /**
+   * Curves that would bring the layout nearer to completion, for addCurve.
+   * @param {string} id
+   * @param {Options} [options]
+   * @returns {Promise<LayoutSuggestion[]>}
+   */
+  async suggestions(id, { signal } = {}) {
+    const found = await this.layouts.transport.json(`/v1/layouts/${encodeURIComponent(id)}/suggestions`, { signal });
+    return found.suggestions;
   }
 
   /**

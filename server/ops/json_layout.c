@@ -408,7 +408,7 @@ void qm_json_add_suggestions(qm_text *out, const qm_layout_suggestions *suggesti
         else if (one->kind == QM_SUGGEST_JOIN)
             snprintf(detail, sizeof detail, "joins two parts that no curve connects");
         else
-            snprintf(detail, sizeof detail, "cuts four sides off a cell of %u", one->sides);
+            snprintf(detail, sizeof detail, "divides a cell of %u sides", one->sides);
         qm_json_add_comma(out);
         qm_text_add_string(out, "{");
         qm_json_add_string(out, "kind", names[one->kind]);

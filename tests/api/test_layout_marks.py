@@ -259,7 +259,7 @@ def test_a_wide_cell_is_divided(client, box):
         layout = edit(client, layout, f"curves/{curve}/split", point=[(x + y) / 2 for x, y in zip(place[0], place[-1])])
     assert sorted(issue["sides"] for issue in layout["issues"]) == [5, 5, 5, 5, 8]
     found = suggestions(client, layout)
-    assert [one["kind"] for one in found] == ["divide"] and "cell of 8" in found[0]["detail"]
+    assert [one["kind"] for one in found] == ["divide"] and "cell of 8 sides" in found[0]["detail"]
     assert all(abs(point[2] - 1) < 1e-9 for point in found[0]["points"])
     layout = accept(client, layout, found[0])
     assert sorted(issue["sides"] for issue in layout["issues"]) == [5, 5, 5, 5, 6]

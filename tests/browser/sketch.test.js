@@ -91,6 +91,26 @@ test("features are drawn by a button, and curves and nodes are marked by clicks"
   await finish(second);
 });
 
+test("suggested curves are taken by clicks", async () => {
+  const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [(k & 1) * 2 - 1, (k & 2) - 1, (k >> 1 & 2) - 1]);
+  const sides = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+  const faces = sides.flatMap(([a, b, c, d]) => [[a, b, c], [a, c, d]]);
+  const { mesh: cube } = await daemon.client().meshes.create(off({ vertices: corners, faces }), { name: "suggested cube.off" });
+  const empty = await daemon.client().layouts.create({ mesh: cube.id });
+  const page = await open(empty.id, cube.id);
+  await page.getByRole("button", { name: "Suggest curves" }).click();
+  await did(page, "12 suggested");
+  const list = page.getByRole("list", { name: "Suggested curves" }).getByRole("button");
+  for (let left = 12; left > 0; left--) {
+    assert.equal(await list.count(), left);
+    await list.first().click();
+    await did(page, left > 1 ? `${left - 1} suggested` : "There is nothing to suggest.");
+  }
+  await says(page, "6 patches");
+  assert((await daemon.client().layouts.get(empty.id)).complete);
+  await finish(page);
+});
+
 test("a layout of the whole surface is made by a button, and grown into quads", async () => {
   const { mesh: own } = await daemon.client().meshes.create(off(roundedBox(12)), { name: "whole box.off" });
   const page = await open(undefined, own.id);

@@ -6,6 +6,7 @@
 #include "layouts.h"
 #include "qm/features.h"
 #include "qm/layout_edit.h"
+#include "qm/layout_suggest.h"
 #include "qm/reconstruct.h"
 #include "random.h"
 
@@ -561,7 +562,14 @@ static void running_out_of_memory_leaves_nothing_behind(void **state)
     qm_layout drawn = draw_unsure(&g, 9, 0.01);
     for (size_t i = 0; i < drawn.curve_count; i++)
         drawn.curves[i].mark = QM_CURVE_SHARP;
-    for (int what = 0; what < 2; what++) {
+    const double along[] = {-0.8, 0.95, 1.0, 0.0, 0.97, 1.0, 0.8, 0.94, 1.0};
+    /* All edges, and a curve that ends in a side. */
+    size_t count;
+    uint32_t end;
+    qm_layout open = draw_features(&g, &count);
+    const double inward[] = {1.0, 0.0, 1.0, 0.0, 0.1, 1.0};
+    assert_int_equal(qm_layout_add_stroke(&g.ctx, &open, &g.source, inward, 2, 0.01, &end), QM_OK);
+    for (int what = 0; what < 4; what++) {
         qm_status status = QM_E_NO_MEMORY;
         for (size_t fail_at = 0; status != QM_OK; fail_at++) {
             qm_failing_allocator memory = {.fail_at = SIZE_MAX};
@@ -570,20 +578,29 @@ static void running_out_of_memory_leaves_nothing_behind(void **state)
             qm_reconstruction_options wanted = qm_reconstruction_options_default();
             qm_layout layout = {0};
             qm_reconstruction *r = NULL;
+            qm_layout_suggestions suggestions = {0};
             size_t added;
+            uint32_t id;
             memory.fail_at = memory.calls + fail_at;
             if (what == 0)
                 status = qm_layout_add_features(&ctx, &layout, &g.source, &options, &added);
-            else
+            else if (what == 1)
                 status = qm_reconstruction_create(&ctx, &g.source, &drawn, &wanted, &r);
+            else if (what == 2)
+                status =
+                    qm_layout_add_snapped_stroke(&ctx, &layout, &g.source, along, 3, 0.01, 40.0, 0.1, &id);
+            else
+                status = qm_layout_suggest(&ctx, &open, &g.source, &options, 10, &suggestions);
             QM_CHECK(status == QM_OK || status == QM_E_NO_MEMORY, "call %zu: %s", fail_at, ctx.message);
             qm_layout_reset(&ctx, &layout);
             qm_reconstruction_destroy(&ctx, r);
+            qm_layout_suggestions_reset(&ctx, &suggestions);
             QM_CHECK(memory.live_blocks == 0 && !memory.mismatched, "%d: call %zu leaves %zu blocks", what,
                      fail_at, memory.live_blocks);
             if (what == 1 && fail_at > 400) fail_at += 97; /* the rest is walked by other tests */
         }
     }
+    qm_layout_free(&open);
     qm_layout_free(&drawn);
     qm_ground_free(&g);
 }

@@ -6,7 +6,7 @@ import { colourRegions } from "../view/loader.js";
 import { toVector } from "../view/stage.js";
 import { toScene } from "./window.js";
 
-/** @import { Curve, Layout } from "../../js/types.js" */
+/** @import { Curve, Layout, LayoutSuggestion } from "../../js/types.js" */
 /** @import { Plan } from "../view/regions.js" */
 /** @import { Stage } from "../view/stage.js" */
 
@@ -17,15 +17,17 @@ const MARKED_WIDTH = 5;
  * @param {Stage} stage
  * @param {Layout} layout
  * @param {Set<number>} chosen ids of curves; the ends of one that is chosen alone can be held
+ * @param {LayoutSuggestion[]} suggested
  */
-export function drawLayout(stage, layout, chosen) {
+export function drawLayout(stage, layout, chosen, suggested) {
   const [ink, accent, fault, muted] = ["--ink", "--accent", "--fault", "--muted"].map((name) => toVector(colour(name)));
   const grips = chosen.size === 1 ? layout.curves.filter(({ id }) => chosen.has(id)).flatMap(({ from, to }) => [from, to]) : [];
   stage.setOverlay({
     isOverCloud: stage.models.get("a")?.mesh.kind === "points",
-    ribbons: layout.curves.map((curve) => ({
+    ribbons: [...layout.curves.map((curve) => ({
       points: toScene(stage, curve.points), colour: chosen.has(curve.id) ? accent : curve.mark === "fixed" ? muted : ink,
       width: curve.mark ? MARKED_WIDTH : chosen.has(curve.id) ? 4 : 2.25 })),
+    ...suggested.map(({ points }) => ({ points: toScene(stage, points), colour: accent, width: 1.5 }))],
     dots: [
       ...layout.nodes.map((node, place) => ({
         point: stage.toScene(node), colour: grips.includes(place) ? accent : ink, size: grips.includes(place) || layout.corners?.includes(place) ? 15 : 10 })),

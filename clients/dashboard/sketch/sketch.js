@@ -9,6 +9,7 @@ import { meshOf, on, state } from "../core/state.js";
 import { drawTools, toggle } from "../view/tools.js";
 import { currentStage, lookAt, setLook, show } from "../view/view.js";
 import { Editor } from "./editor.js";
+import { Suggestions } from "./suggest.js";
 import { Tools } from "./tools.js";
 
 /** @import { Layout } from "../../js/types.js" */
@@ -67,6 +68,7 @@ export function showSketch(panel) {
     run(makeLayout);
   });
   const toolbox = new Tools(editor, button);
+  const suggestions = new Suggestions(editor, button, draw);
   panel.append(
     h("section", { className: "section", "aria-labelledby": "sketch-title" },
       h("header", {}, h("h2", { id: "sketch-title" }, "Sketch"), undo, redo), side,
@@ -79,7 +81,7 @@ export function showSketch(panel) {
     h("section", { className: "section", "aria-label": "Curves" },
       summary, words, h("div", { className: "row" }, h("label", { className: "inline" }, "Curve", curve)),
       h("div", { className: "row" }, split, merge, redraw, remove), h("div", { className: "row" }, remesh, discard)),
-    missing);
+    missing, suggestions.element);
   curve.addEventListener("change", () => {
     editor.chosen.clear();
     const found = editor.layout?.curves.find(({ id }) => String(id) === curve.value);
@@ -97,6 +99,7 @@ export function showSketch(panel) {
     remove.disabled = chosen.size === 0;
     discard.disabled = layout === null;
     toolbox.update();
+    suggestions.update();
     remesh.hidden = !layout || layout.patches.length === 0;
     remesh.href = `#remesh?a=${state.a}&layout=${layout?.id}`;
     summary.textContent = state.a === null ? "" : describe(layout);
@@ -147,7 +150,7 @@ export function showSketch(panel) {
     if (!stage || !tools || !stage.models.get("a")?.isWhole) return;
     const { layout, chosen } = editor;
     if (!layout) stage.setOverlay();
-    else tools[2].drawLayout(stage, layout, new Set(chosen.keys()));
+    else tools[2].drawLayout(stage, layout, new Set(chosen.keys()), suggestions.shown);
     if (shaded === layout) return;
     shaded = layout;
     run(() => /** @type {NonNullable<typeof tools>} */ (tools)[2].shadePatches(stage, layout ?? { ...EMPTY }));

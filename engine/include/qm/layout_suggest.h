@@ -10,7 +10,7 @@ typedef enum qm_layout_suggestion_kind {
     QM_SUGGEST_FEATURE, /* along a crease or boundary of the mesh that no curve runs along */
     QM_SUGGEST_END,     /* from an end where no other curve begins to a node of the same cell */
     QM_SUGGEST_JOIN,    /* between parts of the drawing that no curve connects */
-    QM_SUGGEST_DIVIDE,  /* across a cell of more than six sides: it cuts off a cell of four */
+    QM_SUGGEST_DIVIDE,  /* across a cell of more than six sides */
     QM_SUGGEST_KIND_COUNT
 } qm_layout_suggestion_kind;
 

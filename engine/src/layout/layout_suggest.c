@@ -11,9 +11,11 @@
 #include "core/union_find.h"
 #include "layout_internal.h"
 
-#define TRIALS 4        /* pairs that are drawn for one suggestion */
+#define TRIALS 12       /* pairs that are drawn for one suggestion */
 #define MANY_SIDES 6    /* cells of more are divided */
 #define CUT_OFF 3       /* sides of a cell that a curve cuts off with itself as the fourth */
+#define MOST_CUT_OFF 8  /* ... where no curve that cuts off three is good */
+#define OTHER_COST 2.0  /* times the distance */
 #define AHEAD 0.5       /* of a distance: what lies straight ahead of an end counts as so much nearer */
 #define DETOUR 3.0      /* times the distance: a longer curve is not suggested */
 #define ACUTE 1.75      /* radians: a corner of less is not worth dividing */
@@ -205,23 +207,43 @@ static qm_status suggest_joins(suggester *s, const qm_layout_issues *issues)
 
 /* ---- cells ---- */
 
-/** Cuts a cell of four sides off one with many. */
+/** What joining two corners of a cell, so many sides apart, costs. */
+static double division_cost(const suggester *s, const qm_layout_cells *cells, const uint32_t dart[2],
+                            uint32_t apart)
+{
+    double cost = qm_vec_distance(node_at(s, qm_layout_dart_start(&s->layout, dart[0])),
+                                  node_at(s, qm_layout_dart_start(&s->layout, dart[1])));
+    for (int k = 0; k < 2; k++)
+        if (cells->corner[dart[k]] < ACUTE) cost *= ACUTE_COST;
+    return apart == CUT_OFF ? cost : OTHER_COST * cost;
+}
+
+/** Cuts four sides off a cell with many, or more where that is much shorter. */
 static qm_status suggest_division(suggester *s, const qm_layout_cells *cells, const qm_layout_cell *cell)
 {
     candidate best[TRIALS];
     size_t count = 0;
     for (uint32_t k = 0; k < cell->sides; k++) {
-        uint32_t first = cells->dart[cell->first + k],
-                 second = cells->dart[cell->first + (k + CUT_OFF) % cell->sides];
-        uint32_t from = qm_layout_dart_start(&s->layout, first),
-                 to = qm_layout_dart_start(&s->layout, second);
-        if (from == to || are_joined(&s->layout, from, to)) continue;
-        double cost = qm_vec_distance(node_at(s, from), node_at(s, to));
-        if (cells->corner[first] < ACUTE) cost *= ACUTE_COST;
-        if (cells->corner[second] < ACUTE) cost *= ACUTE_COST;
-        consider(best, &count, (candidate){from, to, cost});
+        for (uint32_t apart = CUT_OFF; apart + CUT_OFF <= cell->sides && apart <= MOST_CUT_OFF; apart++) {
+            const uint32_t dart[2] = {cells->dart[cell->first + k],
+                                      cells->dart[cell->first + (k + apart) % cell->sides]};
+            uint32_t from = qm_layout_dart_start(&s->layout, dart[0]),
+                     to = qm_layout_dart_start(&s->layout, dart[1]);
+            if (from == to || are_joined(&s->layout, from, to)) continue;
+            consider(best, &count, (candidate){from, to, division_cost(s, cells, dart, apart)});
+        }
     }
     return try_candidates(s, QM_SUGGEST_DIVIDE, cell->sides, best, count);
+}
+
+/** True if a curve ends in a cell. */
+static bool has_end(const suggester *s, const qm_layout_cells *cells, const qm_layout_cell *cell)
+{
+    for (uint32_t k = 0; k < cell->sides; k++)
+        if (qm_layout_node_degree(&s->layout,
+                                  qm_layout_dart_start(&s->layout, cells->dart[cell->first + k])) == 1)
+            return true;
+    return false;
 }
 
 static qm_status suggest_divisions(suggester *s)
@@ -231,7 +253,7 @@ static qm_status suggest_divisions(suggester *s)
     if (status != QM_OK) return status;
     for (size_t i = 0; i < cells.count && status == QM_OK && s->out->count < s->most; i++) {
         const qm_layout_cell *cell = &cells.cells[i];
-        if (cell->sides <= MANY_SIDES || cell->is_outside || cell->is_on_both_sides) continue;
+        if (cell->sides <= MANY_SIDES || cell->is_outside || has_end(s, &cells, cell)) continue;
         status = suggest_division(s, &cells, cell);
     }
     qm_layout_cells_reset(s->ctx, &cells);
