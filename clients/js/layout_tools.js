@@ -3,7 +3,7 @@
 //   import { LayoutTools } from "quadmeshd-client/layout_tools.js";
 //   await new LayoutTools(client.layouts).fill(layout.id);
 
-/** @import { CurveMark, EditedLayout, FeatureRequest, LayoutSuggestion, Mirror, Point, Stroke } from "./types.js" */
+/** @import { CurveMark, EditedLayout, FeatureRequest, LayoutSuggestion, Mirror, Point, Stroke, SymmetryPlane } from "./types.js" */
 /** @import { Layouts, Options } from "./layouts.js" */
 
 export class LayoutTools {
@@ -114,6 +114,17 @@ export class LayoutTools {
   async suggestions(id, { signal } = {}) {
     const found = await this.layouts.transport.json(`/v1/layouts/${encodeURIComponent(id)}/suggestions`, { signal });
     return found.suggestions;
+  }
+
+  /**
+   * Planes at which the surface of a layout is nearly its own mirror image, the best first.
+   * @param {string} id
+   * @param {Options} [options]
+   * @returns {Promise<SymmetryPlane[]>}
+   */
+  async symmetry(id, { signal } = {}) {
+    const found = await this.layouts.transport.json(`/v1/layouts/${encodeURIComponent(id)}/symmetry`, { signal });
+    return found.planes;
   }
 
   /**

@@ -180,6 +180,7 @@
 /** @typedef {{ kind: "feature" | "end" | "join" | "divide", points: Point[], mark?: CurveMark, detail: string }} LayoutSuggestion */
 /** @typedef {{ angle_deg?: number, reach?: number }} FeatureSnap */
 /** @typedef {{ point: Point, normal: Point }} Mirror a plane */
+/** @typedef {Mirror & { distance: { lower: number, upper: number } }} SymmetryPlane */
 /** @typedef {{ points: [number, number][], view: number[], projection: number[], viewport: number[], radius_px?: number,
  *   depth?: number, snap?: number, features?: FeatureSnap, mirror?: Mirror }} Stroke */
 /** @typedef {{ layout: string, source?: string, cover_share?: number, pull_curves?: boolean }} ReconstructionRequest */

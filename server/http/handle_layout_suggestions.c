@@ -1,38 +1,81 @@
 /**
- * handle_layout_suggestions.c: curves that would bring a layout nearer to completion.
+ * handle_layout_suggestions.c: what is found for a layout and changes nothing: curves that would bring it nearer to completion,
+ * planes of symmetry of its surface.
  */
 #include "handlers.h"
 #include "layout_session.h"
 #include "ops/json_layout.h"
 #include "ops/json_out.h"
 #include "qm/layout_suggest.h"
+#include "qm/symmetry.h"
 
 #define MOST_SUGGESTIONS 100
+#define SYMMETRY_SHARE                                                                                       \
+    0.01 /* of the diagonal: the distance to the mirror image at a plane that is accepted */
 
-void qm_handle_layout_suggestions(qm_request *request)
+/** Finds something for a layout, and adds it to the reply. */
+typedef qm_status find_fn(qm_layout_session *s, qm_text *out);
+
+static void reply_found(qm_request *request, find_fn *find)
 {
     qm_layout_session s;
     qm_problem problem;
-    qm_layout_suggestions found = {0};
-    qm_http_watch watch;
-    const qm_layout_features_options options = qm_layout_features_options_default();
-    bool is_open = qm_layout_session_open(request, &s, &problem), is_found = false;
-    if (is_open) {
+    qm_text out = {0};
+    bool is_found = false;
+    if (qm_layout_session_open(request, &s, &problem)) {
+        qm_http_watch watch;
         qm_http_watch_begin(&watch, request, 0.0, &s.ctx);
-        qm_status status =
-            qm_layout_suggest(&s.ctx, &s.layout, &s.source, &options, MOST_SUGGESTIONS, &found);
-        is_found = qm_layout_session_outcome(&s, status, &problem);
+        qm_text_add_string(&out, "{");
+        is_found = qm_layout_session_outcome(&s, find(&s, &out), &problem);
+        qm_text_add_string(&out, "}");
         is_found = qm_http_watch_end(&watch, &s.ctx, &problem) && is_found;
     }
     if (is_found) {
-        qm_text out = {0};
-        qm_text_add_string(&out, "{");
-        qm_json_add_suggestions(&out, &found);
-        qm_text_add_string(&out, "}");
         qm_reply_text(request, 200, "application/json", qm_text_take(&out));
     } else {
+        qm_text_reset(&out);
         qm_reply_problem(request, &problem);
     }
-    qm_layout_suggestions_reset(&s.ctx, &found);
     qm_layout_session_close(&s);
+}
+
+static qm_status find_suggestions(qm_layout_session *s, qm_text *out)
+{
+    const qm_layout_features_options options = qm_layout_features_options_default();
+    qm_layout_suggestions found;
+    qm_status status = qm_layout_suggest(&s->ctx, &s->layout, &s->source, &options, MOST_SUGGESTIONS, &found);
+    if (status == QM_OK) qm_json_add_suggestions(out, &found);
+    qm_layout_suggestions_reset(&s->ctx, &found);
+    return status;
+}
+
+static qm_status find_symmetry(qm_layout_session *s, qm_text *out)
+{
+    qm_symmetry_plane plane[QM_SYMMETRY_PLANES];
+    size_t count;
+    qm_status status = qm_symmetry_find(&s->ctx, &s->source, SYMMETRY_SHARE, plane, &count);
+    if (status != QM_OK) return status;
+    qm_json_open(out, "planes", "[");
+    for (size_t i = 0; i < count; i++) {
+        qm_json_add_comma(out);
+        qm_text_add_string(out, "{");
+        qm_json_add_numbers(out, "point", plane[i].point, 3);
+        qm_json_add_numbers(out, "normal", plane[i].normal, 3);
+        qm_json_open(out, "distance", "{");
+        qm_json_add_number(out, "lower", plane[i].lower);
+        qm_json_add_number(out, "upper", plane[i].upper);
+        qm_text_add_string(out, "}}");
+    }
+    qm_text_add_string(out, "]");
+    return QM_OK;
+}
+
+void qm_handle_layout_suggestions(qm_request *request)
+{
+    reply_found(request, find_suggestions);
+}
+
+void qm_handle_layout_symmetry(qm_request *request)
+{
+    reply_found(request, find_symmetry);
 }

@@ -56,6 +56,7 @@ void qm_handle_layout_mirror(qm_request *request);
 void qm_handle_layout_features(qm_request *request);
 void qm_handle_layout_mark(qm_request *request);
 void qm_handle_layout_suggestions(qm_request *request);
+void qm_handle_layout_symmetry(qm_request *request);
 void qm_handle_curve_add(qm_request *request);
 
 void qm_handle_reconstruction_create(qm_request *request);

@@ -109,6 +109,8 @@ static const qm_route routes[] = {
      QM_LANE_EDIT, no_query},
     {"GET", "/v1/layouts/{id}/suggestions", QM_SCOPE_READ, qm_handle_layout_suggestions, json, QM_BODY_NONE,
      QM_LANE_EDIT, no_query},
+    {"GET", "/v1/layouts/{id}/symmetry", QM_SCOPE_READ, qm_handle_layout_symmetry, json, QM_BODY_NONE,
+     QM_LANE_EDIT, no_query},
     {"POST", "/v1/layouts/{id}/curves", QM_SCOPE_WRITE, qm_handle_curve_add, json, QM_BODY_MEMORY,
      QM_LANE_EDIT, no_query},
     {"POST", "/v1/layouts/{id}/marks", QM_SCOPE_WRITE, qm_handle_layout_mark, json, QM_BODY_MEMORY,

@@ -274,3 +274,19 @@ def test_a_bad_curve_names_the_place(client, featured):
         check_problem(reply, 400, "invalid_field")
         assert reply.json()["errors"][0]["pointer"] == pointer
     check_problem(client.get("/v1/layouts/l_none/suggestions"), 404, "layout_not_found")
+
+
+def test_planes_of_symmetry_are_found(client, box):
+    layout = client.post("/v1/layouts", json={"mesh": box}).json()
+    planes = client.get(f"/v1/layouts/{layout['id']}/symmetry").json()["planes"]
+    assert len(planes) == 3
+    for plane in planes:
+        assert abs(sum(x * x for x in plane["normal"]) - 1) < 1e-9
+        assert abs(sum(x * y for x, y in zip(plane["point"], plane["normal"]))) < 1e-2
+        assert 0 <= plane["distance"]["lower"] <= plane["distance"]["upper"] <= 0.04
+    mirror = {name: planes[0][name] for name in ("point", "normal")}
+    drawn = edit(client, layout, "strokes", mirror=mirror, **stroke([(0.3, 0.7, 1), (0.6, 0.5, 1)]))
+    assert len(drawn["curves"]) in (1, 2)  # one where the stroke and its image are joined
+    tilted = b"v 0 0 0\nv 3 0.2 0\nv 0.4 2 0.1\nv 0.3 0.1 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    other = client.post("/v1/layouts", json={"mesh": client.upload(tilted, name="tilted", format="obj")["id"]}).json()
+    assert client.get(f"/v1/layouts/{other['id']}/symmetry").json() == {"planes": []}

@@ -3,7 +3,8 @@
 import { LayoutTools } from "../js/layout_tools.js";
 import { client } from "../core/connection.js";
 import { h, select } from "../core/dom.js";
-import { count } from "../core/format.js";
+import { count, length } from "../core/format.js";
+import { run } from "../core/messages.js";
 import { meshOf, state } from "../core/state.js";
 import { currentStage } from "../view/view.js";
 
@@ -39,8 +40,14 @@ export class Tools {
     this.tube = button("Tube", () => this.makeTube(), "Join the rings, or cells, of the two chosen curves");
     this.row = button("Add row", () => this.splitRow(), "Divide all patches across the chosen curve");
     this.features = button("Features", () => this.addFeatures(), "Draw sharp curves along the creases and boundaries of the mesh");
-    this.axis = select("mirror", [["", "none"], ["x", "x"], ["y", "y"], ["z", "z"]], "");
-    this.axis.addEventListener("change", () => this.update());
+    /** The plane of symmetry that was found for a mesh. @type {{ mesh: string | null, plane: Mirror } | null} */
+    this.found = null;
+    this.reach = 0;
+    this.axis = select("mirror", [["", "none"], ["found", "the one found"], ["x", "x"], ["y", "y"], ["z", "z"]], "");
+    this.axis.addEventListener("change", () => {
+      this.update();
+      if (this.axis.value === "found") run(() => this.findPlane());
+    });
     this.image = button("Mirror", () => this.mirrorAll(), "Replace one half by the image of the other, which is kept");
     this.element = h("section", { className: "section", "aria-label": "Tools" },
       h("div", { className: "row", role: "group", "aria-label": "A stroke" }, ...this.kinds),
@@ -62,14 +69,28 @@ export class Tools {
     this.fill.disabled = !layout?.issues.some(({ kind }) => kind === "cell_sides");
     this.tube.disabled = chosen.size !== 2;
     this.row.disabled = chosen.size !== 1;
-    this.image.disabled = !layout || layout.curves.length === 0 || this.axis.value === "";
+    this.image.disabled = !layout || layout.curves.length === 0 || !this.mirror;
   }
 
   /** The plane that strokes are mirrored at, through the middle of what is shown. @returns {Mirror | undefined} */
   get mirror() {
+    if (this.axis.value === "found") return this.found?.mesh === this.editor.mesh ? this.found?.plane : undefined;
     const stage = currentStage();
     const normal = AXES[this.axis.value];
     return stage && normal ? { point: /** @type {Point} */ ([...stage.frame.centre]), normal } : undefined;
+  }
+
+  /** Finds the plane of symmetry of the mesh. */
+  async findPlane() {
+    const { mesh } = this.editor;
+    await this.editor.edit(async (id) => {
+      const [plane] = await this.calls.symmetry(id);
+      this.found = plane ? { mesh, plane: { point: plane.point, normal: plane.normal } } : null;
+      if (!plane) this.axis.value = "";
+      this.reach = plane?.distance.upper ?? 0;
+      return client.layouts.get(id);
+    }, () => (this.found ? `The mirror image at the plane is at most ${length(this.reach)} from the surface.`
+      : "The surface is not its own mirror image, to a hundredth of its size."));
   }
 
   addFeatures() {
