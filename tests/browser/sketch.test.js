@@ -108,6 +108,11 @@ test("suggested curves are taken by clicks", async () => {
   }
   await says(page, "6 patches");
   assert((await daemon.client().layouts.get(empty.id)).complete);
+
+  await page.locator("select[name=mirror]").selectOption("found");
+  await did(page, "The mirror image at the plane is at most");
+  await page.getByRole("button", { name: "Mirror", exact: true }).click();
+  await did(page, "One side is the image of the other now.");
   await finish(page);
 });
 

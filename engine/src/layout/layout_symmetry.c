@@ -18,7 +18,9 @@
 #define SAMPLES 1500
 #define FEW 150          /* samples by which planes are compared at first */
 #define DIRECTIONS 60    /* over the half sphere, beside the principal and the coordinate axes */
-#define REFINED 10       /* of these planes are improved */
+#define REFINED 8        /* of these planes are improved */
+#define SOME 400         /* samples by which they are */
+#define STILL 1e-6       /* radians, and of the diagonal: a plane that moves less is where it belongs */
 #define ROUNDS 24        /* of that */
 #define SAME_COSINE 0.99 /* between the normals of planes that are one */
 #define TOLERANCE 0.05   /* of the accepted distance, in measuring it */
@@ -90,18 +92,21 @@ static double measure(const search *s, const candidate *plane, size_t step)
     return used > 0 ? sum / (double)used : INFINITY;
 }
 
-/** Moves a plane to where the mirrored samples are nearest to where they project to now. */
-static void improve(const search *s, candidate *plane)
+/** Moves a plane to where some mirrored samples are nearest to where they project to now. True if it has moved. */
+static bool improve(const search *s, candidate *plane)
 {
     double m[6] = {0}, value[3];
-    qm_vec vector[3], from = {0, 0, 0}, to = {0, 0, 0};
-    double share = 1.0 / (double)s->count;
-    for (size_t i = 0; i < s->count; i++) {
-        from = qm_vec_axpy(from, share, sample_at(s, i));
-        to = qm_vec_axpy(to, share, project_mirrored(s, plane, i));
+    qm_vec vector[3], from = {0, 0, 0}, to = {0, 0, 0}, on[SOME + 1];
+    size_t step = s->count / SOME + 1, used = 0;
+    for (size_t i = 0; i < s->count; i += step, used++) {
+        on[used] = project_mirrored(s, plane, i);
+        from = qm_vec_add(from, sample_at(s, i));
+        to = qm_vec_add(to, on[used]);
     }
-    for (size_t i = 0; i < s->count; i++) {
-        qm_vec p = qm_vec_sub(sample_at(s, i), from), q = qm_vec_sub(project_mirrored(s, plane, i), to);
+    from = qm_vec_scale(1.0 / (double)used, from);
+    to = qm_vec_scale(1.0 / (double)used, to);
+    for (size_t i = 0; i < used; i++) {
+        qm_vec p = qm_vec_sub(sample_at(s, i * step), from), q = qm_vec_sub(on[i], to);
         m[0] += p.x * q.x;
         m[1] += 0.5 * (p.x * q.y + p.y * q.x);
         m[2] += 0.5 * (p.x * q.z + p.z * q.x);
@@ -110,8 +115,12 @@ static void improve(const search *s, candidate *plane)
         m[5] += p.z * q.z;
     }
     qm_linear_eigen(m, value, vector);
+    candidate before = *plane;
     plane->normal = vector[0];
     plane->point = qm_vec_mix(from, to, 0.5);
+    double shift = fabs(qm_vec_dot(qm_vec_sub(plane->point, before.point), plane->normal));
+    return qm_vec_norm(qm_vec_cross(before.normal, plane->normal)) > STILL ||
+           shift > STILL * s->surface->diagonal;
 }
 
 /** Makes planes through the centroid: across the principal axes, the coordinate axes, and directions over the half sphere
@@ -207,8 +216,8 @@ static qm_status find_planes(search *s, double most, qm_symmetry_plane out[QM_SY
     sort_candidates(all, CANDIDATES);
     for (size_t i = 0; i < REFINED; i++) {
         if (qm_context_canceled(s->ctx)) return qm_context_fail(s->ctx, QM_E_CANCELED, "symmetry canceled");
-        for (int round = 0; round < ROUNDS; round++)
-            improve(s, &all[i]);
+        for (int round = 0; round < ROUNDS && improve(s, &all[i]); round++)
+            continue;
         all[i].error = measure(s, &all[i], 1);
     }
     sort_candidates(all, REFINED);
