@@ -27,7 +27,7 @@ static qm_status find_features(settle *w)
     const qm_mesh *surface = qm_bvh_mesh(w->surface);
     qm_quads_triangles t;
     qm_trimesh m = {0};
-    double *segments = NULL;
+    qm_quads_segment *segments = NULL;
     size_t count = 0;
     qm_status status = qm_quads_list_triangles(w->ctx, surface, &t);
     if (status == QM_OK)
@@ -39,8 +39,8 @@ static qm_status find_features(settle *w)
                                         sqrt(area / (double)w->r.mesh.face_count));
     }
     if (status == QM_OK) status = qm_quads_list_features(w->ctx, &m, &segments, &count);
-    if (status == QM_OK) status = qm_quads_make_segments(w->ctx, segments, count, &w->r.features);
-    qm_context_free(w->ctx, segments, count, 6 * sizeof *segments);
+    if (status == QM_OK) status = qm_quads_set_features(w->ctx, segments, count, &w->r);
+    qm_context_free(w->ctx, segments, count, sizeof *segments);
     qm_trimesh_reset(w->ctx, &m);
     qm_quads_triangles_reset(w->ctx, &t);
     if (status != QM_OK || count == 0) return status;
@@ -234,10 +234,9 @@ qm_status qm_quads_settle(qm_context *ctx, const qm_bvh *bvh, const qm_quads_opt
         status = run(&w);
         w.r.mesh = (qm_mesh){0};
     }
-    qm_context_free(ctx, w.r.is_fixed, vertices, 1);
-    qm_context_free(ctx, w.r.is_feature, faces, 4);
     qm_bvh_destroy(ctx, w.features);
-    qm_mesh_reset(ctx, &w.r.features);
+    w.r.mesh.vertex_count = vertices, w.r.mesh.face_count = faces; /* of the arrays of marks */
+    qm_quads_result_reset(ctx, &w.r);
     if (status == QM_E_NO_MEMORY) return qm_context_fail(ctx, status, "out of memory for %zu quads", faces);
     return status;
 }
