@@ -9,7 +9,7 @@
  *   - that of a twin is the opposite, turned,
  *   - that of a feature is 0 across it.
  *
- * Where two features run side by side less than a quad apart, as round the rim of a plate, steps from one to the other would be
+ * Where two features run side by side less than a quad apart, round the rim of a plate, steps from one to the other would be
  * rounded to 0, and one wall would end up on the other. They are given a step of 1 (a row of narrow quads), which the flow
  * takes away only where nothing else closes the faces.
  *
@@ -41,9 +41,10 @@
  * rounds, and a round visits the whole mesh. */
 #define NEAR_FACTOR 1.5
 #define NEAR_COST 0.5
-#define FIRST_REACH 2.0  /* of the paths, half of their cost: doubled where few are joined by it */
-#define REACH_COST 1.0   /* beyond half of its cheapest path an excess is searched no further than this */
-#define STRIP_COSINE 0.8 /* of the angle between features that run side by side, at least */
+#define FIRST_REACH 2.0    /* of the paths, half of their cost: doubled where few are joined by it */
+#define REACH_COST 1.0     /* beyond half of its cheapest path an excess is searched no further than this */
+#define STRIP_COSINE 0.8   /* of the angle between features that run side by side, at least */
+#define WALL_COSINE (-0.3) /* between the walls that they are the rims of, at most: else it is a chamfer */
 #define FOLLOW_ROUNDS 3
 #define REPAIR_ROUNDS 12
 
@@ -207,16 +208,28 @@ static void mark_across(const steps_work *w, uint32_t h, int axis, int direction
     w->is_across[t] |= (uint8_t)(1 << twin_axis);
 }
 
-/** True if a feature at a vertex runs along a direction. */
-static bool has_feature_along(const qm_trimesh *m, uint32_t vertex, qm_vec direction)
+/** True if a feature at a vertex runs along the half-edge of another, and the walls beyond both look apart. */
+static bool is_opposite(const qm_trimesh *m, uint32_t half, uint32_t vertex)
 {
+    qm_vec along = qm_trimesh_edge(m, half), strip = qm_trimesh_normal(m, half / 3);
+    if (m->twin[half] == QM_NO_INDEX) return false;
+    qm_vec wall = qm_trimesh_normal(m, m->twin[half] / 3);
     uint32_t first = qm_trimesh_first(m, vertex), h = first;
-    double least = STRIP_COSINE * qm_vec_norm(direction);
     do {
         uint32_t back = qm_trimesh_prev(h);
-        qm_vec on = qm_trimesh_edge(m, h), off = qm_trimesh_edge(m, back);
-        if (m->is_feature[h] && fabs(qm_vec_dot(on, direction)) > least * qm_vec_norm(on)) return true;
-        if (m->is_feature[back] && fabs(qm_vec_dot(off, direction)) > least * qm_vec_norm(off)) return true;
+        const uint32_t side[2] = {h, back};
+        for (int k = 0; k < 2; k++) {
+            uint32_t t = m->twin[side[k]];
+            qm_vec edge = qm_trimesh_edge(m, side[k]);
+            if (!m->is_feature[side[k]] || t == QM_NO_INDEX ||
+                !(fabs(qm_vec_dot(edge, along)) > STRIP_COSINE * qm_vec_norm(along) * qm_vec_norm(edge)))
+                continue;
+            /* the strip lies on one side of it */
+            qm_vec a = qm_trimesh_normal(m, side[k] / 3), b = qm_trimesh_normal(m, t / 3);
+            double scale_a = qm_vec_norm(a), scale_b = qm_vec_norm(b);
+            qm_vec beyond = qm_vec_dot(a, strip) * scale_b > qm_vec_dot(b, strip) * scale_a ? b : a;
+            if (qm_vec_dot(beyond, wall) < WALL_COSINE * qm_vec_norm(beyond) * qm_vec_norm(wall)) return true;
+        }
         h = qm_trimesh_around(m, h);
     } while (h != QM_NO_INDEX && h != first);
     return false;
@@ -231,9 +244,7 @@ static void find_strips(const steps_work *w)
         int along = feature_axis(w, h), axis = 1 - along;
         uint32_t next = qm_trimesh_next(h), back = qm_trimesh_prev(h);
         int left = (w->target[h][along] > 0.0F) == (along == 0) ? 1 : -1;
-        if (!((float)left * w->target[next][axis] < 1.0F) ||
-            !has_feature_along(m, m->from[back], qm_trimesh_edge(m, h)))
-            continue;
+        if (!((float)left * w->target[next][axis] < 1.0F) || !is_opposite(m, h, m->from[back])) continue;
         mark_across(w, next, axis, left);
         mark_across(w, back, axis, -left);
     }
