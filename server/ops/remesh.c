@@ -10,7 +10,6 @@
 #include "refine.h"
 #include "settle.h"
 
-#define TOLERANCE 1e-6   /* of the measured distance, a fraction of the diagonal */
 #define LEAST_GROWTH 1.5 /* of the number of quads from one mesh to the next */
 #define MOST_GROWTH 8.0
 #define LAYOUT_QUADS 5000 /* of which a layout is made, or fewer where the limit is lower */
@@ -47,25 +46,28 @@ static void begin(const qm_remesh_options *options, qm_remesh_work work, size_t 
     if (options->on_stage) options->on_stage(options->user, &stage);
 }
 
-/** Measures the distance both ways. A search that is canceled ends with bounds, but nobody wants them any more. */
+static qm_settle_goal settle_goal_of(const qm_remesh_options *options)
+{
+    return (qm_settle_goal){options->quads, options->distance};
+}
+
+static void take_distance(qm_remesh_result *out, const qm_settle_distance *distance)
+{
+    qm_interval both = qm_settle_two_sided(distance);
+    out->from_surface = distance->from_surface;
+    out->from_quads = distance->from_quads;
+    out->lower = both.lower;
+    out->upper = both.upper;
+}
+
 static qm_status measure(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
                          qm_remesh_result *out)
 {
-    const qm_refine_goal goal = goal_of(options);
-    qm_interval *from = &out->from_surface, *back = &out->from_quads;
-    qm_bvh *tree = NULL;
+    const qm_settle_goal goal = settle_goal_of(options);
+    qm_settle_distance distance;
     begin(options, QM_REMESH_MEASURE, out->mesh.face_count, out);
-    qm_status status = qm_bvh_build(ctx, &out->mesh, QM_BVH_TARGET, goal.thread_count, &tree);
-    if (status == QM_OK)
-        status =
-            qm_refine_measure(ctx, surface, tree, QM_A_TO_B, TOLERANCE, &goal, &from->lower, &from->upper);
-    if (status == QM_OK)
-        status =
-            qm_refine_measure(ctx, surface, tree, QM_B_TO_A, TOLERANCE, &goal, &back->lower, &back->upper);
-    if (status == QM_OK && qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
-    qm_bvh_destroy(ctx, tree);
-    out->lower = fmax(from->lower, back->lower);
-    out->upper = fmax(from->upper, back->upper);
+    qm_status status = qm_settle_measure(ctx, surface, &goal, &out->mesh, &distance);
+    if (status == QM_OK) take_distance(out, &distance);
     return status;
 }
 
@@ -126,10 +128,13 @@ static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, cons
         status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
     if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &out->mesh);
     qm_reconstruction_destroy(ctx, r);
-    const qm_settle_goal kept = {options->quads, options->distance};
-    double lower, upper;
-    if (status == QM_OK) status = qm_settle(ctx, surface, &kept, &out->mesh, &lower, &upper);
-    return status == QM_OK ? measure(ctx, surface, options, out) : status;
+    if (status != QM_OK) return status;
+    begin(options, QM_REMESH_MEASURE, out->mesh.face_count, out);
+    const qm_settle_goal settle_goal = settle_goal_of(options);
+    qm_settled settled;
+    status = qm_settle(ctx, surface, &settle_goal, &out->mesh, &settled);
+    if (status == QM_OK) take_distance(out, &settled.distance);
+    return status;
 }
 
 /** The quads of which a layout is made. */
