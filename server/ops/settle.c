@@ -35,21 +35,44 @@ qm_status qm_settle_measure(qm_context *ctx, const qm_ref_surface *surface, cons
     return status;
 }
 
-/** Whether the mesh as it was before is better than as it was measured after; *out receives its distance then. */
-static qm_status look_back(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal,
-                           const qm_mesh *before, qm_settled *out)
+/** A mesh as it was before, with its distance once it is measured. */
+typedef struct unsettled {
+    qm_mesh mesh; /* with vertices of its own */
+    qm_settle_distance distance;
+    bool is_measured;
+} unsettled;
+
+/** Whether a mesh is better than it was before. */
+static qm_status compare(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal,
+                         unsettled *before, qm_settled *out)
 {
     double after = qm_settle_two_sided(&out->distance).upper;
     out->is_kept = true;
     if (goal->distance > 0.0 && after <= goal->distance) return QM_OK;
-    qm_settle_distance was;
-    qm_status status = qm_settle_measure(ctx, surface, goal, before, &was);
+    qm_status status =
+        before->is_measured ? QM_OK : qm_settle_measure(ctx, surface, goal, &before->mesh, &before->distance);
     if (status != QM_OK) return status;
-    double upper = qm_settle_two_sided(&was).upper;
+    before->is_measured = true;
+    double upper = qm_settle_two_sided(&before->distance).upper;
     bool was_near = goal->distance > 0.0 && upper <= goal->distance;
     out->is_kept = !was_near && after <= MOST_RATIO * upper;
-    if (!out->is_kept) out->distance = was;
     return QM_OK;
+}
+
+static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal,
+                        unsettled *before, qm_mesh *mesh, qm_settled *out)
+{
+    const size_t size = 3 * mesh->vertex_count * sizeof *mesh->positions;
+    const qm_quads_settling ways[] = {QM_QUADS_SPREAD, QM_QUADS_STAY};
+    qm_status status = QM_OK;
+    for (int k = 0; k < 2 && !out->is_kept && status == QM_OK; k++) {
+        status = qm_quads_settle(ctx, surface->bvh, &goal->quads, ways[k], mesh);
+        if (status == QM_OK) status = qm_settle_measure(ctx, surface, goal, mesh, &out->distance);
+        if (status == QM_OK) status = compare(ctx, surface, goal, before, out);
+        if (status == QM_OK && !out->is_kept) memcpy(mesh->positions, before->mesh.positions, size);
+    }
+    if (status == QM_OK && !out->is_kept) out->distance = before->distance;
+    return status;
 }
 
 qm_status qm_settle(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal, qm_mesh *mesh,
@@ -59,14 +82,10 @@ qm_status qm_settle(qm_context *ctx, const qm_ref_surface *surface, const qm_set
     double *positions = qm_context_alloc(ctx, count, sizeof *positions);
     if (!positions) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a copy of the vertices");
     memcpy(positions, mesh->positions, count * sizeof *positions);
-    qm_status status = qm_quads_settle(ctx, surface->bvh, &goal->quads, mesh);
-    if (status == QM_OK) status = qm_settle_measure(ctx, surface, goal, mesh, &out->distance);
-    if (status == QM_OK) {
-        qm_mesh before = *mesh;
-        before.positions = positions;
-        status = look_back(ctx, surface, goal, &before, out);
-        if (status == QM_OK && !out->is_kept) memcpy(mesh->positions, positions, count * sizeof *positions);
-    }
+    unsettled before = {.mesh = *mesh};
+    before.mesh.positions = positions;
+    *out = (qm_settled){0};
+    qm_status status = settle(ctx, surface, goal, &before, mesh, out);
     qm_context_free(ctx, positions, count, sizeof *positions);
     if (status == QM_OK) qm_quality_measure(mesh, &out->quality);
     return status;

@@ -39,7 +39,7 @@ typedef struct qm_settled {
 
 /**
  * Settles a mesh of quads (qm_quads_settle), and keeps the result if it is within the wanted distance, or the distance grows by no more
- * than a quarter, and no more quads are folded: else the mesh is as it was.
+ * than a quarter, and no more quads are folded: else only bad quads are opened, and if that is not kept either, the mesh is as it was.
  *
  * surface  of a mesh, its tree with QM_BVH_TARGET
  *

@@ -383,19 +383,22 @@ static void release_features(untangle *u, uint32_t face)
     }
 }
 
-static qm_status improve_face(untangle *u, uint32_t face)
+/** Where the mesh stays as it is, patches grow from round to round instead. */
+static qm_status improve_face(untangle *u, uint32_t face, int round)
 {
-    find_patch(u, face, RINGS);
+    find_patch(u, face, u->keeps_faces ? RINGS + round : RINGS);
     qm_status status = relax_patch(u, SWEEPS);
     if (status == QM_OK && !u->keeps_faces && face_sine(u, face) < POOR_SINE) status = change_face(u, face);
     return status == QM_OK && qm_context_canceled(u->ctx) ? QM_E_CANCELED : status;
 }
 
-/** One round over all bad quads; *is_bad tells if there were any. Those of no shape are let go of, if releases. */
-static qm_status improve_all(untangle *u, bool releases, bool *is_bad)
+/** One round over all bad quads; *is_bad tells if there were any. Those of no shape are let go of by their features in the last
+ * rounds. */
+static qm_status improve_all(untangle *u, int round, bool *is_bad)
 {
     qm_quads_sides *t = &u->sides;
     qm_status status = QM_OK;
+    bool releases = round >= ROUNDS;
     *is_bad = false;
     for (uint32_t f = 0; f < t->face_count && u->moves_left > 0 && status == QM_OK; f++) {
         double sine = t->is_gone[f] ? 1.0 : face_sine(u, f);
@@ -406,7 +409,7 @@ static qm_status improve_all(untangle *u, bool releases, bool *is_bad)
             if (!u->keeps_faces) remove_doublets(u);
             if (t->is_gone[f]) continue;
         }
-        status = improve_face(u, f);
+        status = improve_face(u, f, round);
     }
     return status;
 }
@@ -418,7 +421,7 @@ static qm_status run(untangle *u)
         find_normal(u, f);
     bool is_bad = true;
     for (int round = 0; round < ROUNDS + RELEASED_ROUNDS && is_bad && status == QM_OK; round++)
-        status = improve_all(u, round >= ROUNDS, &is_bad);
+        status = improve_all(u, round, &is_bad);
     return status;
 }
 
