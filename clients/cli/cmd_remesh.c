@@ -130,7 +130,7 @@ const cli_command cmd_remesh = {
     .description =
         "Makes a mesh of quads of about equal size. Boundaries and creases become edges of it, and its "
         "distance\nto the surface is measured, with a proven bound.\n"
-        "Parts that are thinner than a quad may lose their shape: more quads keep them.\n",
+        "Parts that are thinner than a quad, with round rims, may lose their shape: more quads keep them.\n",
     .exit_status =
         "Exit status: 0 done, 2 bad input or wrong usage, 3 the distance was not reached, or interrupted.",
     .run = run};
