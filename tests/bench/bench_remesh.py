@@ -14,7 +14,7 @@ import tables
 
 COUNTS = (2000, 8000, 32000)
 SEMI_REGULAR = "semi-regular"
-LIMIT_S = 2400  # of all: what is left then is told
+LIMIT_S = 2100  # of all: what is left then is told
 QUADMESH = catalogue.ROOT / "build" / "quadmesh"
 FOLDER = catalogue.OUT / "remesh"
 
