@@ -85,24 +85,22 @@ static void on_step(void *user, const qm_refine_record *record)
     fprintf(p->out, ", %.1f ms\n", record->step_ms);
 }
 
-/** Prints a line for the mesh whose vertices were moved at the end. */
-static void print_settled(const printer *p, const qm_mesh *mesh, double upper)
+/** Prints a line for the mesh whose vertices were moved at the end; as JSON it is a member of the result. */
+static void print_settled(const printer *p, const qm_settled *settled)
 {
-    qm_quality quality;
-    qm_quality_measure(mesh, &quality);
-    if (p->options->as_json) {
-        fprintf(p->out,
-                "{\"settled\":true,\"upper_relative\":%.17g,\"folded\":%zu,\"least_jacobian\":%.17g}\n",
-                upper / p->diagonal, quality.folded, quality.least_jacobian);
-        return;
-    }
     char bound[CLI_BOUND_SIZE];
-    fprintf(p->out, "settled: %zu folded, least scaled Jacobian %.3f, distance at most %s of the diagonal\n",
-            quality.folded, quality.least_jacobian, cli_format_bound(upper / p->diagonal, true, bound));
+    double upper = qm_settle_two_sided(&settled->distance).upper;
+    if (p->options->as_json) return;
+    fprintf(p->out, "%s: %zu folded, least scaled Jacobian %.3f, distance at most %s of the diagonal\n",
+            settled->is_kept ? "settled"
+                             : "not settled, which would have brought it farther from the surface",
+            settled->quality.folded, settled->quality.least_jacobian,
+            cli_format_bound(upper / p->diagonal, true, bound));
 }
 
-/** Prints the result as the last line: as an object, or as a sentence after the warnings. */
-static void print_result(const printer *p, const qm_reconstruction *r, size_t quads, qm_refine_stop stop)
+/** Prints the result as the last line: as an object, or as a sentence after the warnings. settled is NULL if nothing was. */
+static void print_result(const printer *p, const qm_reconstruction *r, size_t quads, qm_refine_stop stop,
+                         const qm_settled *settled)
 {
     size_t points, uncovered;
     qm_reconstruction_coverage(r, &points, &uncovered);
@@ -119,6 +117,7 @@ static void print_result(const printer *p, const qm_reconstruction *r, size_t qu
         qm_json_add_count(&text, "uncovered_samples", uncovered);
         qm_text_add_string(&text, "}");
         qm_json_add_warnings(&text, r);
+        if (settled) qm_json_add_settled(&text, settled, p->diagonal);
         qm_text_add_string(&text, "}");
         char *line = qm_text_take(&text);
         fprintf(p->out, "%s\n", line ? line : "{}");
@@ -159,25 +158,26 @@ static int refine_and_write(qm_context *ctx, const reconstruct_options *options,
         return EXIT_BAD_INPUT;
     }
     bool is_settled = options->settles && stop != QM_REFINE_CANCELED;
-    double lower, upper;
+    qm_settled settled;
     if (is_settled) {
         qm_settle_goal goal = {qm_quads_options_default(), options->goal.hausdorff};
         goal.quads.thread_count = options->goal.thread_count;
-        status = qm_settle(ctx, source, &goal, &mesh, &lower, &upper);
+        status = qm_settle(ctx, source, &goal, &mesh, &settled);
         if (status != QM_OK) {
             qm_mesh_reset(ctx, &mesh);
             cli_report_status(options->surface, status, ctx, options->as_json);
             return EXIT_BAD_INPUT;
         }
-        print_settled(&p, &mesh, upper);
+        print_settled(&p, &settled);
     }
     bool is_done = cli_write_mesh(ctx, options->output, &mesh, options->has_uv, options->as_json) &&
                    write_picture(options, &mesh);
-    if (is_done) print_result(&p, r, mesh.face_count, stop);
+    if (is_done) print_result(&p, r, mesh.face_count, stop, is_settled ? &settled : NULL);
     qm_mesh_reset(ctx, &mesh);
     bool is_reached =
-        stop != QM_REFINE_CANCELED && (!(options->goal.hausdorff > 0.0) || stop == QM_REFINE_HAUSDORFF ||
-                                       (is_settled && upper <= options->goal.hausdorff));
+        stop != QM_REFINE_CANCELED &&
+        (!(options->goal.hausdorff > 0.0) || stop == QM_REFINE_HAUSDORFF ||
+         (is_settled && qm_settle_two_sided(&settled.distance).upper <= options->goal.hausdorff));
     return !is_done ? EXIT_BAD_INPUT : is_reached ? EXIT_OK : EXIT_NOT_CONVERGED;
 }
 

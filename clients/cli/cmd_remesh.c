@@ -14,6 +14,12 @@ typedef struct mesh_file {
     bool has_uv;
 } mesh_file;
 
+/** False if a distance was wanted, and not reached. */
+static bool is_near(const qm_json *result)
+{
+    return !qm_json_has(result, "reached") || qm_json_is_true(result, "reached");
+}
+
 static void print_text(FILE *file, const qm_json *result)
 {
     char bound[CLI_BOUND_SIZE], patches[40] = "";
@@ -22,12 +28,12 @@ static void print_text(FILE *file, const qm_json *result)
     fprintf(
         file,
         "%.0f quads%s, %.0f irregular vertices, %.0f components, %.0f folded, least scaled Jacobian %.3g, "
-        "distance at most %s of the diagonal, in %.1f ms\n",
+        "distance at most %s of the diagonal%s, in %.1f ms\n",
         qm_json_get_number(result, "quads"), patches, qm_json_get_number(result, "irregular_vertices"),
         qm_json_get_number(result, "components"), qm_json_get_number(result, "folded"),
         qm_json_get_number(result, "least_scaled_jacobian"),
         cli_format_bound(qm_json_get_number(result, "hausdorff.upper_relative"), true, bound),
-        qm_json_get_number(result, "elapsed_ms"));
+        is_near(result) ? "" : ", which is more than was wanted", qm_json_get_number(result, "elapsed_ms"));
 }
 
 /** Fetches the mesh that a job on a daemon has made; false after a report. */
@@ -58,9 +64,9 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
     if (is_written && job->as_json) puts(output->json);
     /* Standard output holds either the mesh or what is said of it. */
     if (is_written && !job->as_json) print_text(strcmp(made->path, "-") == 0 ? stderr : stdout, result);
-    bool is_near = !qm_json_has(result, "reached") || qm_json_is_true(result, "reached");
+    bool met = is_near(result);
     qm_json_free(result);
-    return !is_written ? EXIT_BAD_INPUT : is_near ? EXIT_OK : EXIT_NOT_CONVERGED;
+    return !is_written ? EXIT_BAD_INPUT : met ? EXIT_OK : EXIT_NOT_CONVERGED;
 }
 
 static int run(int argc, char **argv)
@@ -124,7 +130,7 @@ const cli_command cmd_remesh = {
     .description =
         "Makes a mesh of quads of about equal size. Boundaries and creases become edges of it, and its "
         "distance\nto the surface is measured, with a proven bound.\n"
-        "Parts that are thinner than a quad may lose their shape: more quads keep them.\n",
+        "Parts that are thinner than a quad, with round rims, may lose their shape: more quads keep them.\n",
     .exit_status =
         "Exit status: 0 done, 2 bad input or wrong usage, 3 the distance was not reached, or interrupted.",
     .run = run};

@@ -68,7 +68,8 @@
 /** @typedef {Gap & { type: "matrix", meshes: MeshName[], want?: MatrixWant, measure?: "hausdorff", quads?: QuadReading,
  *   threads?: number, detach?: boolean, deadline_ms?: number }} MatrixRequest */
 /** @typedef {{ type: "reconstruction_step", reconstruction: string, steps?: number, measure?: boolean, threads?: number,
- *   until?: { hausdorff_relative?: number, max_quads?: number, edge_length?: number }, detach?: boolean }} StepRequest */
+ *   until?: { hausdorff_relative?: number, max_quads?: number, edge_length?: number }, settle?: boolean,
+ *   detach?: boolean }} StepRequest */
 /** @typedef {{ type: "remesh", mesh: MeshName, quads?: number, distance?: number, semi_regular?: boolean, crease_angle?: number,
  *   threads?: number, detach?: boolean, deadline_ms?: number }} RemeshRequest */
 /** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | ComparisonRequest | HeatmapRequest | DistanceRequest
@@ -147,8 +148,10 @@
 /** @typedef {{ step: number, quads: number, chords_doubled: number, patches_split: number, moved_vertices: number,
  *   holes_filled: number, longest_edge: number, quality: QuadQuality, hausdorff: LengthInterval | null, covered?: LengthInterval,
  *   mesh_to_points?: LengthInterval, uncovered_points?: number, beyond_points?: number, step_ms: number, measure_ms: number }} StepRecord */
+/** @typedef {{ kept: boolean, quality: QuadQuality, hausdorff: LengthInterval, from_surface: LengthInterval,
+ *   from_quads: LengthInterval }} Settled */
 /** @typedef {{ reconstruction: string, mesh: string, quads: number, step_count: number,
- *   stopped_by: "steps" | "max_quads" | "edge_length" | "hausdorff" | "canceled", steps: StepRecord[],
+ *   stopped_by: "steps" | "max_quads" | "edge_length" | "hausdorff" | "canceled", steps: StepRecord[], settled?: Settled,
  *   elapsed_ms: number }} StepResult */
 /** @typedef {{ mesh: string, quads: number, irregular_vertices: number, components: number, patches?: number, folded: number,
  *   least_scaled_jacobian: number, hausdorff: LengthInterval, from_surface: LengthInterval, from_quads: LengthInterval,

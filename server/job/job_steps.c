@@ -76,10 +76,11 @@ static void commit(qm_job *job, qm_reconstruction_lease *refining, const step_lo
     end->result.step_count = log->count;
     end->result.quads = log->count > 0 ? log->quads : qm_reconstructions_count_quads(refining);
     commit_task task = {job, end};
+    const qm_mesh *settled = end->result.settled_mesh.face_count > 0 ? &end->result.settled_mesh : NULL;
     qm_problem problem;
     do
         end->keeps = qm_reconstructions_commit(job->jobs->reconstructions, refining, limit, log->count,
-                                               records, store_steps, &task, &problem);
+                                               records, settled, store_steps, &task, &problem);
     while (!end->keeps && qm_job_outlasts(job, &problem));
     if (!end->keeps && qm_job_runs_again(job, &problem))
         end->how = INTERRUPTED;
@@ -110,6 +111,7 @@ static void refine(qm_job *job, qm_reconstruction_lease *refining, step_log *log
         end_with(end, qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the records"));
     else
         commit(job, refining, log, log->records.data ? log->records.data : "", end);
+    qm_job_result_reset(&refining->ctx, &end->result);
 }
 
 /** The lease of the reconstruction, or NULL with a problem. */
@@ -166,8 +168,12 @@ static bool check_reconstruction(qm_jobs *jobs, const qm_job_request *request,
     revisions[0] = '\0';
     qm_stored stored = qm_store_find_reconstruction(jobs->store, request->a, &row);
     if (stored == QM_STORED) {
+        bool keeps_curves = request->settles && !row.pull_curves;
         qm_store_reconstruction_reset(&row);
-        return true;
+        if (!keeps_curves) return true;
+        *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "the reconstruction keeps its curves");
+        qm_problem_add_pointer(problem, "/settle", "would move the curves that pull_curves: false keeps");
+        return false;
     }
     *problem = qm_store_read_problem(stored, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND,
                                      "reconstruction with the id in `reconstruction`");

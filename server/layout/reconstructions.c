@@ -312,18 +312,20 @@ void qm_reconstructions_add_patches(const qm_reconstruction_lease *lease, qm_tex
 
 /* ---- meshes and rows ---- */
 
-/** Makes an ordinary mesh of the reconstruction as it is, which put stores with what names it. */
-static bool add_mesh(qm_reconstructions *rs, qm_reconstruction_lease *r, qm_mesh_put_fn *put, void *user,
-                     qm_problem *problem)
+/** Makes an ordinary mesh of the reconstruction as it is, or of one that it was settled to, which put stores with what
+ * names it. */
+static bool add_mesh(qm_reconstructions *rs, qm_reconstruction_lease *r, const qm_mesh *settled,
+                     qm_mesh_put_fn *put, void *user, qm_problem *problem)
 {
-    qm_mesh mesh;
+    qm_mesh mesh = {0};
+    const qm_mesh *added_mesh = settled ? settled : &mesh;
     qm_mesh_facts facts;
-    qm_status status = qm_reconstruction_mesh(&r->ctx, r->reconstruction, &mesh);
-    if (status == QM_OK) status = qm_mesh_find_facts(&r->ctx, &mesh, &facts);
+    qm_status status = settled ? QM_OK : qm_reconstruction_mesh(&r->ctx, r->reconstruction, &mesh);
+    if (status == QM_OK) status = qm_mesh_find_facts(&r->ctx, added_mesh, &facts);
     bool is_made = status == QM_OK;
     if (!is_made) *problem = qm_problem_from_status(status, r->ctx.message);
-    bool added = is_made && qm_meshes_add_made(rs->meshes, &r->ctx, &mesh, &facts, r->source_id, r->id, put,
-                                               user, problem);
+    bool added = is_made && qm_meshes_add_made(rs->meshes, &r->ctx, added_mesh, &facts, r->source_id, r->id,
+                                               put, user, problem);
     qm_mesh_reset(&r->ctx, &mesh);
     return added;
 }
@@ -426,7 +428,7 @@ static bool fill_row(qm_reconstructions *rs, qm_reconstruction_lease *r, const c
         return false;
     }
     row_task task = {.rs = rs, .lease = r, .row = row, .idempotency = idempotency};
-    return add_mesh(rs, r, put_new, &task, problem);
+    return add_mesh(rs, r, NULL, put_new, &task, problem);
 }
 
 bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const char *layout_id,
@@ -488,38 +490,39 @@ static qm_stored put_steps(void *user, const qm_store_mesh *mesh, bool is_new, q
     return taken_if(is_new, stored);
 }
 
-/** Makes the row the one after some steps. */
+/** Makes the row the one after some steps; after none only its mesh will be another. */
 static bool add_steps(qm_store_reconstruction *row, size_t max_quads, size_t step_count, const char *records,
                       qm_problem *problem)
 {
     qm_text steps = {0}, joined = {0};
+    row->revision++;
+    if (step_count == 0) return true;
     qm_text_printf(&steps, "%s%s%zu:%zu", row->steps, row->steps[0] ? " " : "", max_quads, step_count);
     qm_text_printf(&joined, "%s%s%s", row->records, row->records[0] ? "," : "", records);
     free(row->steps);
     free(row->records);
     row->steps = qm_text_take(&steps);
     row->records = qm_text_take(&joined);
-    row->revision++;
     if (row->steps && row->records) return true;
     *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reconstruction");
     return false;
 }
 
 bool qm_reconstructions_commit(qm_reconstructions *rs, qm_reconstruction_lease *lease, size_t max_quads,
-                               size_t step_count, const char *records, qm_reconstructions_end_fn *end,
-                               void *user, qm_problem *problem)
+                               size_t step_count, const char *records, const qm_mesh *settled,
+                               qm_reconstructions_end_fn *end, void *user, qm_problem *problem)
 {
     qm_store_reconstruction row;
     if (!find_row(rs, lease, &row, problem)) return false;
     row_task task = {.rs = rs, .lease = lease, .row = &row, .end = end, .end_user = user};
     bool good;
-    if (step_count == 0) {
+    if (step_count == 0 && !settled) {
         qm_stored stored = end(user, row.mesh, NULL);
         good = stored == QM_STORED;
         if (!good) *problem = problem_from_update(stored);
     } else {
         good = add_steps(&row, max_quads, step_count, records, problem) &&
-               add_mesh(rs, lease, put_steps, &task, problem);
+               add_mesh(rs, lease, settled, put_steps, &task, problem);
     }
     if (good) ((lease_entry *)lease)->revision = row.revision;
     qm_store_reconstruction_reset(&row);
@@ -561,7 +564,7 @@ bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char 
     row_task task = {.rs = rs, .lease = r, .row = out};
     bool edited = lease_edit(r, layout_text, redone, problem);
     bool good = edited && find_row(rs, r, out, problem) && add_edit(out, layout_text, problem) &&
-                add_mesh(rs, r, put_edit, &task, problem);
+                add_mesh(rs, r, NULL, put_edit, &task, problem);
     if (good) ((lease_entry *)r)->revision = out->revision;
     qm_reconstructions_release(rs, r, good || !edited);
     if (!good) qm_store_reconstruction_reset(out);

@@ -51,11 +51,13 @@ typedef qm_stored qm_reconstructions_end_fn(void *user, const char *mesh, const 
 
 /**
  * Has the steps that were taken with a limit of quads stored by end, with their records (objects with commas
- * between) and their mesh: all of it, or nothing. False with a problem.
+ * between) and their mesh: all of it, or nothing. settled is that mesh with vertices that have moved, or NULL; the next
+ * steps do not start from it. False with a problem.
  */
 bool qm_reconstructions_commit(qm_reconstructions *reconstructions, qm_reconstruction_lease *refining,
                                size_t max_quads, size_t step_count, const char *records,
-                               qm_reconstructions_end_fn *end, void *user, qm_problem *problem);
+                               const qm_mesh *settled, qm_reconstructions_end_fn *end, void *user,
+                               qm_problem *problem);
 
 /**
  * Replaces the layout by an edited one, rebuilds the patches that the edit has changed (redone is their

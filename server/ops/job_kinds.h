@@ -23,6 +23,7 @@
 #include "qm/matrix.h"
 #include "refine.h"
 #include "remesh.h"
+#include "settle.h"
 
 /** Limits of requests. */
 #define QM_JOB_MAX_THREADS QM_HOST_MAX_THREADS
@@ -238,6 +239,7 @@ typedef struct qm_job_request {
     /* reconstruction_step, whose a is the id of the reconstruction */
     qm_refine_goal goal; /* its hausdorff is computed from the fraction below when the job runs */
     double hausdorff_relative;
+    bool settles; /* the vertices of the mesh move at the end */
     const qm_job_refinement *refining;
 
     /* remesh; 0 quads: none are named; who is told of its stages is set by the caller of qm_job_execute */
@@ -305,7 +307,9 @@ typedef struct qm_job_result {
     char mesh
         [QM_ID_SIZE]; /* the new mesh, also of a remesh; set by the caller, with the counts and the records */
     size_t quads, step_count;
-    const char *records; /* JSON objects separated by commas; borrowed */
+    const char *records;  /* JSON objects separated by commas; borrowed */
+    qm_mesh settled_mesh; /* without faces: it was not settled */
+    qm_settled settled;
 
     /* remesh */
     qm_remesh_result remesh;

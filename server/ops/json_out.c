@@ -348,3 +348,14 @@ void qm_json_add_step(qm_text *out, const qm_refine_record *record, double diago
     qm_json_add_ms(out, "step_ms", record->step_ms);
     qm_json_add_ms(out, "measure_ms", record->measure_ms);
 }
+
+void qm_json_add_settled(qm_text *out, const qm_settled *settled, double diagonal)
+{
+    qm_json_open(out, "settled", "{");
+    qm_json_add_bool(out, "kept", settled->is_kept);
+    add_quality(out, &settled->quality);
+    qm_json_add_interval(out, "hausdorff", qm_settle_two_sided(&settled->distance), diagonal);
+    qm_json_add_interval(out, "from_surface", settled->distance.from_surface, diagonal);
+    qm_json_add_interval(out, "from_quads", settled->distance.from_quads, diagonal);
+    qm_text_add_string(out, "}");
+}

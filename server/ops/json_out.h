@@ -59,4 +59,7 @@ void qm_json_add_bounds(qm_text *out, const qm_hausdorff_progress *progress, dou
 /** Adds the members of the record of a step; relative figures refer to diagonal, that of the source. */
 void qm_json_add_step(qm_text *out, const qm_refine_record *record, double diagonal);
 
+/** Adds the member settled of what came of settling a mesh. */
+void qm_json_add_settled(qm_text *out, const qm_settled *settled, double diagonal);
+
 #endif

@@ -8,14 +8,35 @@
 
 #include "json_request.h"
 
+/** Settles the mesh after the steps. What is canceled then has its steps, but is not settled. */
+static qm_status settle(const qm_job_call *call, const qm_refine_goal *goal, qm_job_result *out)
+{
+    const qm_job_refinement *refining = call->request->refining;
+    qm_settle_goal how = {qm_quads_options_default(), goal->hausdorff};
+    how.quads.thread_count = call->threads;
+    qm_status status = qm_reconstruction_mesh(call->ctx, refining->reconstruction, &out->settled_mesh);
+    if (status == QM_OK)
+        status = qm_settle(call->ctx, refining->source, &how, &out->settled_mesh, &out->settled);
+    if (status != QM_OK) qm_mesh_reset(call->ctx, &out->settled_mesh);
+    if (status != QM_E_CANCELED) return status;
+    out->refine_stop = QM_REFINE_CANCELED;
+    return QM_OK;
+}
+
 static qm_status run(const qm_job_call *call, qm_job_result *out)
 {
     const qm_job_refinement *refining = call->request->refining;
+    if (call->request->settles && refining->source->is_cloud)
+        return qm_context_fail(
+            call->ctx, QM_E_ARGUMENT,
+            "settle moves vertices along the faces of a mesh, and the source is a point set");
     qm_refine_goal goal = call->request->goal;
     goal.hausdorff = call->request->hausdorff_relative * refining->source->diagonal;
     goal.thread_count = call->threads;
     qm_status status = qm_refine(call->ctx, refining->reconstruction, refining->source, &goal,
                                  refining->on_step, refining->user, &out->refine_stop);
+    if (status == QM_OK && call->request->settles && out->refine_stop != QM_REFINE_CANCELED)
+        status = settle(call, &goal, out);
     out->is_canceled = status == QM_OK && out->refine_stop == QM_REFINE_CANCELED;
     return status;
 }
@@ -50,6 +71,12 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     if (goal->edge > 0.0) qm_json_add_number(out, "edge_length", goal->edge);
     qm_text_add_string(out, "}");
     qm_json_add_bool(out, "measure", goal->measures);
+    if (request->settles) qm_json_add_bool(out, "settle", true);
+}
+
+static void reset(qm_context *ctx, qm_job_result *result)
+{
+    qm_mesh_reset(ctx, &result->settled_mesh);
 }
 
 static void write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
@@ -62,6 +89,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     qm_json_open(out, "steps", "[");
     qm_text_add_string(out, result->records);
     qm_text_add_string(out, "]");
+    if (result->settled_mesh.face_count > 0) qm_json_add_settled(out, &result->settled, result->diagonal);
     qm_json_add_ms(out, "prepare_ms", result->prepare_a_ms);
     qm_json_add_ms(out, "elapsed_ms", result->elapsed_ms);
 }
@@ -73,6 +101,7 @@ static const qm_job_field fields[] = {
      .expected =
          "must be an object with one or more of hausdorff_relative, max_quads and edge_length, each above 0"},
     {"measure", QM_FIELD_FLAG, QM_FIELD_AT(goal.measures)},
+    {"settle", QM_FIELD_FLAG, QM_FIELD_AT(settles)},
     {0}};
 
 const qm_job_hooks qm_job_kind_reconstruction_step = {
@@ -80,4 +109,5 @@ const qm_job_hooks qm_job_kind_reconstruction_step = {
     .fields = fields,
     .run = run,
     .write_request = write_request,
-    .write_result = write_result};
+    .write_result = write_result,
+    .reset = reset};

@@ -47,17 +47,6 @@ qm_status qm_refine_measure(qm_context *ctx, const qm_ref_surface *source, const
     return status;
 }
 
-qm_status qm_refine_measure_mesh(qm_context *ctx, const qm_ref_surface *source, const qm_mesh *mesh,
-                                 double tolerance, const qm_refine_goal *goal, double *lower, double *upper)
-{
-    qm_bvh *tree = NULL;
-    qm_status status = qm_bvh_build(ctx, mesh, QM_BVH_TARGET, goal->thread_count, &tree);
-    if (status == QM_OK)
-        status = qm_refine_measure(ctx, source, tree, QM_TWO_SIDED, tolerance, goal, lower, upper);
-    qm_bvh_destroy(ctx, tree);
-    return status;
-}
-
 static qm_status measure(const refinement *r, const qm_bvh *mesh, qm_direction direction, double *lower,
                          double *upper)
 {

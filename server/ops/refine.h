@@ -63,10 +63,6 @@ qm_status qm_refine_measure(qm_context *ctx, const qm_ref_surface *source, const
                             qm_direction direction, double tolerance, const qm_refine_goal *goal,
                             double *lower, double *upper);
 
-/** As qm_refine_measure, two-sided, for a mesh without a tree. */
-qm_status qm_refine_measure_mesh(qm_context *ctx, const qm_ref_surface *source, const qm_mesh *mesh,
-                                 double tolerance, const qm_refine_goal *goal, double *lower, double *upper);
-
 /** Called after each complete step; the reconstruction then holds its mesh. */
 typedef void qm_refine_fn(void *user, const qm_refine_record *record);
 

@@ -10,9 +10,8 @@
 #include "refine.h"
 #include "settle.h"
 
-#define TOLERANCE 1e-6   /* of the measured distance, a fraction of the diagonal */
-#define LEAST_GROWTH 1.5 /* of the number of quads from one mesh to the next */
-#define MOST_GROWTH 8.0
+#define GROWTH 1.5        /* of the number of quads from one mesh to the next */
+#define FIRST_SHARE 0.5   /* of the growth that is expected to be needed, for the second mesh */
 #define LAYOUT_QUADS 5000 /* of which a layout is made, or fewer where the limit is lower */
 /* Layouts are divided into about LAYOUT_PATCHES, then MORE_PATCHES times as many, up to MOST_PATCHES and one for each
  * QUADS_A_PATCH quads, until the mesh is no farther than PLAIN_RATIO times one of LAYOUT_QUADS quads without a layout. */
@@ -47,38 +46,56 @@ static void begin(const qm_remesh_options *options, qm_remesh_work work, size_t 
     if (options->on_stage) options->on_stage(options->user, &stage);
 }
 
-/** Measures the distance both ways. A search that is canceled ends with bounds, but nobody wants them any more. */
+static qm_settle_goal settle_goal_of(const qm_remesh_options *options)
+{
+    return (qm_settle_goal){options->quads, options->distance};
+}
+
+static void take_distance(qm_remesh_result *out, const qm_settle_distance *distance)
+{
+    qm_interval both = qm_settle_two_sided(distance);
+    out->from_surface = distance->from_surface;
+    out->from_quads = distance->from_quads;
+    out->lower = both.lower;
+    out->upper = both.upper;
+}
+
 static qm_status measure(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
                          qm_remesh_result *out)
 {
-    const qm_refine_goal goal = goal_of(options);
-    qm_interval *from = &out->from_surface, *back = &out->from_quads;
-    qm_bvh *tree = NULL;
+    const qm_settle_goal goal = settle_goal_of(options);
+    qm_settle_distance distance;
     begin(options, QM_REMESH_MEASURE, out->mesh.face_count, out);
-    qm_status status = qm_bvh_build(ctx, &out->mesh, QM_BVH_TARGET, goal.thread_count, &tree);
-    if (status == QM_OK)
-        status =
-            qm_refine_measure(ctx, surface, tree, QM_A_TO_B, TOLERANCE, &goal, &from->lower, &from->upper);
-    if (status == QM_OK)
-        status =
-            qm_refine_measure(ctx, surface, tree, QM_B_TO_A, TOLERANCE, &goal, &back->lower, &back->upper);
-    if (status == QM_OK && qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
-    qm_bvh_destroy(ctx, tree);
-    out->lower = fmax(from->lower, back->lower);
-    out->upper = fmax(from->upper, back->upper);
+    qm_status status = qm_settle_measure(ctx, surface, &goal, &out->mesh, &distance);
+    if (status == QM_OK) take_distance(out, &distance);
     return status;
 }
 
-/** The distance falls about as the number of quads grows. */
-static double growth_for(const qm_remesh_options *options, const qm_remesh_result *now)
+/** The number of quads of a mesh of the search; greater than QM_REMESH_MOST_QUADS: there is none. */
+static double quads_of(double first, int growths)
 {
-    return fmin(fmax(1.2 * now->upper / options->distance, LEAST_GROWTH), MOST_GROWTH);
+    return first * pow(GROWTH, growths);
+}
+
+/**
+ * How many times the number of quads grows after the first mesh, whose distance falls about as the number grows. Only here meshes
+ * of the search are left out, and the more the smaller the wanted distance is: so where one is met, a greater one is met by that
+ * mesh or before it, and a smaller distance never ends with fewer quads.
+ */
+static int first_growths(const qm_remesh_options *options, double distance)
+{
+    double needed = FIRST_SHARE * distance / options->distance, first = (double)options->quads.quads;
+    int growths = 1;
+    while (pow(GROWTH, growths + 1) <= needed && quads_of(first, growths + 1) <= QM_REMESH_MOST_QUADS)
+        growths++;
+    return growths;
 }
 
 static qm_status make_quads(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
                             qm_remesh_result *out)
 {
     qm_quads_options quads = options->quads;
+    int growths = 0;
     for (;;) {
         qm_mesh_reset(ctx, &out->mesh);
         begin(options, QM_REMESH_QUADS, quads.quads, out);
@@ -87,7 +104,8 @@ static qm_status make_quads(qm_context *ctx, const qm_ref_surface *surface, cons
         if (status != QM_OK) return status;
         out->rounds++;
         if (!(options->distance > 0.0) || out->upper <= options->distance) return QM_OK;
-        double next = growth_for(options, out) * (double)quads.quads;
+        growths = growths == 0 ? first_growths(options, out->upper) : growths + 1;
+        double next = quads_of((double)options->quads.quads, growths);
         if (next > QM_REMESH_MOST_QUADS) return QM_OK;
         quads.quads = (size_t)next;
     }
@@ -126,10 +144,13 @@ static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, cons
         status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
     if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &out->mesh);
     qm_reconstruction_destroy(ctx, r);
-    const qm_settle_goal kept = {options->quads, options->distance};
-    double lower, upper;
-    if (status == QM_OK) status = qm_settle(ctx, surface, &kept, &out->mesh, &lower, &upper);
-    return status == QM_OK ? measure(ctx, surface, options, out) : status;
+    if (status != QM_OK) return status;
+    begin(options, QM_REMESH_MEASURE, out->mesh.face_count, out);
+    const qm_settle_goal settle_goal = settle_goal_of(options);
+    qm_settled settled;
+    status = qm_settle(ctx, surface, &settle_goal, &out->mesh, &settled);
+    if (status == QM_OK) take_distance(out, &settled.distance);
+    return status;
 }
 
 /** The quads of which a layout is made. */
@@ -182,13 +203,17 @@ static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
  * were, and may be folded for want of room. */
 typedef struct trial_state {
     bool has_crossings, is_folded;
+    bool is_near; /* as near as was wanted */
 } trial_state;
 
-static bool is_better(const trial_state *now, double distance, const trial_state *best, double best_distance)
+static bool is_better(const trial_state *now, const qm_remesh_result *made, const trial_state *best,
+                      const qm_remesh_result *best_made)
 {
     if (now->is_folded != best->is_folded) return best->is_folded;
+    if (now->is_near != best->is_near) return now->is_near;
     if (now->has_crossings != best->has_crossings) return best->has_crossings;
-    return distance < best_distance;
+    if (now->is_near) return made->mesh.face_count < best_made->mesh.face_count;
+    return made->upper < best_made->upper;
 }
 
 /** Tries more and more patches until the mesh is about as near as one without a layout: large patches may miss an ear. */
@@ -209,7 +234,8 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
         qm_quality quality = {0};
         if (last == QM_OK) qm_quality_measure(&now.mesh, &quality);
         state.is_folded = quality.folded > 0;
-        if (last == QM_OK && (out->mesh.face_count == 0 || is_better(&state, now.upper, &best, out->upper))) {
+        state.is_near = last == QM_OK && options->distance > 0.0 && now.upper <= options->distance;
+        if (last == QM_OK && (out->mesh.face_count == 0 || is_better(&state, &now, &best, out))) {
             best = state;
             qm_remesh_result worse = *out;
             *out = now;
@@ -217,7 +243,7 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
         }
         qm_mesh_reset(ctx, &now.mesh);
         bool is_good = out->mesh.face_count > 0 && !best.has_crossings && !best.is_folded;
-        if (is_last || (is_good && out->upper <= PLAIN_RATIO * plain)) break;
+        if (is_last || (is_good && (best.is_near || out->upper <= PLAIN_RATIO * plain))) break;
     }
     return out->mesh.face_count > 0 || status != QM_OK ? status : last;
 }

@@ -49,7 +49,8 @@ typedef struct qm_remesh_result {
 /**
  * Makes the mesh. Where no number of quads is named (0), it is that of qm_quads_options_default; with a distance
  * QM_REMESH_FIRST_QUADS to begin with, or no limit of a semi-regular mesh. With a distance more and more quads are tried until the
- * upper bound is within it, or the next mesh would have more than QM_REMESH_MOST_QUADS; the last one is the result then.
+ * upper bound is within it, or the next mesh would have more than QM_REMESH_MOST_QUADS; the last one is the result then. A smaller
+ * distance never gives fewer quads, but of semi-regular meshes, whose layouts differ.
  *
  * surface  of a mesh, its tree with QM_BVH_TARGET
  *

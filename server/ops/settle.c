@@ -3,6 +3,7 @@
  */
 #include "settle.h"
 
+#include <math.h>
 #include <string.h>
 
 #include "refine.h"
@@ -10,38 +11,82 @@
 #define TOLERANCE 1e-6  /* of the measured distance, a fraction of the diagonal */
 #define MOST_RATIO 1.25 /* of the distance, by which it may grow: the quads are better */
 
-static qm_status measure(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal,
-                         const qm_mesh *mesh, qm_interval *out)
+qm_interval qm_settle_two_sided(const qm_settle_distance *distance)
 {
-    const qm_refine_goal how = {.hausdorff = goal->distance, .thread_count = goal->quads.thread_count};
-    return qm_refine_measure_mesh(ctx, surface, mesh, TOLERANCE, &how, &out->lower, &out->upper);
+    return (qm_interval){fmax(distance->from_surface.lower, distance->from_quads.lower),
+                         fmax(distance->from_surface.upper, distance->from_quads.upper)};
 }
 
-static bool is_kept(const qm_settle_goal *goal, const qm_interval *before, const qm_interval *after)
+qm_status qm_settle_measure(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal,
+                            const qm_mesh *mesh, qm_settle_distance *out)
 {
-    if (goal->distance > 0.0 && before->upper <= goal->distance) return after->upper <= goal->distance;
-    return after->upper <= MOST_RATIO * before->upper;
+    const qm_refine_goal how = {.hausdorff = goal->distance, .thread_count = goal->quads.thread_count};
+    qm_interval *from = &out->from_surface, *back = &out->from_quads;
+    qm_bvh *tree = NULL;
+    qm_status status = qm_bvh_build(ctx, mesh, QM_BVH_TARGET, how.thread_count, &tree);
+    if (status == QM_OK)
+        status =
+            qm_refine_measure(ctx, surface, tree, QM_A_TO_B, TOLERANCE, &how, &from->lower, &from->upper);
+    if (status == QM_OK)
+        status =
+            qm_refine_measure(ctx, surface, tree, QM_B_TO_A, TOLERANCE, &how, &back->lower, &back->upper);
+    if (status == QM_OK && qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
+    qm_bvh_destroy(ctx, tree);
+    return status;
+}
+
+/** A mesh as it was before, with its distance once it is measured. */
+typedef struct unsettled {
+    qm_mesh mesh; /* with vertices of its own */
+    qm_settle_distance distance;
+    bool is_measured;
+} unsettled;
+
+/** Whether a mesh is better than it was before. */
+static qm_status compare(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal,
+                         unsettled *before, qm_settled *out)
+{
+    double after = qm_settle_two_sided(&out->distance).upper;
+    out->is_kept = true;
+    if (goal->distance > 0.0 && after <= goal->distance) return QM_OK;
+    qm_status status =
+        before->is_measured ? QM_OK : qm_settle_measure(ctx, surface, goal, &before->mesh, &before->distance);
+    if (status != QM_OK) return status;
+    before->is_measured = true;
+    double upper = qm_settle_two_sided(&before->distance).upper;
+    bool was_near = goal->distance > 0.0 && upper <= goal->distance;
+    out->is_kept = !was_near && after <= MOST_RATIO * upper;
+    return QM_OK;
+}
+
+static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal,
+                        unsettled *before, qm_mesh *mesh, qm_settled *out)
+{
+    const size_t size = 3 * mesh->vertex_count * sizeof *mesh->positions;
+    const qm_quads_settling ways[] = {QM_QUADS_SPREAD, QM_QUADS_STAY};
+    qm_status status = QM_OK;
+    for (int k = 0; k < 2 && !out->is_kept && status == QM_OK; k++) {
+        status = qm_quads_settle(ctx, surface->bvh, &goal->quads, ways[k], mesh);
+        if (status == QM_OK) status = qm_settle_measure(ctx, surface, goal, mesh, &out->distance);
+        if (status == QM_OK) status = compare(ctx, surface, goal, before, out);
+        if (status == QM_OK && !out->is_kept) memcpy(mesh->positions, before->mesh.positions, size);
+    }
+    if (status == QM_OK && !out->is_kept) out->distance = before->distance;
+    return status;
 }
 
 qm_status qm_settle(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal, qm_mesh *mesh,
-                    double *lower, double *upper)
+                    qm_settled *out)
 {
-    qm_interval before, after;
-    qm_status status = measure(ctx, surface, goal, mesh, &before);
-    if (status != QM_OK) return status;
     size_t count = 3 * mesh->vertex_count;
     double *positions = qm_context_alloc(ctx, count, sizeof *positions);
     if (!positions) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a copy of the vertices");
     memcpy(positions, mesh->positions, count * sizeof *positions);
-    status = qm_quads_settle(ctx, surface->bvh, &goal->quads, mesh);
-    if (status == QM_OK) status = measure(ctx, surface, goal, mesh, &after);
-    if (status == QM_OK && !is_kept(goal, &before, &after)) {
-        memcpy(mesh->positions, positions, count * sizeof *positions);
-        after = before;
-    }
+    unsettled before = {.mesh = *mesh};
+    before.mesh.positions = positions;
+    *out = (qm_settled){0};
+    qm_status status = settle(ctx, surface, goal, &before, mesh, out);
     qm_context_free(ctx, positions, count, sizeof *positions);
-    if (status != QM_OK) return status;
-    *lower = after.lower;
-    *upper = after.upper;
-    return QM_OK;
+    if (status == QM_OK) qm_quality_measure(mesh, &out->quality);
+    return status;
 }

@@ -73,6 +73,46 @@ def test_a_mesh_becomes_quads(client, saddle):
     assert client.upload(content, format="obj")["patches"] == 1
 
 
+def test_vertices_move_at_the_end(client, saddle):
+    plain = refine(client, start(client, saddle), until={"max_quads": 512})["result"]
+    made = start(client, saddle)
+    result = refine(client, made, until={"max_quads": 512}, settle=True)["result"]
+    assert "settled" not in plain and result["quads"] == plain["quads"] and result["mesh"] != plain["mesh"]
+    assert [step["hausdorff"] for step in result["steps"]] == [step["hausdorff"] for step in plain["steps"]]
+    told, before = result["settled"], plain["steps"][-1]["hausdorff"]
+    assert told["kept"] and told["quality"]["folded_quads"] == 0
+    assert max(told["from_surface"]["upper"], told["from_quads"]["upper"]) == told["hausdorff"]["upper"] <= 1.25 * before["upper"]
+    distance = client.hausdorff(saddle, result["mesh"], tolerance=1e-4)["result"]
+    assert distance["lower"] <= told["hausdorff"]["upper"] and told["hausdorff"]["lower"] <= distance["upper"]
+    now = client.get("/v1/reconstructions/" + made["id"]).json()
+    assert now["mesh"] == result["mesh"] and now["step_count"] == result["step_count"]
+    # The next steps start from the vertices before: the same mesh comes of them, settled or not.
+    assert client.get(f"/v1/meshes/{result['mesh']}/patches").json()["patch_count"] == 2
+    further = [refine(client, of, until={"max_quads": 2100})["result"]["mesh"]
+               for of in (made, start(client, saddle)) if of is made or refine(client, of, until={"max_quads": 512})]
+    assert further[0] == further[1]
+
+
+def test_what_is_complete_is_settled(client, saddle):
+    made = start(client, saddle)
+    plain = refine(client, made, until={"max_quads": 512}, measure=False)["result"]
+    result = refine(client, made, until={"max_quads": 512}, settle=True)["result"]
+    assert result["steps"] == [] and result["step_count"] == 0 and result["settled"]["kept"]
+    assert result["mesh"] != plain["mesh"] and result["quads"] == plain["quads"]
+    now = client.get("/v1/reconstructions/" + made["id"]).json()
+    assert now["mesh"] == result["mesh"] and now["steps"] == plain["steps"]
+
+
+def test_what_cannot_be_settled_is_told(client, saddle):
+    kept = start(client, saddle, pull_curves=False)
+    reply = client.post("/v1/jobs", json={"type": "reconstruction_step", "reconstruction": kept["id"], "settle": True})
+    assert check_problem(reply, 400, "invalid_field")["errors"][0]["pointer"] == "/settle"
+    made = start(client, client.upload(points(4000, 3), format="xyz")["id"])
+    job = refine(client, made, until={"max_quads": 512}, settle=True)
+    assert job["state"] == "failed" and job["problem"]["code"] == "invalid_field" and "point set" in job["problem"]["detail"]
+    assert client.get("/v1/reconstructions/" + made["id"]).json()["step_count"] == 0
+
+
 def subtract(a, b):
     return [x - y for x, y in zip(a, b)]
 

@@ -131,4 +131,15 @@ def test_blocks_of_quads(quadmesh, tmp_path):
     assert facts["euler_number"] == 0 and facts["watertight"] and facts["faces"]["quads"] == result["quads"]
     check_distance(quadmesh, torus, "out.obj", result, 0.02)
     out_of_reach = quadmesh("remesh", torus, "-o", "out.obj", "--quads", "500", "--semi-regular", "--distance", "1e-6")
-    assert out_of_reach.returncode == 3 and "distance at most" in out_of_reach.stdout
+    assert out_of_reach.returncode == 3 and "more than was wanted" in out_of_reach.stdout
+
+
+def test_smaller_distances_take_more_quads(quadmesh, tmp_path):
+    torus = write_torus(tmp_path / "torus.obj", 60, 30, 0.3)
+    quads = 0
+    for most in (0.05, 0.02, 0.012, 0.009, 0.007, 0.005, 0.004, 0.003, 0.0021, 0.0014):
+        run = quadmesh("remesh", torus, "-o", "out.obj", "--quads", "50", "--distance", most, "--json")
+        result = json.loads(run.stdout)
+        assert run.returncode == 0 and result["reached"] and result["hausdorff"]["upper_relative"] <= most
+        assert result["quads"] >= quads
+        quads = result["quads"]

@@ -58,6 +58,22 @@ static void to_thin_box(double p[3])
     p[2] *= 0.1;
 }
 
+static double thickness; /* of plates, as a share of their side */
+
+/** A plate of two sides of 2. */
+static void to_plate(double p[3])
+{
+    p[2] *= thickness;
+}
+
+/** A plate that is bent into a cap; each wall is off the middle along the normal. */
+static void to_cap(double p[3])
+{
+    double slope = p[0], length = hypot(1.0, slope), off = thickness * p[2];
+    p[2] = -0.5 * p[0] * p[0] + off / length;
+    p[0] += off * slope / length;
+}
+
 /** A cylinder with flat caps: squares become discs. */
 static void to_cylinder(double p[3])
 {
@@ -377,6 +393,23 @@ static void every_poll_can_end_the_call(void **state)
 
 /* ---- the triangle mesh ---- */
 
+/** Walls that are far nearer to each other than a quad is long stay two, whichever way they look. */
+static void thin_walls_stay_apart(void **state)
+{
+    (void)state;
+    const double part[] = {0.1, 0.03, 0.01, 0.003};
+    for (int i = 0; i < 4; i++) {
+        thickness = part[i];
+        const wanted plate = {"plate", 500, 2, 1, true, 8, 8, 1e-3};
+        check_quads(triangles_of(qm_shape_box(2.0, 2.0, 2.0 * thickness)), &plate);
+        check_quads(triangles_of(cube_grid(10, to_plate)), &plate);
+        const wanted cap = {"bent plate", 1500, 2, 1, true, 8, 20, 0.03};
+        qm_mesh bent = triangles_of(cube_grid(24, to_cap));
+        check_quads(qm_shape_reversed(&bent), &cap);
+        check_quads(bent, &cap);
+    }
+}
+
 /** Every half-edge and its twin run between the same vertices; the Euler number by counting. */
 static ptrdiff_t check_trimesh(const qm_trimesh *m, uint64_t seed)
 {
@@ -452,11 +485,17 @@ static void random_edits_keep_the_topology(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(random_edits_keep_the_topology), cmocka_unit_test(closed_shapes_become_closed_quads),
-        cmocka_unit_test(creases_are_followed),           cmocka_unit_test(open_shapes_keep_their_boundaries),
-        cmocka_unit_test(components_stay_apart),          cmocka_unit_test(any_soup_becomes_manifold_quads),
-        cmocka_unit_test(threads_do_not_change_the_mesh), cmocka_unit_test(bad_input_is_told),
-        cmocka_unit_test(memory_and_cancel_end_the_call), cmocka_unit_test(every_poll_can_end_the_call),
+        cmocka_unit_test(random_edits_keep_the_topology),
+        cmocka_unit_test(closed_shapes_become_closed_quads),
+        cmocka_unit_test(creases_are_followed),
+        cmocka_unit_test(thin_walls_stay_apart),
+        cmocka_unit_test(open_shapes_keep_their_boundaries),
+        cmocka_unit_test(components_stay_apart),
+        cmocka_unit_test(any_soup_becomes_manifold_quads),
+        cmocka_unit_test(threads_do_not_change_the_mesh),
+        cmocka_unit_test(bad_input_is_told),
+        cmocka_unit_test(memory_and_cancel_end_the_call),
+        cmocka_unit_test(every_poll_can_end_the_call),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

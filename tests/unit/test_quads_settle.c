@@ -70,7 +70,7 @@ static void settle(const qm_mesh *surface, qm_mesh *mesh, int threads)
     options.thread_count = threads;
     qm_mesh before = qm_shape_copy(mesh);
     assert_int_equal(qm_bvh_build(&ctx, surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
-    QM_CHECK(qm_quads_settle(&ctx, bvh, &options, mesh) == QM_OK, "%s", ctx.message);
+    QM_CHECK(qm_quads_settle(&ctx, bvh, &options, QM_QUADS_SPREAD, mesh) == QM_OK, "%s", ctx.message);
     assert_int_equal(mesh->face_count, before.face_count);
     assert_int_equal(mesh->vertex_count, before.vertex_count);
     assert_memory_equal(mesh->faces, before.faces, 4 * mesh->face_count * sizeof *mesh->faces);
@@ -214,7 +214,7 @@ static void memory_and_cancel_end_the_call(void **state)
         qm_context poor = qm_context_make();
         qm_mesh mesh = make_shape(2, to_cube);
         poor.allocator = qm_failing_allocator_hook(&memory);
-        status = qm_quads_settle(&poor, bvh, &options, &mesh);
+        status = qm_quads_settle(&poor, bvh, &options, QM_QUADS_SPREAD, &mesh);
         QM_CHECK(status == QM_OK || status == QM_E_NO_MEMORY, "call %zu: %d", fail_at, status);
         QM_CHECK(memory.live_blocks == 0 && !memory.mismatched, "call %zu leaves %zu blocks, mismatched %d",
                  fail_at, memory.live_blocks, memory.mismatched);
@@ -224,17 +224,17 @@ static void memory_and_cancel_end_the_call(void **state)
     atomic_bool is_canceled = true;
     qm_mesh mesh = make_shape(8, to_cube);
     ctx.cancel = &is_canceled;
-    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, &mesh), QM_E_CANCELED);
+    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, QM_QUADS_SPREAD, &mesh), QM_E_CANCELED);
     ctx.cancel = NULL;
     qm_bvh_destroy(&ctx, bvh);
     qm_random random = qm_random_make(1, 0);
     qm_mesh points = qm_shape_points(&random, 9);
     assert_int_equal(qm_bvh_build(&ctx, &points, QM_BVH_TARGET, 1, &bvh), QM_OK);
-    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, &mesh), QM_E_ARGUMENT);
+    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, QM_QUADS_SPREAD, &mesh), QM_E_ARGUMENT);
     qm_bvh_destroy(&ctx, bvh);
     assert_int_equal(qm_bvh_build(&ctx, &surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
     mesh.faces[7] = QM_NO_INDEX;
-    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, &mesh), QM_E_ARGUMENT);
+    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, QM_QUADS_SPREAD, &mesh), QM_E_ARGUMENT);
     qm_bvh_destroy(&ctx, bvh);
     qm_shape_free(&points);
     qm_shape_free(&mesh);

@@ -67,6 +67,13 @@ qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_optio
 qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options,
                                      qm_mesh *out, uint8_t **creases, qm_quads_record *record);
 
+/** How vertices move before bad quads are opened. */
+typedef enum qm_quads_settling {
+    QM_QUADS_SPREAD, /* to equal heights of the surface over all sides */
+    QM_QUADS_CENTRE, /* among their neighbours */
+    QM_QUADS_STAY    /* not at all */
+} qm_quads_settling;
+
 /**
  * Moves the vertices of a mesh of quads, whose faces stay, along a surface and off it, so that no quad is bad where there is room
  * and the quads lie nearer to the surface. Sides that run along its creases and boundaries come to lie on them; other
@@ -74,11 +81,13 @@ qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const q
  *
  * bvh      of the surface, with QM_BVH_TARGET
  * options  the crease angle and the threads count
+ * how      where that folds quads, the next way is tried instead
  * mesh     near the surface; every face a quad
  *
  * Returns: QM_OK, also when the mesh is not manifold or not oriented: it is left as it was; QM_E_ARGUMENT; QM_E_NO_MEMORY;
  *          QM_E_CANCELED.
  */
-qm_status qm_quads_settle(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options, qm_mesh *mesh);
+qm_status qm_quads_settle(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options,
+                          qm_quads_settling how, qm_mesh *mesh);
 
 #endif

@@ -41,7 +41,7 @@ double qm_quads_area(const double *positions, const uint32_t (*corner)[3], size_
 /** The quads of a component, and its features as pairs of points. */
 typedef struct part {
     qm_quads_result quads; /* without features */
-    double *segments;      /* segment_count rows of two points */
+    qm_quads_segment *segments;
     size_t segment_count;
 } part;
 
@@ -49,6 +49,7 @@ void qm_quads_result_reset(qm_context *ctx, qm_quads_result *r)
 {
     qm_context_free(ctx, r->is_fixed, r->mesh.vertex_count, 1);
     qm_context_free(ctx, r->is_feature, r->mesh.face_count, 4);
+    qm_context_free(ctx, r->feature_normal, r->features.face_count, sizeof *r->feature_normal);
     qm_mesh_reset(ctx, &r->mesh);
     qm_mesh_reset(ctx, &r->features);
     *r = (qm_quads_result){0};
@@ -57,11 +58,24 @@ void qm_quads_result_reset(qm_context *ctx, qm_quads_result *r)
 static void reset_part(qm_context *ctx, part *p)
 {
     qm_quads_result_reset(ctx, &p->quads);
-    qm_context_free(ctx, p->segments, p->segment_count, 6 * sizeof *p->segments);
+    qm_context_free(ctx, p->segments, p->segment_count, sizeof *p->segments);
     *p = (part){0};
 }
 
-qm_status qm_quads_list_features(qm_context *ctx, const qm_trimesh *m, double **segments, size_t *out)
+/** The mean of the normals on both sides. */
+static qm_vec normal_between(const qm_trimesh *m, uint32_t h)
+{
+    uint32_t t = m->twin[h];
+    qm_vec a = qm_trimesh_normal(m, h / 3), b = t == QM_NO_INDEX ? a : qm_trimesh_normal(m, t / 3);
+    double length_a = qm_vec_norm(a), length_b = qm_vec_norm(b);
+    if (!(length_a > 0.0 && length_b > 0.0)) return (qm_vec){0, 0, 0};
+    qm_vec sum = qm_vec_add(qm_vec_scale(1.0 / length_a, a), qm_vec_scale(1.0 / length_b, b));
+    double length = qm_vec_norm(sum);
+    return length > 1e-3 ? qm_vec_scale(1.0 / length, sum) : (qm_vec){0, 0, 0};
+}
+
+qm_status qm_quads_list_features(qm_context *ctx, const qm_trimesh *m, qm_quads_segment **segments,
+                                 size_t *out)
 {
     size_t count = 0;
     *segments = NULL;
@@ -69,37 +83,35 @@ qm_status qm_quads_list_features(qm_context *ctx, const qm_trimesh *m, double **
     for (uint32_t h = 0; h < 3 * m->face_count; h++)
         count += m->is_feature[h] && (m->twin[h] == QM_NO_INDEX || m->twin[h] > h);
     if (count == 0) return QM_OK;
-    *segments = qm_context_alloc(ctx, count, 6 * sizeof **segments);
+    *segments = qm_context_alloc(ctx, count, sizeof **segments);
     if (!*segments) return QM_E_NO_MEMORY;
     *out = count;
-    double *row = *segments;
+    qm_quads_segment *row = *segments;
     for (uint32_t h = 0; h < 3 * m->face_count; h++) {
         if (!m->is_feature[h] || (m->twin[h] != QM_NO_INDEX && m->twin[h] < h)) continue;
-        qm_vec_store(row, m->position[m->from[h]]);
-        qm_vec_store(row + 3, m->position[qm_trimesh_to(m, h)]);
-        row += 6;
+        *row++ = (qm_quads_segment){{m->position[m->from[h]], m->position[qm_trimesh_to(m, h)]},
+                                    normal_between(m, h)};
     }
     return QM_OK;
 }
 
-/** A mesh of so many segments, as faces that repeat a corner, whose positions are to be set. */
-static bool alloc_segments(qm_context *ctx, size_t count, qm_mesh *out)
+qm_status qm_quads_set_features(qm_context *ctx, const qm_quads_segment *segments, size_t count,
+                                qm_quads_result *r)
 {
+    qm_mesh *out = &r->features;
     *out = (qm_mesh){.vertex_count = 2 * count, .face_count = count};
-    if (count == 0) return true;
+    if (count == 0) return QM_OK;
     out->positions = qm_context_alloc(ctx, count, 6 * sizeof *out->positions);
     out->faces = qm_context_alloc(ctx, count, 4 * sizeof *out->faces);
-    for (uint32_t i = 0; i < count && out->faces; i++) {
-        uint32_t *c = out->faces + 4 * (size_t)i;
+    r->feature_normal = qm_context_alloc(ctx, count, sizeof *r->feature_normal);
+    if (!out->positions || !out->faces || !r->feature_normal) return QM_E_NO_MEMORY;
+    for (uint32_t i = 0; i < count; i++) {
+        uint32_t *c = out->faces + 4 * (size_t)i; /* a face that repeats a corner is a segment */
         c[0] = 2 * i, c[1] = c[2] = 2 * i + 1, c[3] = QM_NO_INDEX;
+        qm_vec_store(out->positions + 6 * (size_t)i, segments[i].end[0]);
+        qm_vec_store(out->positions + 6 * (size_t)i + 3, segments[i].end[1]);
+        r->feature_normal[i] = segments[i].normal;
     }
-    return out->positions && out->faces;
-}
-
-qm_status qm_quads_make_segments(qm_context *ctx, const double *segments, size_t count, qm_mesh *out)
-{
-    if (!alloc_segments(ctx, count, out)) return QM_E_NO_MEMORY;
-    if (count > 0) memcpy(out->positions, segments, count * 6 * sizeof *segments);
     return QM_OK;
 }
 
@@ -242,11 +254,13 @@ static qm_status join_parts(qm_context *ctx, const part *parts, size_t count, qm
     r->mesh.vertex_count = vertices, r->mesh.face_count = faces;
     r->is_fixed = qm_context_alloc(ctx, vertices, 1);
     r->is_feature = qm_context_alloc(ctx, faces, 4);
-    if (!r->mesh.positions || !r->mesh.faces || !r->is_fixed || !r->is_feature ||
-        !alloc_segments(ctx, segments, &r->features))
-        return QM_E_NO_MEMORY;
+    qm_quads_segment *all = qm_context_alloc(ctx, segments, sizeof *all);
+    qm_status status =
+        r->mesh.positions && r->mesh.faces && r->is_fixed && r->is_feature && (all || segments == 0)
+            ? QM_OK
+            : QM_E_NO_MEMORY;
     size_t vertex = 0, face = 0, segment = 0;
-    for (size_t k = 0; k < count; k++) {
+    for (size_t k = 0; k < count && status == QM_OK; k++) {
         const part *p = &parts[k];
         const qm_mesh *own = &p->quads.mesh;
         if (own->face_count > 0) {
@@ -256,13 +270,14 @@ static qm_status join_parts(qm_context *ctx, const part *parts, size_t count, qm
             for (size_t c = 0; c < 4 * own->face_count; c++)
                 r->mesh.faces[4 * face + c] = (uint32_t)vertex + own->faces[c];
         }
-        if (p->segment_count > 0)
-            memcpy(r->features.positions + 6 * segment, p->segments, 6 * p->segment_count * sizeof(double));
+        if (p->segment_count > 0) memcpy(all + segment, p->segments, p->segment_count * sizeof *all);
         vertex += own->vertex_count;
         face += own->face_count;
         segment += p->segment_count;
     }
-    return QM_OK;
+    if (status == QM_OK) status = qm_quads_set_features(ctx, all, segments, r);
+    qm_context_free(ctx, all, segments, sizeof *all);
+    return status;
 }
 
 static qm_status make(qm_context *ctx, const qm_bvh *bvh, qm_quads_triangles *t,

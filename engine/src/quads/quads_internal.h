@@ -11,6 +11,7 @@
  *   quads_extract.c    edges of no step are contracted; two triangles at a diagonal step make a quad
  *   quads_tidy.c       quads that are contracted, edges that are turned, so that fewer vertices are irregular
  *   quads_polish.c     corners move along the surface for better shapes
+ *   quads_walls.c      the nearest point of a wall that looks the same way
  *   quads_untangle.c   bad quads become better, or go
  *   quads_fit.c        vertices leave the surface where that brings the quads nearer to it
  *   quads_settle.c     the last three for a mesh whose faces stay
@@ -106,6 +107,7 @@ qm_status qm_quads_extract(qm_context *ctx, qm_trimesh *m, qm_mesh *out, uint8_t
 /** The quads of all components, and the features of the surface as segments: faces that repeat a corner. */
 typedef struct qm_quads_result {
     qm_mesh mesh, features;
+    qm_vec *feature_normal; /* of each segment: between those of its faces */
     uint8_t *is_fixed, *is_feature;
 } qm_quads_result;
 
@@ -114,11 +116,35 @@ void qm_quads_result_reset(qm_context *ctx, qm_quads_result *r);
 /** The sum of the areas of triangles. */
 double qm_quads_area(const double *positions, const uint32_t (*corner)[3], size_t count);
 
-/** Lists the features of a mesh as rows of two points, the caller's. Returns QM_OK; QM_E_NO_MEMORY. */
-qm_status qm_quads_list_features(qm_context *ctx, const qm_trimesh *m, double **segments, size_t *count);
+/** A piece of a feature. */
+typedef struct qm_quads_segment {
+    qm_vec end[2];
+    qm_vec normal; /* between those of its faces, of length 1; 0: none */
+} qm_quads_segment;
 
-/** A mesh of segments, as faces that repeat a corner. Returns QM_OK; QM_E_NO_MEMORY; *out is the caller's, after an error too. */
-qm_status qm_quads_make_segments(qm_context *ctx, const double *segments, size_t count, qm_mesh *out);
+/** Lists the features of a mesh, the caller's. Returns QM_OK; QM_E_NO_MEMORY. */
+qm_status qm_quads_list_features(qm_context *ctx, const qm_trimesh *m, qm_quads_segment **segments,
+                                 size_t *count);
+
+/** Sets the features of a result. Returns QM_OK; QM_E_NO_MEMORY. */
+qm_status qm_quads_set_features(qm_context *ctx, const qm_quads_segment *segments, size_t count,
+                                qm_quads_result *r);
+
+/** What vertices are projected onto: a surface, or the features of a result. */
+typedef struct qm_quads_target {
+    const qm_bvh *bvh;    /* NULL: there are no features */
+    const qm_vec *normal; /* of each face; NULL: that of its corners */
+} qm_quads_target;
+
+/**
+ * Projects points that have normals (of length 1, or 0: any wall is right) onto the nearest point whose own normal is not opposed,
+ * as far as there is one within about the reach; else onto the nearest.
+ *
+ * Returns QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
+ */
+qm_status qm_quads_project(qm_context *ctx, const qm_quads_target *on, const double *points,
+                           const qm_vec *normal, double reach, size_t count, int thread_count,
+                           double *nearest);
 
 /** Contracts quads along a diagonal and turns edges while that makes vertices more regular; *irregular receives the number of
  * vertices that are not. */

@@ -10,7 +10,6 @@
 #include <string.h>
 
 #include "mesh/quad_shape.h"
-#include "qm/project.h"
 
 #define ROUNDS 5 /* more would draw vertices off tips */
 /* The weights go as squares of lengths, so that a vertex that comes nearer to one neighbour is drawn back three times as much as with
@@ -22,14 +21,15 @@
 typedef struct polish {
     qm_context *ctx;
     qm_quads_result *r;
-    const qm_bvh *surface, *features; /* features is NULL if there are none */
-    uint32_t *start, *corner;         /* the corners (4 * face + k) at each vertex */
-    uint8_t *kind;                    /* of each vertex, QM_TRIMESH_FREE ... */
-    uint32_t (*line)[2];              /* of vertices on features: the two neighbours along them */
+    qm_quads_target surface, features;
+    uint32_t *start, *corner; /* the corners (4 * face + k) at each vertex */
+    uint8_t *kind;            /* of each vertex, QM_TRIMESH_FREE ... */
+    uint32_t (*line)[2];      /* of vertices on features: the two neighbours along them */
     double *target, *nearest;
     qm_vec *normal; /* of each vertex */
     bool spreads;
     double flat; /* curvature that is added everywhere */
+    double side; /* of a quad */
     int thread_count;
 } polish;
 
@@ -133,20 +133,21 @@ static qm_vec centred(const polish *p, uint32_t v)
 static qm_status project_all(polish *p)
 {
     qm_mesh *m = &p->r->mesh;
-    const qm_projection out = {.position = p->nearest};
-    qm_status status = qm_project_points(p->ctx, p->surface, QM_QUADS_TRIANGLES, p->target, m->vertex_count,
-                                         p->thread_count, &out);
+    qm_status status = qm_quads_project(p->ctx, &p->surface, p->target, p->normal, p->side, m->vertex_count,
+                                        p->thread_count, p->nearest);
     if (status != QM_OK) return status;
     for (size_t v = 0; v < m->vertex_count; v++)
         if (p->kind[v] == QM_TRIMESH_FREE)
             memcpy(m->positions + 3 * v, p->nearest + 3 * v, 3 * sizeof(double));
-    if (!p->features) return QM_OK;
+    if (!p->features.bvh) return QM_OK;
     size_t count = 0;
-    for (size_t v = 0; v < m->vertex_count; v++)
-        if (p->kind[v] == QM_TRIMESH_ON_LINE)
-            memmove(p->target + 3 * count++, p->target + 3 * v, 3 * sizeof(double));
-    status =
-        qm_project_points(p->ctx, p->features, QM_QUADS_TRIANGLES, p->target, count, p->thread_count, &out);
+    for (size_t v = 0; v < m->vertex_count; v++) {
+        if (p->kind[v] != QM_TRIMESH_ON_LINE) continue;
+        p->normal[count] = p->normal[v];
+        memmove(p->target + 3 * count++, p->target + 3 * v, 3 * sizeof(double));
+    }
+    status = qm_quads_project(p->ctx, &p->features, p->target, p->normal, p->side, count, p->thread_count,
+                              p->nearest);
     count = 0;
     for (size_t v = 0; v < m->vertex_count && status == QM_OK; v++)
         if (p->kind[v] == QM_TRIMESH_ON_LINE)
@@ -163,9 +164,23 @@ static qm_status centre_all(polish *p)
     return project_all(p);
 }
 
+/** The side of a square of the mean area. */
+static double mean_side(const polish *p)
+{
+    const qm_mesh *m = &p->r->mesh;
+    double sum = 0.0;
+    for (uint32_t f = 0; f < m->face_count; f++) {
+        qm_vec corner[4];
+        face_corners(p, f, corner);
+        sum += 0.5 * qm_vec_norm(qm_quad_normal(corner));
+    }
+    return sqrt(sum / qm_max((double)m->face_count, 1.0));
+}
+
 static qm_status run(polish *p)
 {
     list_corners(p);
+    p->side = mean_side(p);
     find_kinds(p);
     const qm_box box = qm_mesh_bounding_box(&p->r->mesh);
     p->flat = FLAT_TURN / qm_max(qm_mesh_box_diagonal(&box), QM_MIN_LENGTH);
@@ -185,8 +200,8 @@ qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *sur
         status = qm_bvh_build(ctx, &r->features, QM_BVH_TARGET, thread_count, &features);
     polish p = {.ctx = ctx,
                 .r = r,
-                .surface = surface,
-                .features = features,
+                .surface = {surface, NULL},
+                .features = {features, r->feature_normal},
                 .spreads = spreads,
                 .thread_count = thread_count};
     p.start = qm_context_alloc(ctx, vertices + 1, sizeof *p.start);

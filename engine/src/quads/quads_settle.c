@@ -13,10 +13,13 @@
 #define ALONG                                                                                                \
     0.2 /* of a side: its ends and its middle are no farther than this from a feature that it runs along */
 
+#define MOST_RINGS 16 /* of vertices that go back round quads that were folded */
+
 typedef struct settle {
     qm_context *ctx;
     const qm_bvh *surface;
     const qm_quads_options *options;
+    qm_quads_settling how;
     qm_quads_result r;
     qm_bvh *features; /* NULL if there are none */
 } settle;
@@ -27,7 +30,7 @@ static qm_status find_features(settle *w)
     const qm_mesh *surface = qm_bvh_mesh(w->surface);
     qm_quads_triangles t;
     qm_trimesh m = {0};
-    double *segments = NULL;
+    qm_quads_segment *segments = NULL;
     size_t count = 0;
     qm_status status = qm_quads_list_triangles(w->ctx, surface, &t);
     if (status == QM_OK)
@@ -39,8 +42,8 @@ static qm_status find_features(settle *w)
                                         sqrt(area / (double)w->r.mesh.face_count));
     }
     if (status == QM_OK) status = qm_quads_list_features(w->ctx, &m, &segments, &count);
-    if (status == QM_OK) status = qm_quads_make_segments(w->ctx, segments, count, &w->r.features);
-    qm_context_free(w->ctx, segments, count, 6 * sizeof *segments);
+    if (status == QM_OK) status = qm_quads_set_features(w->ctx, segments, count, &w->r);
+    qm_context_free(w->ctx, segments, count, sizeof *segments);
     qm_trimesh_reset(w->ctx, &m);
     qm_quads_triangles_reset(w->ctx, &t);
     if (status != QM_OK || count == 0) return status;
@@ -142,41 +145,96 @@ static size_t count_folded(const qm_mesh *m)
     return count;
 }
 
-static qm_status move_vertices(settle *w, bool spreads)
+/** The mesh before it moves, and which vertices go back to it. */
+typedef struct unmoved {
+    double *positions;
+    uint8_t *is_feature, *is_fixed;
+    uint8_t *goes_back; /* of each vertex */
+    size_t folded;      /* quads */
+} unmoved;
+
+static qm_status take_note(settle *w, unmoved *u)
 {
-    int threads = w->options->thread_count;
-    qm_status status = qm_quads_polish(w->ctx, &w->r, w->surface, spreads, threads);
-    if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, threads);
-    return status == QM_OK ? qm_quads_fit(w->ctx, &w->r, w->surface, threads) : status;
+    const qm_mesh *m = &w->r.mesh;
+    size_t size = 3 * m->vertex_count;
+    u->positions = qm_context_alloc(w->ctx, size, sizeof *u->positions);
+    u->is_feature = qm_context_alloc(w->ctx, m->face_count, 4);
+    u->is_fixed = qm_context_alloc(w->ctx, m->vertex_count, 1);
+    u->goes_back = qm_context_alloc(w->ctx, m->vertex_count, 1);
+    if (!u->positions || !u->is_feature || !u->is_fixed || !u->goes_back) return QM_E_NO_MEMORY;
+    memcpy(u->positions, m->positions, size * sizeof *u->positions);
+    memcpy(u->is_feature, w->r.is_feature, 4 * m->face_count);
+    memcpy(u->is_fixed, w->r.is_fixed, m->vertex_count);
+    u->folded = count_folded(m);
+    return QM_OK;
 }
 
-/** Moves the vertices, but not into folds: then they are centred instead of spread, or stay. */
+static void free_note(settle *w, unmoved *u)
+{
+    const qm_mesh *m = &w->r.mesh;
+    qm_context_free(w->ctx, u->positions, 3 * m->vertex_count, sizeof *u->positions);
+    qm_context_free(w->ctx, u->is_feature, m->face_count, 4);
+    qm_context_free(w->ctx, u->is_fixed, m->vertex_count, 1);
+    qm_context_free(w->ctx, u->goes_back, m->vertex_count, 1);
+}
+
+/** Marks the vertices of faces that are folded, or have a marked one. */
+static void mark_faces(const qm_mesh *m, bool are_folded, uint8_t *mark, uint8_t value)
+{
+    for (size_t f = 0; f < m->face_count; f++) {
+        const uint32_t *c = m->faces + 4 * f;
+        bool is_marked = are_folded && is_folded(m, f);
+        for (int k = 0; k < 4 && !are_folded && !is_marked; k++)
+            is_marked = mark[c[k]] && mark[c[k]] < value;
+        for (int k = 0; k < 4 && is_marked; k++)
+            if (!mark[c[k]]) mark[c[k]] = value;
+    }
+}
+
+/** Where quads are folded, the vertices of some rings go back. */
+static void go_back(settle *w, const unmoved *u, int rings)
+{
+    qm_mesh *m = &w->r.mesh;
+    for (size_t v = 0; v < m->vertex_count; v++)
+        u->goes_back[v] = u->goes_back[v] != 0;
+    mark_faces(m, true, u->goes_back, 1);
+    for (int ring = 0; ring < rings; ring++)
+        mark_faces(m, false, u->goes_back, (uint8_t)(ring + 2));
+    for (size_t v = 0; v < m->vertex_count; v++)
+        if (u->goes_back[v]) memcpy(m->positions + 3 * v, u->positions + 3 * v, 3 * sizeof(double));
+}
+
+static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *u)
+{
+    int threads = w->options->thread_count;
+    qm_status status = QM_OK;
+    if (how != QM_QUADS_STAY)
+        status = qm_quads_polish(w->ctx, &w->r, w->surface, how == QM_QUADS_SPREAD, threads);
+    if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, threads);
+    if (status == QM_OK) status = qm_quads_fit(w->ctx, &w->r, w->surface, threads);
+    memset(u->goes_back, 0, w->r.mesh.vertex_count);
+    for (int rings = 1; rings <= MOST_RINGS && status == QM_OK && count_folded(&w->r.mesh) > u->folded;
+         rings *= 2) {
+        go_back(w, u, rings);
+        status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, threads);
+    }
+    return status;
+}
+
+/** Moves the vertices, but not into folds: then another way is tried, or they stay. */
 static qm_status move_well(settle *w)
 {
     qm_mesh *m = &w->r.mesh;
-    size_t size = 3 * m->vertex_count, folded = count_folded(m);
-    double *before = qm_context_alloc(w->ctx, size, sizeof *before);
-    uint8_t *features = qm_context_alloc(w->ctx, m->face_count, 4),
-            *fixed = qm_context_alloc(w->ctx, m->vertex_count, 1);
-    qm_status status = before && features && fixed ? QM_OK : QM_E_NO_MEMORY;
-    if (status == QM_OK) {
-        memcpy(before, m->positions, size * sizeof *before);
-        memcpy(features, w->r.is_feature, 4 * m->face_count);
-        memcpy(fixed, w->r.is_fixed, m->vertex_count);
-        status = move_vertices(w, true);
+    unmoved u = {0};
+    qm_status status = take_note(w, &u);
+    for (int how = (int)w->how; how <= (int)QM_QUADS_STAY && status == QM_OK; how++) {
+        status = move_vertices(w, (qm_quads_settling)how, &u);
+        if (status != QM_OK || count_folded(m) <= u.folded) break;
+        memcpy(m->positions, u.positions, 3 * m->vertex_count * sizeof *u.positions);
+        memcpy(w->r.is_feature, u.is_feature, 4 * m->face_count); /* untangling may have let go of some */
+        memcpy(w->r.is_fixed, u.is_fixed, m->vertex_count);
     }
-    bool is_worse = status == QM_OK && count_folded(m) > folded;
-    if (is_worse) {
-        memcpy(m->positions, before, size * sizeof *before);
-        memcpy(w->r.is_feature, features, 4 * m->face_count); /* untangling may have let go of some */
-        memcpy(w->r.is_fixed, fixed, m->vertex_count);
-        status = move_vertices(w, false);
-        is_worse = status == QM_OK && count_folded(m) > folded;
-    }
-    if (is_worse) memcpy(m->positions, before, size * sizeof *before);
-    qm_context_free(w->ctx, before, size, sizeof *before);
-    qm_context_free(w->ctx, features, m->face_count, 4);
-    qm_context_free(w->ctx, fixed, m->vertex_count, 1);
+    free_note(w, &u);
     return status;
 }
 
@@ -214,7 +272,8 @@ static qm_status run(settle *w)
     return move_well(w);
 }
 
-qm_status qm_quads_settle(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options, qm_mesh *mesh)
+qm_status qm_quads_settle(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options,
+                          qm_quads_settling how, qm_mesh *mesh)
 {
     QM_ASSERT(ctx && bvh && options && mesh);
     if (qm_bvh_mesh(bvh)->face_count == 0)
@@ -222,7 +281,7 @@ qm_status qm_quads_settle(qm_context *ctx, const qm_bvh *bvh, const qm_quads_opt
     for (size_t f = 0; f < mesh->face_count; f++)
         if (mesh->faces[4 * f + 3] == QM_NO_INDEX)
             return qm_context_fail(ctx, QM_E_ARGUMENT, "face %zu is a triangle, not a quad", f);
-    settle w = {.ctx = ctx, .surface = bvh, .options = options};
+    settle w = {.ctx = ctx, .surface = bvh, .options = options, .how = how};
     size_t vertices = mesh->vertex_count, faces = mesh->face_count;
     w.r.is_fixed = qm_context_alloc(ctx, vertices, 1);
     w.r.is_feature = qm_context_alloc(ctx, faces, 4);
@@ -234,10 +293,9 @@ qm_status qm_quads_settle(qm_context *ctx, const qm_bvh *bvh, const qm_quads_opt
         status = run(&w);
         w.r.mesh = (qm_mesh){0};
     }
-    qm_context_free(ctx, w.r.is_fixed, vertices, 1);
-    qm_context_free(ctx, w.r.is_feature, faces, 4);
     qm_bvh_destroy(ctx, w.features);
-    qm_mesh_reset(ctx, &w.r.features);
+    w.r.mesh.vertex_count = vertices, w.r.mesh.face_count = faces; /* of the arrays of marks */
+    qm_quads_result_reset(ctx, &w.r);
     if (status == QM_E_NO_MEMORY) return qm_context_fail(ctx, status, "out of memory for %zu quads", faces);
     return status;
 }

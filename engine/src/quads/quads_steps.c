@@ -9,6 +9,10 @@
  *   - that of a twin is the opposite, turned,
  *   - that of a feature is 0 across it.
  *
+ * Where two features run side by side less than a quad apart, round the rim of a plate, steps from one to the other would be
+ * rounded to 0, and one wall would end up on the other. They are given a step of 1 (a row of narrow quads), which the flow
+ * takes away only where nothing else closes the faces.
+ *
  * The surface is then laid out on the integer grid, face by face, and only vertices may be singular: round them the turns
  * do not sum up to 0. All vertices are corners of the grid, so no parity has to be kept.
  *
@@ -28,16 +32,19 @@
 
 #include "core/heap.h"
 
-#define FOLD_COST 12.0 /* of a path: for each face that it turns upside down */
-#define LONG_COST 2.0  /* for a step beyond 1 */
-#define STEP_COST 0.1  /* of any change: less would let paths wander */
+#define FOLD_COST 12.0  /* of a path: for each face that it turns upside down */
+#define LONG_COST 2.0   /* for a step beyond 1 */
+#define STRIP_COST 12.0 /* for a step between features side by side that is taken away */
+#define STEP_COST 0.1   /* of any change: less would let paths wander */
 #define MIN_COST 0.05
 /* A path is applied if it costs no more than so much for the cheapest of both ends: those that are none of the cheapest save
  * rounds, and a round visits the whole mesh. */
 #define NEAR_FACTOR 1.5
 #define NEAR_COST 0.5
-#define FIRST_REACH 2.0 /* of the paths, half of their cost: doubled where few are joined by it */
-#define REACH_COST 1.0  /* beyond half of its cheapest path an excess is searched no further than this */
+#define FIRST_REACH 2.0    /* of the paths, half of their cost: doubled where few are joined by it */
+#define REACH_COST 1.0     /* beyond half of its cheapest path an excess is searched no further than this */
+#define STRIP_COSINE 0.8   /* of the angle between features that run side by side, at least */
+#define WALL_COSINE (-0.3) /* between the walls that they are the rims of, at most: else it is a chamfer */
 #define FOLLOW_ROUNDS 3
 #define REPAIR_ROUNDS 12
 
@@ -67,6 +74,7 @@ typedef struct steps_work {
     qm_trimesh *m;
     uint8_t *turned;
     float (*target)[2];   /* of each half-edge: its vector in the frame of its face, in quads */
+    uint8_t *is_across;   /* of each half-edge: bit k for axis k: from one feature to another at its side */
     int32_t (*excess)[2]; /* of each face: sum of its steps */
     path_node *node;
     uint32_t stamp;
@@ -185,6 +193,63 @@ static void read_step(const qm_trimesh *m, uint32_t h, qm_vec face_cross, const 
     }
 }
 
+/** Notes that a half-edge, and so its twin, crosses a strip along an axis of its face, in a direction of 1 or -1. */
+static void mark_across(const steps_work *w, uint32_t h, int axis, int direction)
+{
+    uint32_t t = w->m->twin[h];
+    int32_t back[2] = {0, 0};
+    back[axis] = -direction;
+    w->target[h][axis] = (float)direction;
+    w->is_across[h] |= (uint8_t)(1 << axis);
+    if (t == QM_NO_INDEX) return;
+    turn(back, w->turned[h]);
+    int twin_axis = back[0] == 0;
+    w->target[t][twin_axis] = (float)back[twin_axis];
+    w->is_across[t] |= (uint8_t)(1 << twin_axis);
+}
+
+/** True if a feature at a vertex runs along the half-edge of another, and the walls beyond both look apart. */
+static bool is_opposite(const qm_trimesh *m, uint32_t half, uint32_t vertex)
+{
+    qm_vec along = qm_trimesh_edge(m, half), strip = qm_trimesh_normal(m, half / 3);
+    if (m->twin[half] == QM_NO_INDEX) return false;
+    qm_vec wall = qm_trimesh_normal(m, m->twin[half] / 3);
+    uint32_t first = qm_trimesh_first(m, vertex), h = first;
+    do {
+        uint32_t back = qm_trimesh_prev(h);
+        const uint32_t side[2] = {h, back};
+        for (int k = 0; k < 2; k++) {
+            uint32_t t = m->twin[side[k]];
+            qm_vec edge = qm_trimesh_edge(m, side[k]);
+            if (!m->is_feature[side[k]] || t == QM_NO_INDEX ||
+                !(fabs(qm_vec_dot(edge, along)) > STRIP_COSINE * qm_vec_norm(along) * qm_vec_norm(edge)))
+                continue;
+            /* the strip lies on one side of it */
+            qm_vec a = qm_trimesh_normal(m, side[k] / 3), b = qm_trimesh_normal(m, t / 3);
+            double scale_a = qm_vec_norm(a), scale_b = qm_vec_norm(b);
+            qm_vec beyond = qm_vec_dot(a, strip) * scale_b > qm_vec_dot(b, strip) * scale_a ? b : a;
+            if (qm_vec_dot(beyond, wall) < WALL_COSINE * qm_vec_norm(beyond) * qm_vec_norm(wall)) return true;
+        }
+        h = qm_trimesh_around(m, h);
+    } while (h != QM_NO_INDEX && h != first);
+    return false;
+}
+
+/** Finds the strips: faces between a feature and a vertex of another that runs along it, less than a quad away. */
+static void find_strips(const steps_work *w)
+{
+    const qm_trimesh *m = w->m;
+    for (uint32_t h = 0; h < 3 * m->face_count; h++) {
+        if (!m->is_feature[h]) continue;
+        int along = feature_axis(w, h), axis = 1 - along;
+        uint32_t next = qm_trimesh_next(h), back = qm_trimesh_prev(h);
+        int left = (w->target[h][along] > 0.0F) == (along == 0) ? 1 : -1;
+        if (!((float)left * w->target[next][axis] < 1.0F) || !is_opposite(m, h, m->from[back])) continue;
+        mark_across(w, next, axis, left);
+        mark_across(w, back, axis, -left);
+    }
+}
+
 static void read_steps(const steps_work *w, const qm_vec *cross, const qm_quads_grids *grids, double size)
 {
     const qm_trimesh *m = w->m;
@@ -193,6 +258,8 @@ static void read_steps(const steps_work *w, const qm_vec *cross, const qm_quads_
         int32_t step[2];
         read_step(m, h, cross[h / 3], grids, size, step);
         if (m->is_feature[h]) step[1 - feature_axis(w, h)] = 0;
+        for (int axis = 0; axis < 2; axis++)
+            if (w->is_across[h] >> axis & 1) step[axis] = (int32_t)w->target[h][axis];
         set_step(w, h, step);
     }
 }
@@ -231,6 +298,7 @@ static double change_cost(const steps_work *w, uint32_t h, int axis, int change)
     double cost = STEP_COST + fabs(then - target) - fabs(now - target);
     int beyond = abs(then) - 1;
     if (beyond > 0) cost += LONG_COST * beyond;
+    if (then == 0 && w->is_across[h] >> axis & 1) cost += STRIP_COST;
     return qm_max(cost, MIN_COST);
 }
 
@@ -689,11 +757,13 @@ static bool alloc_work(steps_work *w)
     size_t faces = w->m->face_count, nodes = 12 * faces;
     w->turned = qm_context_alloc(w->ctx, 3 * faces, sizeof *w->turned);
     w->target = qm_context_alloc(w->ctx, 3 * faces, sizeof *w->target);
+    w->is_across = qm_context_alloc(w->ctx, 3 * faces, 1);
     w->excess = qm_context_alloc(w->ctx, faces, sizeof *w->excess);
     w->node = qm_context_alloc(w->ctx, nodes, sizeof *w->node);
     w->arrival = qm_context_alloc(w->ctx, 4 * faces, sizeof *w->arrival);
     if (w->node) memset(w->node, 0, nodes * sizeof *w->node);
-    return w->turned && w->target && w->excess && w->node && w->arrival;
+    if (w->is_across) memset(w->is_across, 0, 3 * faces);
+    return w->turned && w->target && w->is_across && w->excess && w->node && w->arrival;
 }
 
 static void free_work(steps_work *w, size_t faces)
@@ -701,6 +771,7 @@ static void free_work(steps_work *w, size_t faces)
     size_t nodes = 12 * faces;
     qm_context_free(w->ctx, w->turned, 3 * faces, sizeof *w->turned);
     qm_context_free(w->ctx, w->target, 3 * faces, sizeof *w->target);
+    qm_context_free(w->ctx, w->is_across, 3 * faces, 1);
     qm_context_free(w->ctx, w->excess, faces, sizeof *w->excess);
     qm_context_free(w->ctx, w->node, nodes, sizeof *w->node);
     qm_context_free(w->ctx, w->arrival, 4 * faces, sizeof *w->arrival);
@@ -717,6 +788,7 @@ qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cros
     qm_status status = alloc_work(&w) ? QM_OK : QM_E_NO_MEMORY;
     if (status == QM_OK) {
         find_turns(&w, cross, size);
+        find_strips(&w);
         read_steps(&w, cross, grids, size);
         count_turns(&w, record);
         status = close_faces(&w, record);
