@@ -905,6 +905,14 @@ static qm_status add_faces(layout_maker *maker)
     return QM_OK;
 }
 
+static size_t count_seeds(const curve_drawer *d, const bool *is_seed)
+{
+    size_t count = 0;
+    for (size_t c = 0; c < d->lattice.cell_count; c++)
+        count += is_seed[c];
+    return count;
+}
+
 /** Makes the layout; while curves cross, the cells there are drawn anew, with more and more round them. */
 static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed, uint8_t *class_fault)
 {
@@ -926,8 +934,10 @@ static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed
         for (size_t c = 0; c < d->lattice.cell_count; c++)
             is_seed[c] = d->lattice.cells[c].is_folded;
         mark_crossed(&maker, &drawing->issues, is_seed);
+        size_t before = count_seeds(d, is_seed);
         status = mend(d, is_seed, FOLD_RINGS + round);
         if (status != QM_OK) return status;
+        if (count_seeds(d, is_seed) == before) break;
         qm_layout_reset(ctx, out);
         qm_layout_issues_reset(ctx, &drawing->issues);
     }

@@ -13,7 +13,7 @@
 
 #define MOST_CELLS 600       /* of a cluster */
 #define GROWTHS 5            /* of a cluster that cannot be drawn */
-#define JOINS 8              /* of a cluster with others */
+#define PINCHES 12           /* of a cluster that touches itself at a point: it is widened there */
 #define MOST_TRIANGLES 60000 /* of a chart, where there are more than three times as many */
 /* Sweeps over the equations of the means, by successive overrelaxation, until no point moves by more than MEAN_CHANGE. */
 #define MEAN_SWEEPS 1000
@@ -100,38 +100,29 @@ static void add_cell(mender *m, uint32_t cell)
     m->cells[m->cell_count++] = cell;
 }
 
-static void add_ring(mender *m)
+/** Adds all cells at a point of the lattice. */
+static void add_cells_at(mender *m, uint32_t point)
 {
     const qm_tmesh_lattice *lattice = m->lattice;
-    for (size_t i = 0, end = m->cell_count; i < end; i++)
-        for (uint32_t k = 0; k < 4; k++) {
-            uint32_t point = lattice->cells[m->cells[i]].corner[k];
-            for (uint32_t j = lattice->first_at[point]; j < lattice->first_at[point + 1]; j++)
-                add_cell(m, lattice->at[j] / 4);
-        }
+    for (uint32_t j = lattice->first_at[point]; j < lattice->first_at[point + 1]; j++)
+        add_cell(m, lattice->at[j] / 4);
 }
 
-/** Gathers a seed with rings of cells, and all seeds among these likewise. False if they are too many. */
+static void add_ring(mender *m)
+{
+    for (size_t i = 0, end = m->cell_count; i < end; i++)
+        for (uint32_t k = 0; k < 4; k++)
+            add_cells_at(m, m->lattice->cells[m->cells[i]].corner[k]);
+}
+
+/** Gathers a seed with rings of cells. False if they are too many. */
 static bool gather(mender *m, uint32_t seed, int rings)
 {
-    size_t sources = 1;
     m->stamp++;
     m->cell_count = 0;
     add_cell(m, seed);
-    for (int join = 0; join < JOINS; join++) {
-        for (int ring = 0; ring < rings; ring++)
-            add_ring(m);
-        size_t seeds = 0;
-        for (size_t i = 0; i < m->cell_count; i++)
-            if (m->is_seed[m->cells[i]]) m->cells[m->cell_count + seeds++] = m->cells[i];
-        if (seeds == sources || join + 1 == JOINS) break;
-        sources = seeds;
-        memmove(m->cells, m->cells + m->cell_count, seeds * sizeof *m->cells);
-        m->cell_count = seeds;
-        m->stamp++;
-        for (size_t i = 0; i < seeds; i++)
-            m->cell_stamp[m->cells[i]] = m->stamp;
-    }
+    for (int ring = 0; ring < rings; ring++)
+        add_ring(m);
     return m->cell_count <= MOST_CELLS && 2 * m->cell_count <= m->lattice->cell_count;
 }
 
@@ -214,9 +205,11 @@ static bool turn_cells(mender *m)
     return is_whole;
 }
 
-/** Numbers the points, those of the border first. False if the cells are no disc. */
-static bool number_points(mender *m)
+/** Numbers the points, those of the border first. False if the cells are no disc; *pinch is a point at which their border touches
+ * itself. */
+static bool number_points(mender *m, uint32_t *pinch)
 {
+    *pinch = QM_NO_INDEX;
     size_t points = 0, sides = 0, border = 0;
     uint32_t *next = m->number, start = QM_NO_INDEX; /* by point: the next one of the border */
     for (size_t i = 0; i < m->cell_count; i++)
@@ -228,12 +221,12 @@ static bool number_points(mender *m)
                      other = cell_beyond(m, m->cells[i], a, b);
             sides++;
             if (other != QM_NO_INDEX && m->cell_stamp[other] == m->stamp) continue;
-            if (next[a] != QM_NO_INDEX) return false; /* the border touches itself */
+            if (next[a] != QM_NO_INDEX) *pinch = a;
             next[a] = b;
             start = a;
             border++;
         }
-    if (border == 0) return false;
+    if (border == 0 || *pinch != QM_NO_INDEX) return false;
     m->point_count = 0;
     uint32_t at = start;
     do {
@@ -579,6 +572,21 @@ static qm_status chart_border(mender *m, bool *is_made)
     return qm_tmesh_chart_make(m->arena, m->triangles, line, m->border, most, &m->chart, is_made);
 }
 
+/** Fills the holes of the cluster, and widens it where its border touches itself. False if it is no disc then. */
+static bool make_disc(mender *m)
+{
+    for (int round = 0; round < PINCHES; round++) {
+        uint32_t pinch;
+        fill_holes(m);
+        if (m->cell_count > MOST_CELLS || 2 * m->cell_count > m->lattice->cell_count || !turn_cells(m))
+            return false;
+        if (number_points(m, &pinch)) return true;
+        if (pinch == QM_NO_INDEX) return false;
+        add_cells_at(m, pinch);
+    }
+    return false;
+}
+
 /** Draws a seed and what is round it; clears the seeds that this succeeds for. */
 static qm_status mend_seed(mender *m, uint32_t seed, int rings)
 {
@@ -586,10 +594,7 @@ static qm_status mend_seed(mender *m, uint32_t seed, int rings)
         if (!gather(m, seed, rings)) return QM_OK;
         for (size_t i = 0; i < m->cell_count && growth == 0; i++)
             m->is_tried[m->cells[i]] = true;
-        fill_holes(m);
-        if (2 * m->cell_count > m->lattice->cell_count) return QM_OK;
-        if (!turn_cells(m)) continue;
-        if (!number_points(m)) continue;
+        if (!make_disc(m)) continue;
         bool is_made;
         qm_status status = chart_border(m, &is_made);
         if (status != QM_OK) return status;
