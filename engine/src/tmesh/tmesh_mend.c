@@ -23,6 +23,8 @@
 #define SHAPE_SWEEPS 12
 #define BEND                                                                                                 \
     0.03 /* of the mean square of sides: what a corner that closes counts as, as in quads_untangle.c */
+#define PIVOT_SINE                                                                                           \
+    0.05 /* of a corner of the border, at one cell: below it the cell need not be convex there */
 #define LEAST_SINE 1e-6 /* of a corner in the plane */
 #define KEPT_SINE 1e-3  /* below it a corner in the plane must not become sharper */
 
@@ -45,6 +47,7 @@ typedef struct mender {
     size_t point_count, border;
     qm_tmesh_chart chart;
     qm_tmesh_flat *flat;
+    uint8_t *pivot;                /* by cell: the corner that cannot be convex; 4: none */
     qm_vec *at, *normal;
     uint32_t *triangle;            /* of the chart, by point */
     uint32_t *first_at, *cells_at; /* 4 * cell + corner */
@@ -296,28 +299,30 @@ static bool take_polygon(mender *m)
 
 /* ---- the plane ---- */
 
-static double corner_flat_area(const mender *m, size_t cell, uint32_t k)
-{
-    const uint32_t *c = m->corner[cell];
-    return qm_tmesh_flat_area(m->flat[c[k]], m->flat[c[(k + 1) & 3]], m->flat[c[(k + 3) & 3]]);
-}
-
 static double flat_length(qm_tmesh_flat a, qm_tmesh_flat b)
 {
     return sqrt((b.u - a.u) * (b.u - a.u) + (b.v - a.v) * (b.v - a.v));
 }
 
-/** The least sine of a corner of a cell in the plane. */
+/** The sine of the angle at a of a triangle of the plane; -1 where a side has no length. */
+static double flat_sine(qm_tmesh_flat a, qm_tmesh_flat b, qm_tmesh_flat c)
+{
+    double sides = flat_length(a, b) * flat_length(a, c);
+    return sides > 0 ? qm_tmesh_flat_area(a, b, c) / sides : -1;
+}
+
+/** Above 0 where a cell is a simple quadrangle that runs as the others do, be it convex or not: the lesser sine of the two triangles
+ * along a diagonal, of that where it is greater. With all cells so, and a border that is simple, no curves cross. */
 static double cell_flat_sine(const mender *m, size_t cell)
 {
     const uint32_t *c = m->corner[cell];
-    double least = 1;
-    for (uint32_t k = 0; k < 4; k++) {
-        double sides = flat_length(m->flat[c[k]], m->flat[c[(k + 1) & 3]]) *
-                       flat_length(m->flat[c[k]], m->flat[c[(k + 3) & 3]]);
-        least = fmin(least, sides > 0 ? corner_flat_area(m, cell, k) / sides : -1);
+    double best = -1;
+    for (uint32_t k = 0; k < 2; k++) {
+        qm_tmesh_flat from = m->flat[c[k]], to = m->flat[c[k + 2]];
+        best = fmax(
+            best, fmin(flat_sine(from, m->flat[c[k + 1]], to), flat_sine(from, to, m->flat[c[(k + 3) & 3]])));
     }
-    return least;
+    return best;
 }
 
 static double point_flat_sine(const mender *m, uint32_t v)
@@ -361,16 +366,44 @@ static double corner_cost(double sides2, double area, double bend)
     return 0.5 * sides2 / fmax(0.5 * (area + sqrt(area * area + bend * bend)), 1e-300);
 }
 
+/** Three corners of a cell that corner k is judged by: itself and its neighbours; in a cell with a corner that cannot be convex, those of
+ * a triangle beside the diagonal from that one. */
+static void judged_corners(const mender *m, size_t cell, uint32_t k, uint32_t out[3])
+{
+    const uint32_t *c = m->corner[cell];
+    uint32_t pivot = m->pivot[cell], at = pivot < 4 ? pivot : k;
+    out[0] = c[at];
+    out[1] = c[(at + (pivot < 4 ? 1 + k % 2 : 1)) & 3];
+    out[2] = c[(at + (pivot < 4 ? 2 + k % 2 : 3)) & 3];
+}
+
+/** Finds the corners that cannot be convex: at inner points of two cells, and where the border turns inward at one. */
+static void find_pivots(mender *m)
+{
+    for (size_t cell = 0; cell < m->cell_count; cell++) {
+        m->pivot[cell] = 4;
+        for (uint32_t k = 0; k < 4; k++) {
+            uint32_t v = m->corner[cell][k], count = m->first_at[v + 1] - m->first_at[v];
+            bool is_pivot = v >= m->border && count == 2;
+            if (v < m->border && count == 1)
+                is_pivot = flat_sine(m->flat[v], m->flat[m->corner[cell][(k + 1) & 3]],
+                                     m->flat[m->corner[cell][(k + 3) & 3]]) < PIVOT_SINE;
+            if (is_pivot) m->pivot[cell] = (uint8_t)k;
+        }
+    }
+}
+
 static double flat_cost(const mender *m, uint32_t v, double bend)
 {
     double sum = 0;
     for (uint32_t i = m->first_at[v]; i < m->first_at[v + 1]; i++)
         for (uint32_t k = 0; k < 4; k++) {
-            size_t cell = m->cells_at[i] / 4;
-            const uint32_t *c = m->corner[cell];
-            double one = flat_length(m->flat[c[k]], m->flat[c[(k + 1) & 3]]),
-                   other = flat_length(m->flat[c[k]], m->flat[c[(k + 3) & 3]]);
-            sum += corner_cost(one * one + other * other, corner_flat_area(m, cell, k), bend);
+            uint32_t c[3];
+            judged_corners(m, m->cells_at[i] / 4, k, c);
+            double one = flat_length(m->flat[c[0]], m->flat[c[1]]),
+                   other = flat_length(m->flat[c[0]], m->flat[c[2]]);
+            sum += corner_cost(one * one + other * other,
+                               qm_tmesh_flat_area(m->flat[c[0]], m->flat[c[1]], m->flat[c[2]]), bend);
         }
     return sum;
 }
@@ -433,6 +466,7 @@ static size_t open_cells(mender *m)
 static bool unfold(mender *m)
 {
     size_t least = SIZE_MAX;
+    find_pivots(m);
     go_to_means(m);
     for (int idle = 0; idle < IDLE_SWEEPS; idle++) {
         size_t folded = open_cells(m);
@@ -461,11 +495,11 @@ static double space_cost(const mender *m, uint32_t v, double bend)
     double sum = 0;
     for (uint32_t i = m->first_at[v]; i < m->first_at[v + 1]; i++)
         for (uint32_t k = 0; k < 4; k++) {
-            const uint32_t *c = m->corner[m->cells_at[i] / 4];
-            qm_vec one = qm_vec_sub(m->at[c[(k + 1) & 3]], m->at[c[k]]),
-                   other = qm_vec_sub(m->at[c[(k + 3) & 3]], m->at[c[k]]);
+            uint32_t c[3];
+            judged_corners(m, m->cells_at[i] / 4, k, c);
+            qm_vec one = qm_vec_sub(m->at[c[1]], m->at[c[0]]), other = qm_vec_sub(m->at[c[2]], m->at[c[0]]);
             sum += corner_cost(qm_vec_norm2(one) + qm_vec_norm2(other),
-                               qm_vec_dot(qm_vec_cross(one, other), m->normal[c[k]]), bend);
+                               qm_vec_dot(qm_vec_cross(one, other), m->normal[c[0]]), bend);
         }
     return sum;
 }
@@ -623,6 +657,7 @@ static bool allocate(mender *m)
     m->number = qm_arena_alloc(arena, m->lattice->point_count, sizeof *m->number);
     m->cells = qm_arena_alloc(arena, 2 * cells, sizeof *m->cells);
     m->corner = qm_arena_alloc(arena, cells, sizeof *m->corner);
+    m->pivot = qm_arena_alloc(arena, cells, sizeof *m->pivot);
     m->points = qm_arena_alloc(arena, points, sizeof *m->points);
     m->flat = qm_arena_alloc(arena, points, sizeof *m->flat);
     m->at = qm_arena_alloc(arena, points, sizeof *m->at);
