@@ -38,7 +38,7 @@ typedef struct qm_tmesh_lattice {
 } qm_tmesh_lattice;
 
 /** Points of curves between two points of lattices, on the surface. */
-enum { QM_TMESH_TRACE = 7 };
+enum { QM_TMESH_TRACE = 15 };
 
 typedef struct qm_tmesh_trace {
     uint32_t point[2]; /* the lower first; QM_NO_INDEX: none */

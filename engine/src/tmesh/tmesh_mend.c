@@ -11,8 +11,8 @@
 
 #include "tmesh/tmesh_lattice.h"
 
-#define MOST_CELLS 600       /* of a cluster */
-#define GROWTHS 5            /* of a cluster that cannot be drawn */
+#define MOST_CELLS 1600       /* of a cluster */
+#define GROWTHS 6            /* of a cluster that cannot be drawn */
 #define PINCHES 12           /* of a cluster that touches itself at a point: it is widened there */
 #define MOST_TRIANGLES 60000 /* of a chart, where there are more than three times as many */
 /* Sweeps over the equations of the means, by successive overrelaxation, until no point moves by more than MEAN_CHANGE. */
