@@ -126,17 +126,19 @@ static bool is_on_piece(const piece *p, double s)
            s <= (p->is_last[1] ? 1 - END_TOLERANCE : 1 + BEYOND);
 }
 
-/** True if the surface connects two pieces near where they meet; parts of it that touch or pass through each other do not. */
+/** True if the surface connects two pieces near where they meet; parts of it that touch or pass through each other do not. The farther
+ * end of a piece tells which part it is on: near where they meet it is on both. */
 static bool are_connected(const qm_ref_surface *surface, const piece *a, const piece *b, const meeting *m)
 {
-    double middle[3], on_a[3], on_b[3];
+    const piece *whole[2] = {a, b};
+    double middle[3], on[2][3];
     qm_vec_store(middle, qm_vec_mix(m->at[0], m->at[1], 0.5));
-    for (int k = 0; k < 4; k++) {
-        qm_vec_store(on_a, a->end[k & 1]);
-        qm_vec_store(on_b, b->end[k >> 1]);
-        if (qm_ref_surface_connects(surface, on_a, on_b, middle, SHEET_REACH * m->size)) return true;
+    for (int i = 0; i < 2; i++) {
+        double first = qm_vec_distance(whole[i]->end[0], m->at[i]),
+               second = qm_vec_distance(whole[i]->end[1], m->at[i]);
+        qm_vec_store(on[i], whole[i]->end[second > first]);
     }
-    return false;
+    return qm_ref_surface_connects(surface, on[0], on[1], middle, SHEET_REACH * m->size);
 }
 
 /** True when two pieces still cross as they are halved, on the surface. Walls that are apart no longer do when the pieces are
