@@ -10,12 +10,16 @@
 #include <string.h>
 
 #include "tmesh/tmesh_lattice.h"
+#include "tmesh/tmesh_polygon.h"
 
-#define MOST_CELLS 1600       /* of a cluster */
+#define MOST_CELLS 1600      /* of a cluster */
 #define GROWTHS 6            /* of a cluster that cannot be drawn */
 #define PINCHES 12           /* of a cluster that touches itself at a point: it is widened there */
 #define MOST_TRIANGLES 60000 /* of a chart, where there are more than three times as many */
 /* Sweeps over the equations of the means, by successive overrelaxation, until no point moves by more than MEAN_CHANGE. */
+/* Moves of points in the plane at most, for each point of the lattices and besides. */
+#define MOVES_EACH 8
+#define MOVES_BESIDES 20000
 #define MEAN_SWEEPS 1000
 #define MEAN_CHANGE 1e-13
 #define OVERSTEP 1.8
@@ -47,11 +51,12 @@ typedef struct mender {
     size_t point_count, border;
     qm_tmesh_chart chart;
     qm_tmesh_flat *flat;
-    uint8_t *pivot;                /* by cell: the corner that cannot be convex; 4: none */
+    uint8_t *pivot; /* by cell: the corner that cannot be convex; 4: none */
     qm_vec *at, *normal;
     uint32_t *triangle;            /* of the chart, by point */
     uint32_t *first_at, *cells_at; /* 4 * cell + corner */
-    uint32_t *moved, sweep;        /* by point: the last sweep that it moved in */
+    size_t moves_left;
+    uint32_t *moved, sweep; /* by point: the last sweep that it moved in */
 } mender;
 
 /* ---- traces ---- */
@@ -333,6 +338,7 @@ static double point_flat_sine(const mender *m, uint32_t v)
     return least;
 }
 
+/** Puts the inner points to the means of their neighbours, with the border where it is. */
 static void go_to_means(mender *m)
 {
     qm_tmesh_flat middle = {0, 0};
@@ -419,6 +425,7 @@ static double flat_edge(const mender *m, uint32_t v)
 /** Moves an inner point down the slope of the sum over the corners round it. */
 static void open_point(mender *m, uint32_t v)
 {
+    m->moves_left -= m->moves_left > 0;
     double edge = flat_edge(m, v), tiny = 1e-4 * edge, bend = BEND * edge * edge;
     if (!(edge > 0)) return;
     qm_tmesh_flat here = m->flat[v], slope;
@@ -462,19 +469,47 @@ static size_t open_cells(mender *m)
     return folded;
 }
 
-/** True once no corner is folded in the plane. */
-static bool unfold(mender *m)
+/** Places the inner points: the means of a convex polygon do not fold (Tutte), and are mapped into the border. Where the border is nearly
+ * convex means within it do as well, and are smoother. */
+static qm_status place_inside(mender *m, bool *is_placed)
+{
+    qm_tmesh_polygon polygon;
+    qm_tmesh_flat *border = qm_arena_alloc(m->arena, m->border, sizeof *border);
+    if (!border) return QM_E_NO_MEMORY;
+    memcpy(border, m->flat, m->border * sizeof *border);
+    qm_status status = qm_tmesh_polygon_cut(m->arena, border, m->border, &polygon, is_placed);
+    if (status != QM_OK || !*is_placed) return status;
+    memcpy(m->flat, polygon.round, m->border * sizeof *border);
+    go_to_means(m);
+    memcpy(m->flat, border, m->border * sizeof *border);
+    for (size_t v = m->border; v < m->point_count; v++)
+        m->flat[v] = qm_tmesh_polygon_map(&polygon, m->flat[v]);
+    return QM_OK;
+}
+
+/** True once no cell is folded in the plane. */
+static bool open_all(mender *m)
 {
     size_t least = SIZE_MAX;
-    find_pivots(m);
-    go_to_means(m);
-    for (int idle = 0; idle < IDLE_SWEEPS; idle++) {
+    for (int idle = 0; idle < IDLE_SWEEPS && m->moves_left > 0; idle++) {
         size_t folded = open_cells(m);
         if (folded == 0) return true;
         if (folded < least) idle = 0;
         if (folded < least) least = folded;
     }
     return false;
+}
+
+/** Places the inner points such that no cell is folded in the plane; *is_unfolded is false where that fails. */
+static qm_status unfold(mender *m, bool *is_unfolded)
+{
+    find_pivots(m);
+    go_to_means(m);
+    *is_unfolded = open_all(m);
+    if (*is_unfolded) return QM_OK;
+    qm_status status = place_inside(m, is_unfolded);
+    if (status == QM_OK && *is_unfolded) *is_unfolded = open_all(m);
+    return status;
 }
 
 /* ---- in space ---- */
@@ -634,9 +669,10 @@ static qm_status mend_seed(mender *m, uint32_t seed, int rings)
         if (status != QM_OK) return status;
         if (!is_made) continue;
         list_cells_at(m);
-        if (!place_border(m)) continue;
-        if (!take_polygon(m)) continue;
-        if (!unfold(m)) continue;
+        if (!place_border(m) || !take_polygon(m)) continue;
+        status = unfold(m, &is_made);
+        if (status != QM_OK) return status;
+        if (!is_made) continue;
         if (!lift_points(m)) continue;
         for (int sweep = 0; sweep < SHAPE_SWEEPS; sweep++)
             for (uint32_t v = (uint32_t)m->border; v < m->point_count; v++)
@@ -667,6 +703,7 @@ static bool allocate(mender *m)
     m->cells_at = qm_arena_alloc(arena, points, sizeof *m->cells_at);
     m->moved = qm_arena_zeroed(arena, points, sizeof *m->moved);
     m->sweep = 1;
+    m->moves_left = MOVES_EACH * m->lattice->point_count + MOVES_BESIDES;
     return m->is_tried && m->cell_stamp && m->flood_stamp && m->point_stamp && m->number && m->cells &&
            m->corner && m->points && m->flat && m->at && m->normal && m->triangle && m->first_at &&
            m->cells_at && m->moved;
@@ -679,7 +716,7 @@ qm_status qm_tmesh_mend(qm_arena *arena, qm_tmesh_triangles *triangles, qm_tmesh
         .arena = arena, .triangles = triangles, .lattice = lattice, .is_seed = is_seed, .traces = traces};
     qm_status status = allocate(&m) ? QM_OK : QM_E_NO_MEMORY;
     for (uint32_t c = 0; c < lattice->cell_count && status == QM_OK; c++)
-        if (is_seed[c] && !m.is_tried[c]) status = mend_seed(&m, c, rings);
+        if (is_seed[c] && !m.is_tried[c] && m.moves_left > 0) status = mend_seed(&m, c, rings);
     if (status == QM_E_NO_MEMORY)
         return qm_context_fail(arena->ctx, status, "out of memory for the charts of a layout");
     return status;
