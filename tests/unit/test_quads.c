@@ -244,6 +244,37 @@ static void components_stay_apart(void **state)
     check_quads(both, &w);
 }
 
+/** Each face of a sphere of cells with vertices of its own, as files have them that keep a normal for each corner. */
+static void seams_close(void **state)
+{
+    (void)state;
+    qm_mesh whole = cube_grid(12, to_sphere), apart = qm_shape_make(4 * whole.face_count, whole.face_count);
+    for (size_t c = 0; c < 4 * whole.face_count; c++) {
+        memcpy(apart.positions + 3 * c, whole.positions + 3 * (size_t)whole.faces[c], 3 * sizeof(double));
+        apart.faces[c] = (uint32_t)c;
+    }
+    qm_shape_free(&whole);
+    const wanted sphere = {"sphere of loose faces", 600, 2, 1, true, 8, 20, 0.15};
+    check_quads(apart, &sphere);
+    /* Four triangles at one edge: which belong together cannot be told, and none are joined. */
+    const double corners[][3] = {{0, 0, 0}, {0, 0, 1}, {1, 0, 0.5}, {0, 1, 0.5}, {-1, 0, 0.5}, {0, -1, 0.5}};
+    qm_mesh fan = qm_shape_make(12, 4);
+    for (uint32_t f = 0; f < 4; f++) {
+        const double *at[3] = {corners[f % 2], corners[1 - f % 2], corners[2 + f]};
+        for (uint32_t k = 0; k < 3; k++) {
+            memcpy(fan.positions + 3 * (3 * f + k), at[k], sizeof corners[0]);
+            fan.faces[4 * f + k] = 3 * f + k;
+        }
+        fan.faces[4 * f + 3] = QM_NO_INDEX;
+    }
+    qm_context ctx = qm_context_make();
+    qm_mesh quads = make_quads(&ctx, &fan, 200, 1);
+    qm_topology t = qm_topology_find(&quads);
+    QM_CHECK(t.components == 4, "%zu components", t.components);
+    qm_mesh_reset(&ctx, &quads);
+    qm_shape_free(&fan);
+}
+
 static void any_soup_becomes_manifold_quads(void **state)
 {
     (void)state;
@@ -491,6 +522,7 @@ int main(void)
         cmocka_unit_test(thin_walls_stay_apart),
         cmocka_unit_test(open_shapes_keep_their_boundaries),
         cmocka_unit_test(components_stay_apart),
+        cmocka_unit_test(seams_close),
         cmocka_unit_test(any_soup_becomes_manifold_quads),
         cmocka_unit_test(threads_do_not_change_the_mesh),
         cmocka_unit_test(bad_input_is_told),

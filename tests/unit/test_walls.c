@@ -185,6 +185,53 @@ static void curves_on_opposite_walls_do_not_cross(void **state)
 }
 
 /**
+ * Two planes that pass through each other along the x axis, each of its own vertices, and curves across the axis at one place: on two
+ * sheets they do not cross, on one they do, though these are as near.
+ */
+static void curves_on_sheets_that_meet_do_not_cross(void **state)
+{
+    (void)state;
+    qm_mesh flat = qm_shape_plane(12, 0.0), upright = qm_shape_copy(&flat);
+    double middle[3] = {0};
+    for (size_t i = 0; i < 3 * flat.vertex_count; i++)
+        middle[i % 3] += flat.positions[i] / (double)flat.vertex_count;
+    for (size_t v = 0; v < flat.vertex_count; v++) {
+        double *p = flat.positions + 3 * v, *q = upright.positions + 3 * v;
+        for (int k = 0; k < 3; k++)
+            p[k] = q[k] = p[k] - middle[k];
+        q[2] = q[1] + 0.01;
+        q[1] = 0;
+    }
+    qm_mesh both = qm_shape_joined(&flat, &upright);
+    qm_shape_free(&flat);
+    qm_shape_free(&upright);
+    qm_ground g;
+    qm_ground_make(&g, both);
+    const double r = 0.2;
+    const double line[3][2][3] = {{{-r, -r, 0}, {r, r, 0}},  /* on the flat one */
+                                  {{r, 0, -r}, {-r, 0, r}},  /* on the upright one */
+                                  {{r, -r, 0}, {-r, r, 0}}}; /* on the flat one, across the first */
+    qm_layout layout = {0};
+    for (uint32_t c = 0; c < 3; c++) {
+        for (uint32_t k = 0; k < 2; k++)
+            assert_int_equal(qm_layout_add_node(&g.ctx, &layout, line[c][k]), QM_OK);
+        const double half[3][3] = {{line[c][0][0], line[c][0][1], line[c][0][2]},
+                                   {0.001 * c, 0, 0},
+                                   {line[c][1][0], line[c][1][1], line[c][1][2]}};
+        assert_int_equal(qm_layout_add_curve(&g.ctx, &layout, 2 * c, 2 * c + 1, c == 1 ? half[0] : line[c][0],
+                                             c == 1 ? 3 : 2),
+                         QM_OK);
+    }
+    qm_layout_issues issues = {0};
+    assert_int_equal(qm_layout_find_crossings(&g.ctx, &layout, &g.source, &issues), QM_OK);
+    QM_CHECK(issues.count == 1 && issues.items[0].curve[0] == 0 && issues.items[0].curve[1] == 2,
+             "%zu crossings", issues.count);
+    qm_layout_issues_reset(&g.ctx, &issues);
+    qm_layout_free(&layout);
+    qm_ground_free(&g);
+}
+
+/**
  * Near the edge of a blade of 60 degrees the walls are nearer than a tenth of the segments, but their normals are not
  * opposed.
  */
@@ -368,6 +415,7 @@ int main(void)
         cmocka_unit_test(sheets_close_together_stay_apart),
         cmocka_unit_test(knife_edges_stay_sharp),
         cmocka_unit_test(curves_on_opposite_walls_do_not_cross),
+        cmocka_unit_test(curves_on_sheets_that_meet_do_not_cross),
         cmocka_unit_test(curves_round_the_edge_of_a_blade_do_not_cross),
         cmocka_unit_test(a_patch_in_a_hole_is_spanned_and_told),
         cmocka_unit_test(one_sided_and_inside_out_results_are_told),

@@ -75,6 +75,17 @@ void qm_ref_surface_project_curve(const qm_ref_surface *source, const double p[3
 bool qm_ref_surface_is_between_walls(const qm_ref_surface *source, const double a[3], const double b[3]);
 
 /**
+ * True if a mesh connects the nearest points of it to a and to b within a ball: over sides and corners that triangles have in
+ * common, by their places. Sheets that touch, meet or pass through each other there without such are apart. True also where
+ * more triangles are in the ball than are looked at.
+ *
+ * source  a mesh
+ * middle, reach  of the ball, which holds a and b
+ */
+bool qm_ref_surface_connects(const qm_ref_surface *source, const double a[3], const double b[3],
+                             const double middle[3], double reach);
+
+/**
  * Radius of the discs that draw the points of a set: 0.15 (V / n)^(1/3), where V is the volume of its box,
  * whose thin sides count as a hundredth of its diagonal. 0 for a mesh.
  *

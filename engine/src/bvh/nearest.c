@@ -3,6 +3,8 @@
  */
 #include "nearest.h"
 
+#include <string.h>
+
 #include "bvh_demand.h"
 #include "prim/triangle.h"
 
@@ -244,4 +246,50 @@ bool qm_nearest_facing(const qm_bvh *bvh, qm_vec p, qm_vec toward, double reach,
     facing_search search = {.bvh = bvh, .p = p, .toward = toward, .best2 = reach * reach, .out = out};
     visit_facing_node(&search, bvh->boxes.level_count, 0);
     return search.best2 < reach * reach;
+}
+
+/* ---- the triangles of a mesh near a point ---- */
+
+typedef struct near_search {
+    const qm_bvh *bvh;
+    qm_vec p;
+    double reach2;
+    qm_vec (*out)[3];
+    size_t count, capacity;
+} near_search;
+
+static void visit_near_pack(near_search *search, size_t index)
+{
+    const qm_pack_lanes *lanes = &search->bvh->lanes[index];
+    for (uint32_t i = 0; i < lanes->lane_count && search->count <= search->capacity; i++) {
+        qm_vec corner[3];
+        qm_bvh_load_triangle(search->bvh, (uint32_t)index, i, corner);
+        qm_triangle triangle = qm_triangle_make(corner[0], corner[1], corner[2]);
+        if (qm_triangle_distance2(&triangle, search->p) > search->reach2) continue;
+        if (search->count < search->capacity) memcpy(search->out[search->count], corner, sizeof corner);
+        search->count++;
+    }
+}
+
+static void visit_near_node(near_search *search, int level, size_t node)
+{
+    int order[QM_PACK_LANES];
+    float d2[QM_PACK_LANES];
+    int children = sort_children(search->bvh, search->p, level, node, d2, order);
+    for (int i = 0; i < children; i++) {
+        if ((double)d2[order[i]] * (1.0 - 0x1p-18) > search->reach2) return;
+        size_t child = 8 * node + (size_t)order[i];
+        if (level > 1)
+            visit_near_node(search, level - 1, child);
+        else
+            visit_near_pack(search, child);
+    }
+}
+
+size_t qm_near_triangles(const qm_bvh *bvh, qm_vec p, double reach, qm_vec (*out)[3], size_t capacity)
+{
+    QM_ASSERT(bvh->mesh.face_count > 0);
+    near_search search = {.bvh = bvh, .p = p, .reach2 = reach * reach, .out = out, .capacity = capacity};
+    visit_near_node(&search, bvh->boxes.level_count, 0);
+    return search.count;
 }

@@ -141,4 +141,10 @@ typedef struct qm_facing_point {
  * when there is none nearer than the reach, local. The tree is that of a mesh. */
 bool qm_nearest_facing(const qm_bvh *bvh, qm_vec p, qm_vec toward, double reach, qm_facing_point *out);
 
+/* ---- the triangles of a mesh near a point ---- */
+
+/** Writes the corners, local, of the triangles within a reach of p, local. Returns their number, or capacity + 1 when there
+ * are more. The tree is that of a mesh. */
+size_t qm_near_triangles(const qm_bvh *bvh, qm_vec p, double reach, qm_vec (*out)[3], size_t capacity);
+
 #endif

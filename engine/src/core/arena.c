@@ -12,21 +12,26 @@ struct qm_arena_chunk {
     alignas(max_align_t) unsigned char bytes[];
 };
 
-/** Makes the next chunk with at least size bytes the current one. */
+/** Makes a chunk with at least size bytes the current one: the first such behind it, which changes place with those that it skips, so that these
+ * serve later blocks, and equal calls after a rewind find each at once. */
 static bool advance(qm_arena *arena, size_t size)
 {
-    qm_arena_chunk **link = arena->at ? &arena->at->next : &arena->first;
+    qm_arena_chunk **place = arena->at ? &arena->at->next : &arena->first, **link = place;
     while (*link && (*link)->size < size)
         link = &(*link)->next;
-    if (!*link) {
+    qm_arena_chunk *chunk = *link;
+    if (chunk) {
+        *link = chunk->next;
+    } else {
         size_t bytes = size > CHUNK_SIZE ? size : CHUNK_SIZE;
         if (bytes > SIZE_MAX - sizeof(qm_arena_chunk)) return false;
-        qm_arena_chunk *chunk = qm_context_alloc(arena->ctx, sizeof *chunk + bytes, 1);
+        chunk = qm_context_alloc(arena->ctx, sizeof *chunk + bytes, 1);
         if (!chunk) return false;
         *chunk = (qm_arena_chunk){.size = bytes};
-        *link = chunk;
     }
-    arena->at = *link;
+    chunk->next = *place;
+    *place = chunk;
+    arena->at = chunk;
     arena->used = 0;
     return true;
 }

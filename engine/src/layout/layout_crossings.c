@@ -3,7 +3,7 @@
  *
  * Two segments cross if the nearest points of their lines lie inside both and are much nearer to each other
  * than the segments are long, unless they lie on two walls of the surface: of a thin part of a mesh, where they must
- * still cross as they are halved again and again on it. A sweep compares segments whose
+ * still cross as they are halved again and again on it, and be connected there. A sweep compares segments whose
  * ranges along two directions overlap, and no others. The directions are oblique, as the curves of a part lie
  * in planes parallel to the axes, often thousands in one, which a sweep along an axis would meet all at once.
  */
@@ -15,6 +15,7 @@
 #define HALVINGS 5         /* of two segments that seem to cross on a mesh: they must still do */
 #define COARSE 0.5 /* of the shorter piece: one that is so far off the mesh in its middle crosses elsewhere */
 #define BEYOND 0.1 /* of a piece: a crossing may move so far as pieces are projected */
+#define SHEET_REACH 2.0 /* of two pieces' lengths: they cross if the surface connects them within it */
 #define WALL_REACH 0.05 /* of the diagonal: the wall of a curve is sought no farther away */
 #define HAND_JITTER 0.1 /* of a curve's points: a loop over fewer of its segments is hand jitter */
 
@@ -125,6 +126,21 @@ static bool is_on_piece(const piece *p, double s)
            s <= (p->is_last[1] ? 1 - END_TOLERANCE : 1 + BEYOND);
 }
 
+/** True if the surface connects two pieces near where they meet; parts of it that touch or pass through each other do not. The farther
+ * end of a piece tells which part it is on: near where they meet it is on both. */
+static bool are_connected(const qm_ref_surface *surface, const piece *a, const piece *b, const meeting *m)
+{
+    const piece *whole[2] = {a, b};
+    double middle[3], on[2][3];
+    qm_vec_store(middle, qm_vec_mix(m->at[0], m->at[1], 0.5));
+    for (int i = 0; i < 2; i++) {
+        double first = qm_vec_distance(whole[i]->end[0], m->at[i]),
+               second = qm_vec_distance(whole[i]->end[1], m->at[i]);
+        qm_vec_store(on[i], whole[i]->end[second > first]);
+    }
+    return qm_ref_surface_connects(surface, on[0], on[1], middle, SHEET_REACH * m->size);
+}
+
 /** True when two pieces still cross as they are halved, on the surface. Walls that are apart no longer do when the pieces are
  * shorter than the walls are thick. Pieces too coarse to be near the surface do as they are. */
 static bool pieces_cross(const qm_ref_surface *surface, const piece *a, const piece *b, int depth)
@@ -133,7 +149,7 @@ static bool pieces_cross(const qm_ref_surface *surface, const piece *a, const pi
     if (!find_meeting(a->end, b->end, &m) || !is_on_piece(a, m.s) || !is_on_piece(b, m.t) ||
         !(m.gap < NEAR * m.size))
         return false;
-    if (depth == 0) return true;
+    if (depth == 0) return are_connected(surface, a, b, &m);
     const piece *whole[2] = {a, b};
     piece part[2][2];
     double shorter = fmin(qm_vec_distance(a->end[0], a->end[1]), qm_vec_distance(b->end[0], b->end[1]));

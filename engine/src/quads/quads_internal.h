@@ -32,7 +32,11 @@ typedef struct qm_quads_triangles {
     size_t component_count;
 } qm_quads_triangles;
 
-/** Lists the triangles of a mesh. Returns QM_OK; QM_E_NO_MEMORY. *out is the caller's, for qm_quads_triangles_reset, after an error
+/** Gives triangles along seams their vertices in common: where just two sides without a partner join two places, one each way. Returns
+ * QM_OK; QM_E_NO_MEMORY. */
+qm_status qm_quads_close_seams(qm_context *ctx, const qm_mesh *mesh, qm_quads_triangles *t);
+
+/** Lists the triangles of a mesh, whose seams are closed. Returns QM_OK; QM_E_NO_MEMORY. *out is the caller's, for qm_quads_triangles_reset, after an error
  * too. */
 qm_status qm_quads_list_triangles(qm_context *ctx, const qm_mesh *mesh, qm_quads_triangles *out);
 void qm_quads_triangles_reset(qm_context *ctx, qm_quads_triangles *t);

@@ -116,7 +116,8 @@ qm_status qm_quads_list_triangles(qm_context *ctx, const qm_mesh *mesh, qm_quads
     }
     qm_context_free(ctx, lists.start, mesh->vertex_count + 1, sizeof *lists.start);
     qm_context_free(ctx, lists.face, corners, sizeof *lists.face);
-    return has_memory ? sort_components(ctx, mesh->vertex_count, t) : QM_E_NO_MEMORY;
+    qm_status status = has_memory ? qm_quads_close_seams(ctx, mesh, t) : QM_E_NO_MEMORY;
+    return status == QM_OK ? sort_components(ctx, mesh->vertex_count, t) : status;
 }
 
 void qm_quads_triangles_reset(qm_context *ctx, qm_quads_triangles *t)

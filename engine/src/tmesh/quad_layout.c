@@ -42,6 +42,7 @@ typedef struct layout_work {
     qm_tmesh_quads quads;
     qm_tmesh tmesh;
     qm_tmesh_source source;
+    qm_tmesh_triangles triangles;
     uint32_t *length;
     bool *is_held;
 } layout_work;
@@ -74,8 +75,9 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_drawi
         qm_status status =
             qm_tmesh_classes_find(&work->scratch, &work->quads, &work->tmesh, work->length, 1, &classes);
         if (status == QM_OK)
-            status = qm_tmesh_draw_curves(&work->scratch, &work->quads, &work->set, &work->tmesh,
-                                          work->length, &classes, surface, &work->source, &drawing, &faults);
+            status =
+                qm_tmesh_draw_curves(&work->scratch, &work->quads, &work->set, &work->tmesh, work->length,
+                                     &classes, surface, &work->source, &work->triangles, &drawing, &faults);
         size_t count = status == QM_OK ? faults.folds + FOLDS_A_CROSSING * faults.crossings : SIZE_MAX;
         /* More patches are worth less crossings, but not less folds when they are many. */
         bool is_good = crossings == 0 && classes.face_count > MOST_PATCHES * work->quads.required_count;
@@ -130,6 +132,7 @@ static qm_status make_drawing(qm_context *ctx, const qm_mesh *quads, const qm_re
         *facts = (qm_quad_layout_facts){work.quads.mesh.face_count, work.quads.required_count,
                                         work.tmesh.patch_count, out->layout.patch_count};
     qm_patch_set_reset(ctx, &work.set);
+    qm_tmesh_triangles_reset(&work.triangles);
     qm_arena_reset(&work.lasting);
     qm_arena_reset(&work.scratch);
     return status;

@@ -20,6 +20,7 @@
 #include "core/vec.h"
 #include "qm/patch.h"
 #include "qm/quad_layout.h"
+#include "tmesh/tmesh_chart.h"
 
 /* ---- the mesh, made ready ---- */
 
@@ -227,13 +228,14 @@ typedef struct qm_tmesh_faults {
  * Draws the layout of lengths on a surface: each face is a lattice of cells, which starts where the source
  * is, and relaxes on the surface where it folds; points of features slide along them.
  *
- * out  empty; the caller's, also after an error
+ * triangles  of the surface, or all zero: they are made when something folds; the caller's, for their reset
+ * out        empty; the caller's, also after an error
  *
  * Returns: QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
  */
 qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
                                const qm_tmesh *tmesh, const uint32_t *length, const qm_tmesh_classes *classes,
-                               const qm_ref_surface *surface, const qm_tmesh_source *source, qm_drawing *out,
-                               qm_tmesh_faults *faults);
+                               const qm_ref_surface *surface, const qm_tmesh_source *source,
+                               qm_tmesh_triangles *triangles, qm_drawing *out, qm_tmesh_faults *faults);
 
 #endif

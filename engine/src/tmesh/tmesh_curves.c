@@ -11,7 +11,7 @@
 
 #include "core/vec.h"
 #include "layout/layout_internal.h"
-#include "tmesh/tmesh.h"
+#include "tmesh/tmesh_lattice.h"
 
 #define STEPS QM_LAYOUT_GRID
 /* Rounds of sweeps, until no cell is folded. A point is pulled to its place by LEAST_PULL of the way: a lattice round an ear
@@ -26,21 +26,13 @@
 /* Folds that sweeps do not take out: rounds over their points, each of which tries places in TRIAL_WAYS directions at
  * TRIAL_SIZES distances, from half the mean edge on by halves, until all sines round it are GOOD_SINE. From farther places
  * cells may wind round a point twice, which no sine tells. */
+/* Folds that remain, and then crossings, are drawn anew in charts with so many rings of cells; crossings several times. */
+#define FOLD_RINGS 2
+#define MENDS 6
 #define UNTANGLE_ROUNDS 30
 #define TRIAL_WAYS 8
 #define TRIAL_SIZES 4
 #define GOOD_SINE 0.1
-
-/** A vertex of the lattices. */
-typedef struct lattice_point {
-    qm_vec at, sum, normal, normal_sum;
-    uint32_t count; /* of neighbours in sum */
-    bool is_fixed, is_pinned, is_loose;
-    uint32_t chain; /* that a fixed point may slide on; QM_NO_INDEX */
-    double place;   /* on that chain */
-    qm_vec pin;     /* of a required vertex */
-    double pull;    /* towards it */
-} lattice_point;
 
 /** A feature between two required vertices, or a closed one from any node. */
 typedef struct feature_chain {
@@ -56,14 +48,6 @@ typedef struct chain_arc {
     bool forward;    /* it runs as the chain does */
 } chain_arc;
 
-typedef struct lattice_cell {
-    uint32_t corner[4];
-    uint32_t face;   /* its first lattice point of the layout's face: an index of grid */
-    uint32_t stride; /* of the grid */
-    bool is_folded;
-    double sign; /* of its area about the normals of the surface, when it is not folded */
-} lattice_cell;
-
 typedef struct curve_drawer {
     qm_arena *arena;
     const qm_tmesh_quads *quads;
@@ -73,16 +57,13 @@ typedef struct curve_drawer {
     const qm_tmesh_classes *classes;
     const qm_ref_surface *surface;
     const qm_tmesh_source *source;
-    lattice_point *points;
-    size_t point_count;
-    uint32_t *of_class;   /* by point class: its lattice point */
-    uint32_t *of_segment; /* by segment class: the first of its STEPS - 1 */
-    size_t *first_cell;   /* by patch: of grid */
-    uint32_t *grid;       /* lattice points of each patch with faces, row by row */
-    lattice_cell *cells;
-    size_t cell_count;
-    uint32_t *first_at; /* by point: of at */
-    uint32_t *at;       /* 4 * cell + corner */
+    qm_tmesh_triangles *triangles; /* of the surface, made when they are needed */
+    qm_tmesh_lattice lattice;
+    qm_tmesh_traces traces; /* of curves that were drawn in charts */
+    uint32_t *of_class;     /* by point class: its lattice point */
+    uint32_t *of_segment;   /* by segment class: the first of its STEPS - 1 */
+    size_t *first_cell;     /* by patch: of grid */
+    uint32_t *grid;         /* lattice points of each patch with faces, row by row */
     /* features */
     feature_chain *chains;
     size_t chain_count;
@@ -263,14 +244,14 @@ static uint32_t arc_point(const curve_drawer *d, uint32_t arc, uint32_t step)
     return step == d->length[arc] ? d->tmesh->arcs[arc].to : d->classes->first_point[arc] + step - 1;
 }
 
-static void gather(lattice_point *to, source_place place)
+static void gather(qm_tmesh_point *to, source_place place)
 {
     to->sum = qm_vec_add(to->sum, place.at);
     to->normal_sum = qm_vec_add(to->normal_sum, place.normal);
     to->count++;
 }
 
-static void fix(lattice_point *to, qm_vec at)
+static void fix(qm_tmesh_point *to, qm_vec at)
 {
     to->at = at;
     to->is_fixed = true;
@@ -278,7 +259,7 @@ static void fix(lattice_point *to, qm_vec at)
 }
 
 /** Fixes a point at a place of a chain; within the chain it may slide there. */
-static void fix_on_chain(const curve_drawer *d, lattice_point *to, uint32_t chain, double place)
+static void fix_on_chain(const curve_drawer *d, qm_tmesh_point *to, uint32_t chain, double place)
 {
     const feature_chain *at = &d->chains[chain];
     fix(to, chain_position(d, chain, place));
@@ -292,21 +273,22 @@ static void place_classes(curve_drawer *d)
 {
     const qm_tmesh *tmesh = d->tmesh;
     for (uint32_t n = 0; n < tmesh->node_count; n++)
-        gather(&d->points[class_of(d, n)], source_point(d, d->source->node_points[n]));
+        gather(&d->lattice.points[class_of(d, n)], source_point(d, d->source->node_points[n]));
     for (uint32_t a = 0; a < tmesh->arc_count; a++) {
         const chain_arc *in_chain = &d->arcs[a];
         uint32_t steps = d->length[a];
         for (uint32_t i = 1; i < steps; i++)
-            gather(&d->points[class_of(d, arc_point(d, a, i))], arc_place(d, a, (double)i / steps));
+            gather(&d->lattice.points[class_of(d, arc_point(d, a, i))], arc_place(d, a, (double)i / steps));
         for (uint32_t i = 0; i <= steps && in_chain->chain != QM_NO_INDEX; i++) {
             uint32_t station = d->chains[in_chain->chain].first_station + in_chain->step + i;
-            fix_on_chain(d, &d->points[class_of(d, arc_point(d, a, in_chain->forward ? i : steps - i))],
+            fix_on_chain(d,
+                         &d->lattice.points[class_of(d, arc_point(d, a, in_chain->forward ? i : steps - i))],
                          in_chain->chain, d->station[station]);
         }
     }
     for (uint32_t n = 0; n < tmesh->node_count; n++)
         if (d->quads->is_required[tmesh->node_vertex[n]]) {
-            lattice_point *to = &d->points[class_of(d, n)];
+            qm_tmesh_point *to = &d->lattice.points[class_of(d, n)];
             qm_vec at = vertex_at(d, tmesh->node_vertex[n]);
             if (d->quads->is_on_feature[tmesh->node_vertex[n]]) fix(to, at);
             to->is_pinned = true;
@@ -316,8 +298,8 @@ static void place_classes(curve_drawer *d)
             to->normal_sum = place.normal;
             to->count = 1;
         }
-    for (size_t i = 0; i < d->point_count; i++) {
-        lattice_point *point = &d->points[i];
+    for (size_t i = 0; i < d->lattice.point_count; i++) {
+        qm_tmesh_point *point = &d->lattice.points[i];
         point->normal = point->normal_sum;
         if (!point->is_fixed && point->count > 0) point->at = qm_vec_scale(1.0 / point->count, point->sum);
     }
@@ -338,7 +320,7 @@ static void place_segments(curve_drawer *d)
             uint32_t segment = d->classes->segment_class[d->classes->first_segment[a] + i];
             bool up = runs_up(d, a, i), is_own = segment == d->classes->first_segment[a] + i;
             for (uint32_t k = 1; k < STEPS; k++) {
-                lattice_point *to = &d->points[d->of_segment[segment] + (up ? k : STEPS - k) - 1];
+                qm_tmesh_point *to = &d->lattice.points[d->of_segment[segment] + (up ? k : STEPS - k) - 1];
                 double share = (double)k / STEPS;
                 source_place place = arc_place(d, a, (i + share) / steps);
                 if (is_own) to->normal = place.normal;
@@ -423,8 +405,9 @@ static void place_inside(curve_drawer *d, size_t p, uint32_t *grid, uint32_t col
             double bottom = side_cells(d, p, 0, u), top = size[0] - side_cells(d, p, 2, width - u);
             source_place place = patch_place(d, p, size, bottom + v / height * (top - bottom),
                                              left + u / width * (right - left));
-            grid[(size_t)row * (columns + 1) + column] = (uint32_t)d->point_count;
-            d->points[d->point_count++] = (lattice_point){.at = place.at, .normal = place.normal};
+            grid[(size_t)row * (columns + 1) + column] = (uint32_t)d->lattice.point_count;
+            d->lattice.points[d->lattice.point_count++] =
+                (qm_tmesh_point){.at = place.at, .normal = place.normal};
         }
     }
 }
@@ -451,16 +434,16 @@ static bool make_lattices(curve_drawer *d)
     }
     size_t capacity = classes->point_count + (STEPS - 1) * classes->segment_count + inner;
     d->grid = qm_arena_alloc(d->arena, cells, sizeof *d->grid);
-    d->points = qm_arena_zeroed(d->arena, capacity, sizeof *d->points);
+    d->lattice.points = qm_arena_zeroed(d->arena, capacity, sizeof *d->lattice.points);
     d->of_class = qm_arena_alloc(d->arena, classes->point_count, sizeof *d->of_class);
     d->of_segment = qm_arena_alloc(d->arena, classes->segment_count, sizeof *d->of_segment);
-    if (!d->grid || !d->points || !d->of_class || !d->of_segment) return false;
+    if (!d->grid || !d->lattice.points || !d->of_class || !d->of_segment) return false;
     for (size_t i = 0; i < classes->point_count; i++)
-        if (classes->point_class[i] == i) d->of_class[i] = (uint32_t)d->point_count++;
+        if (classes->point_class[i] == i) d->of_class[i] = (uint32_t)d->lattice.point_count++;
     for (size_t i = 0; i < classes->segment_count; i++)
         if (classes->segment_class[i] == i) {
-            d->of_segment[i] = (uint32_t)d->point_count;
-            d->point_count += STEPS - 1;
+            d->of_segment[i] = (uint32_t)d->lattice.point_count;
+            d->lattice.point_count += STEPS - 1;
         }
     place_classes(d);
     place_segments(d);
@@ -476,7 +459,7 @@ static bool make_lattices(curve_drawer *d)
 
 /** Puts a point onto the wall of the surface that looks as it did there, one of a feature onto any. False, and the point is as it
  * was, where there is none near. */
-static bool project(const curve_drawer *d, lattice_point *point)
+static bool project(const curve_drawer *d, qm_tmesh_point *point)
 {
     double at[3], normal[3];
     qm_ref_surface_point on;
@@ -499,10 +482,10 @@ static bool list_cells(curve_drawer *d)
     uint32_t columns, rows;
     for (size_t p = 0; p < d->tmesh->patch_count; p++)
         if (has_faces(d, p, &columns, &rows)) count += (size_t)columns * rows;
-    d->cells = qm_arena_alloc(d->arena, count, sizeof *d->cells);
-    d->at = qm_arena_alloc(d->arena, 4 * count, sizeof *d->at);
-    d->first_at = qm_arena_zeroed(d->arena, d->point_count + 1, sizeof *d->first_at);
-    if (!d->cells || !d->at || !d->first_at) return false;
+    d->lattice.cells = qm_arena_alloc(d->arena, count, sizeof *d->lattice.cells);
+    d->lattice.at = qm_arena_alloc(d->arena, 4 * count, sizeof *d->lattice.at);
+    d->lattice.first_at = qm_arena_zeroed(d->arena, d->lattice.point_count + 1, sizeof *d->lattice.first_at);
+    if (!d->lattice.cells || !d->lattice.at || !d->lattice.first_at) return false;
     for (size_t p = 0; p < d->tmesh->patch_count; p++) {
         if (!has_faces(d, p, &columns, &rows)) continue;
         uint32_t stride = columns + 1;
@@ -510,21 +493,22 @@ static bool list_cells(curve_drawer *d)
             for (uint32_t column = 0; column < columns; column++) {
                 size_t first = d->first_cell[p];
                 const uint32_t *cell = d->grid + first + (size_t)row * stride + column;
-                d->cells[d->cell_count++] = (lattice_cell){
+                d->lattice.cells[d->lattice.cell_count++] = (qm_tmesh_cell){
                     {cell[0], cell[1], cell[stride + 1], cell[stride]},
                     (uint32_t)(first + (size_t)(row / STEPS * STEPS) * stride + column / STEPS * STEPS),
                     stride,
                     false,
+                    false,
                     0};
             }
     }
-    for (size_t c = 0; c < 4 * d->cell_count; c++)
-        d->first_at[d->cells[c / 4].corner[c % 4]]++;
+    for (size_t c = 0; c < 4 * d->lattice.cell_count; c++)
+        d->lattice.first_at[d->lattice.cells[c / 4].corner[c % 4]]++;
     uint32_t sum = 0;
-    for (size_t i = 0; i <= d->point_count; i++)
-        sum = d->first_at[i] += sum;
-    for (size_t c = 4 * d->cell_count; c-- > 0;)
-        d->at[--d->first_at[d->cells[c / 4].corner[c % 4]]] = (uint32_t)c;
+    for (size_t i = 0; i <= d->lattice.point_count; i++)
+        sum = d->lattice.first_at[i] += sum;
+    for (size_t c = 4 * d->lattice.cell_count; c-- > 0;)
+        d->lattice.at[--d->lattice.first_at[d->lattice.cells[c / 4].corner[c % 4]]] = (uint32_t)c;
     return true;
 }
 
@@ -532,24 +516,26 @@ static bool list_cells(curve_drawer *d)
  * The surface's normal at a corner of a cell. On a crease it has those of both sides, so that a point there takes the
  * cell's other points' normals.
  */
-static qm_vec corner_normal(const curve_drawer *d, const lattice_cell *cell, uint32_t i)
+static qm_vec corner_normal(const curve_drawer *d, const qm_tmesh_cell *cell, uint32_t i)
 {
-    const lattice_point *point = &d->points[cell->corner[i]];
+    const qm_tmesh_point *point = &d->lattice.points[cell->corner[i]];
     if (!point->is_fixed) return point->normal;
     qm_vec sum = {0};
     for (uint32_t k = 0; k < 4; k++)
-        if (!d->points[cell->corner[k]].is_fixed) sum = qm_vec_add(sum, d->points[cell->corner[k]].normal);
+        if (!d->lattice.points[cell->corner[k]].is_fixed)
+            sum = qm_vec_add(sum, d->lattice.points[cell->corner[k]].normal);
     double length = qm_vec_norm(sum);
     return length > 0 ? qm_vec_scale(1 / length, sum) : point->normal;
 }
 
 /** Twice the area of the triangle at a corner of a cell, about the surface's normal. */
-static double corner_area(const curve_drawer *d, const lattice_cell *cell, uint32_t i)
+static double corner_area(const curve_drawer *d, const qm_tmesh_cell *cell, uint32_t i)
 {
-    qm_vec at = d->points[cell->corner[i]].at;
-    return cell->sign * qm_vec_dot(qm_vec_cross(qm_vec_sub(d->points[cell->corner[(i + 1) & 3]].at, at),
-                                                qm_vec_sub(d->points[cell->corner[(i + 3) & 3]].at, at)),
-                                   corner_normal(d, cell, i));
+    qm_vec at = d->lattice.points[cell->corner[i]].at;
+    return cell->sign *
+           qm_vec_dot(qm_vec_cross(qm_vec_sub(d->lattice.points[cell->corner[(i + 1) & 3]].at, at),
+                                   qm_vec_sub(d->lattice.points[cell->corner[(i + 3) & 3]].at, at)),
+                      corner_normal(d, cell, i));
 }
 
 /** The side on which most of each patch lies. */
@@ -562,22 +548,22 @@ static void find_signs(curve_drawer *d)
         size_t end = cell + (size_t)columns * rows;
         double sum = 0;
         for (size_t c = cell; c < end; c++) {
-            d->cells[c].sign = 1;
+            d->lattice.cells[c].sign = 1;
             for (uint32_t i = 0; i < 4; i++)
-                sum += corner_area(d, &d->cells[c], i);
+                sum += corner_area(d, &d->lattice.cells[c], i);
         }
         for (size_t c = cell; c < end; c++)
-            d->cells[c].sign = sum < 0 ? -1 : 1;
+            d->lattice.cells[c].sign = sum < 0 ? -1 : 1;
         cell = end;
     }
 }
 
 /** Lets all points of a face move. */
-static void loosen_face(curve_drawer *d, const lattice_cell *cell)
+static void loosen_face(curve_drawer *d, const qm_tmesh_cell *cell)
 {
     for (uint32_t i = 0; i <= STEPS; i++)
         for (uint32_t j = 0; j <= STEPS; j++) {
-            lattice_point *at = &d->points[d->grid[cell->face + (size_t)i * cell->stride + j]];
+            qm_tmesh_point *at = &d->lattice.points[d->grid[cell->face + (size_t)i * cell->stride + j]];
             at->is_loose = true;
             if (i % STEPS == 0 && j % STEPS == 0) at->pull = fmax(LEAST_PULL, SLACKEN * at->pull);
         }
@@ -587,10 +573,10 @@ static void loosen_face(curve_drawer *d, const lattice_cell *cell)
 static size_t count_folds(curve_drawer *d)
 {
     size_t folds = 0;
-    for (size_t c = 0; c < d->cell_count; c++) {
-        lattice_cell *cell = &d->cells[c];
+    for (size_t c = 0; c < d->lattice.cell_count; c++) {
+        qm_tmesh_cell *cell = &d->lattice.cells[c];
         cell->is_folded = false;
-        for (uint32_t i = 0; i < 4; i++)
+        for (uint32_t i = 0; i < 4 && !cell->is_charted; i++)
             cell->is_folded |= corner_area(d, cell, i) <= 0;
         if (!cell->is_folded) continue;
         folds++;
@@ -602,12 +588,13 @@ static size_t count_folds(curve_drawer *d)
 /** Moves a point to the mean of its neighbours, onto the wall that they are on. */
 static void smooth_point(curve_drawer *d, uint32_t index)
 {
-    lattice_point *point = &d->points[index], old = *point;
+    qm_tmesh_point *point = &d->lattice.points[index], old = *point;
     qm_vec sum = {0}, normal = {0};
     uint32_t count = 0;
-    for (uint32_t i = d->first_at[index]; i < d->first_at[index + 1]; i++)
+    for (uint32_t i = d->lattice.first_at[index]; i < d->lattice.first_at[index + 1]; i++)
         for (uint32_t k = 1; k < 4; k += 2, count++) {
-            const lattice_point *other = &d->points[d->cells[d->at[i] / 4].corner[(d->at[i] + k) & 3]];
+            const qm_tmesh_point *other =
+                &d->lattice.points[d->lattice.cells[d->lattice.at[i] / 4].corner[(d->lattice.at[i] + k) & 3]];
             sum = qm_vec_add(sum, other->at);
             normal = qm_vec_add(normal, other->normal);
         }
@@ -620,8 +607,8 @@ static void smooth_point(curve_drawer *d, uint32_t index)
 
 static void place_on_surface(curve_drawer *d)
 {
-    for (size_t i = 0; i < d->point_count; i++) {
-        lattice_point *point = &d->points[i];
+    for (size_t i = 0; i < d->lattice.point_count; i++) {
+        qm_tmesh_point *point = &d->lattice.points[i];
         project(d, point);
         if (!point->is_pinned) point->pin = point->at;
         point->pull = point->is_pinned ? PULL : LEAST_PULL;
@@ -629,11 +616,11 @@ static void place_on_surface(curve_drawer *d)
 }
 
 /** The sine at a corner of a cell, seen along the surface's normal there; not above 0 where it is folded. */
-static double corner_sine(const curve_drawer *d, const lattice_cell *cell, uint32_t i)
+static double corner_sine(const curve_drawer *d, const qm_tmesh_cell *cell, uint32_t i)
 {
-    qm_vec at = d->points[cell->corner[i]].at;
-    double one = qm_vec_distance(at, d->points[cell->corner[(i + 1) & 3]].at),
-           other = qm_vec_distance(at, d->points[cell->corner[(i + 3) & 3]].at);
+    qm_vec at = d->lattice.points[cell->corner[i]].at;
+    double one = qm_vec_distance(at, d->lattice.points[cell->corner[(i + 1) & 3]].at),
+           other = qm_vec_distance(at, d->lattice.points[cell->corner[(i + 3) & 3]].at);
     if (!(one * other > 0)) return -1;
     return corner_area(d, cell, i) / (one * other);
 }
@@ -642,9 +629,9 @@ static double corner_sine(const curve_drawer *d, const lattice_cell *cell, uint3
 static double lack_at(const curve_drawer *d, uint32_t index)
 {
     double lack = 0;
-    for (uint32_t i = d->first_at[index]; i < d->first_at[index + 1]; i++)
+    for (uint32_t i = d->lattice.first_at[index]; i < d->lattice.first_at[index + 1]; i++)
         for (uint32_t k = 0; k < 4; k++) {
-            double missing = GOOD_SINE - corner_sine(d, &d->cells[d->at[i] / 4], k);
+            double missing = GOOD_SINE - corner_sine(d, &d->lattice.cells[d->lattice.at[i] / 4], k);
             if (missing > 0) lack += missing * missing;
         }
     return lack;
@@ -655,15 +642,17 @@ static double edge_at(const curve_drawer *d, uint32_t index)
 {
     double sum = 0;
     uint32_t count = 0;
-    for (uint32_t i = d->first_at[index]; i < d->first_at[index + 1]; i++)
+    for (uint32_t i = d->lattice.first_at[index]; i < d->lattice.first_at[index + 1]; i++)
         for (uint32_t k = 1; k < 4; k += 2, count++)
-            sum += qm_vec_distance(d->points[index].at,
-                                   d->points[d->cells[d->at[i] / 4].corner[(d->at[i] + k) & 3]].at);
+            sum += qm_vec_distance(
+                d->lattice.points[index].at,
+                d->lattice.points[d->lattice.cells[d->lattice.at[i] / 4].corner[(d->lattice.at[i] + k) & 3]]
+                    .at);
     return count > 0 ? sum / count : 0;
 }
 
 /** Puts a fixed point elsewhere on its chain. False if that is beyond its ends. */
-static bool slide(const curve_drawer *d, lattice_point *point, double by)
+static bool slide(const curve_drawer *d, qm_tmesh_point *point, double by)
 {
     const feature_chain *chain = &d->chains[point->chain];
     double place = point->place + by;
@@ -676,13 +665,13 @@ static bool slide(const curve_drawer *d, lattice_point *point, double by)
 /** Tries places round a point, farther and nearer ones, and takes those where the cells round it are better. */
 static bool untangle_point(curve_drawer *d, uint32_t index)
 {
-    lattice_point *point = &d->points[index];
+    qm_tmesh_point *point = &d->lattice.points[index];
     double least = lack_at(d, index), reach = 0.5 * edge_at(d, index);
     bool has_moved = false;
     int ways = point->is_fixed ? 2 : TRIAL_WAYS;
     for (int size = 0; size < TRIAL_SIZES && least > 0; size++, reach *= 0.5)
         for (int way = 0; way < ways && least > 0; way++) {
-            lattice_point before = *point;
+            qm_tmesh_point before = *point;
             bool is_on = false;
             if (point->is_fixed) {
                 is_on = slide(d, point, way == 0 ? reach : -reach);
@@ -712,11 +701,11 @@ static size_t untangle(curve_drawer *d, size_t folds)
     for (int round = 0; round < UNTANGLE_ROUNDS && folds > 0 && !qm_context_canceled(d->arena->ctx);
          round++) {
         bool has_moved = false;
-        for (size_t c = 0; c < d->cell_count; c++)
-            for (uint32_t i = 0; i < 4 && d->cells[c].is_folded; i++)
-                if (!d->points[d->cells[c].corner[i]].is_fixed ||
-                    d->points[d->cells[c].corner[i]].chain != QM_NO_INDEX)
-                    has_moved |= untangle_point(d, d->cells[c].corner[i]);
+        for (size_t c = 0; c < d->lattice.cell_count; c++)
+            for (uint32_t i = 0; i < 4 && d->lattice.cells[c].is_folded; i++)
+                if (!d->lattice.points[d->lattice.cells[c].corner[i]].is_fixed ||
+                    d->lattice.points[d->lattice.cells[c].corner[i]].chain != QM_NO_INDEX)
+                    has_moved |= untangle_point(d, d->lattice.cells[c].corner[i]);
         folds = count_folds(d);
         if (!has_moved) break;
     }
@@ -725,7 +714,7 @@ static size_t untangle(curve_drawer *d, size_t folds)
 
 static qm_status relax(curve_drawer *d, size_t *folds)
 {
-    lattice_point *best = qm_arena_alloc(d->arena, d->point_count, sizeof *best);
+    qm_tmesh_point *best = qm_arena_alloc(d->arena, d->lattice.point_count, sizeof *best);
     if (!best || !list_cells(d))
         return qm_context_fail(d->arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves");
     place_on_surface(d);
@@ -735,19 +724,42 @@ static qm_status relax(curve_drawer *d, size_t *folds)
         for (int sweep = 0; sweep < SWEEPS && round > 0; sweep++) {
             if (qm_context_canceled(d->arena->ctx))
                 return qm_context_fail(d->arena->ctx, QM_E_CANCELED, "canceled");
-            for (uint32_t i = 0; i < d->point_count; i++) {
-                if (!d->points[i].is_fixed && d->points[i].is_loose) smooth_point(d, i);
+            for (uint32_t i = 0; i < d->lattice.point_count; i++) {
+                if (!d->lattice.points[i].is_fixed && d->lattice.points[i].is_loose) smooth_point(d, i);
             }
         }
         size_t now = count_folds(d);
         if (now >= least) continue;
         least = now;
-        memcpy(best, d->points, d->point_count * sizeof *best);
+        memcpy(best, d->lattice.points, d->lattice.point_count * sizeof *best);
     }
-    memcpy(d->points, best, d->point_count * sizeof *best);
+    memcpy(d->lattice.points, best, d->lattice.point_count * sizeof *best);
     count_folds(d);
     *folds = untangle(d, least);
     return QM_OK;
+}
+
+/** Draws marked cells anew in charts of the surface. */
+static qm_status mend(curve_drawer *d, bool *is_seed, int rings)
+{
+    if (d->surface->is_cloud) return QM_OK;
+    if (!d->triangles->ctx) {
+        qm_status status = qm_tmesh_triangles_make(d->arena->ctx, d->surface, d->triangles);
+        if (status == QM_E_NO_MEMORY)
+            qm_context_fail(d->arena->ctx, status, "out of memory for the triangles of the surface");
+        if (status != QM_OK) return status;
+    }
+    return qm_tmesh_mend(d->arena, d->triangles, &d->lattice, is_seed, rings, &d->traces);
+}
+
+/** Draws folded cells anew, and counts those that remain. */
+static qm_status mend_folds(curve_drawer *d, bool *is_seed, size_t *folds)
+{
+    for (size_t c = 0; c < d->lattice.cell_count; c++)
+        is_seed[c] = d->lattice.cells[c].is_folded;
+    qm_status status = *folds > 0 ? mend(d, is_seed, FOLD_RINGS) : QM_OK;
+    *folds = count_folds(d);
+    return status;
 }
 
 /* ---- the layout ---- */
@@ -759,6 +771,7 @@ typedef struct layout_maker {
     uint32_t *node;  /* by lattice point */
     uint32_t *point; /* by node */
     uint32_t *curve; /* by the lattice point after the start of a curve from its lower end */
+    uint32_t *lines; /* by curve: its STEPS + 1 lattice points */
     double *grids;   /* of the faces */
 } layout_maker;
 
@@ -766,7 +779,7 @@ static qm_status node_of(layout_maker *maker, uint32_t point, uint32_t *node)
 {
     if (maker->node[point] == QM_NO_INDEX) {
         double at[3];
-        qm_vec_store(at, maker->d->points[point].at);
+        qm_vec_store(at, maker->d->lattice.points[point].at);
         qm_status status = qm_layout_add_node(maker->d->arena->ctx, maker->out, at);
         if (status != QM_OK) return status;
         maker->node[point] = (uint32_t)maker->out->node_count - 1;
@@ -776,29 +789,43 @@ static qm_status node_of(layout_maker *maker, uint32_t point, uint32_t *node)
     return QM_OK;
 }
 
-/** The id of the curve over STEPS + 1 lattice points, which has one more point between each two. */
+/** The id of the curve over STEPS + 1 lattice points, which has one more point between each two, or their trace. */
 static qm_status curve_of(layout_maker *maker, const uint32_t *point, uint32_t *id)
 {
     curve_drawer *d = maker->d;
     uint32_t key = point[STEPS / 2];
     if (maker->curve[key] == QM_NO_INDEX) {
         uint32_t from, to;
-        double line[2 * STEPS + 1][3];
+        double line[(QM_TMESH_TRACE + 1) * STEPS + 1][3];
+        size_t count = 0;
         qm_status status = node_of(maker, point[0], &from);
         if (status == QM_OK) status = node_of(maker, point[STEPS], &to);
         if (status != QM_OK) return status;
         for (int i = 0; i <= STEPS; i++) {
-            const lattice_point *at = &d->points[point[i]];
-            qm_vec_store(line[2 * i], at->at);
-            if (i == 0) continue;
-            const lattice_point *before = &d->points[point[i - 1]];
-            lattice_point middle = before->is_fixed ? *at : *before; /* fixed where both are */
+            const qm_tmesh_point *at = &d->lattice.points[point[i]];
+            if (i == 0) {
+                qm_vec_store(line[count++], at->at);
+                continue;
+            }
+            const qm_tmesh_trace *trace = qm_tmesh_traces_find(&d->traces, point[i - 1], point[i]);
+            if (trace) {
+                for (int k = 0; k < QM_TMESH_TRACE; k++)
+                    qm_vec_store(line[count++],
+                                 trace->at[trace->point[0] == point[i - 1] ? k : QM_TMESH_TRACE - 1 - k]);
+                qm_vec_store(line[count++], at->at);
+                continue;
+            }
+            const qm_tmesh_point *before = &d->lattice.points[point[i - 1]];
+            qm_tmesh_point middle = before->is_fixed ? *at : *before; /* fixed where both are */
             middle.at = qm_vec_mix(before->at, at->at, 0.5);
             project(d, &middle);
-            qm_vec_store(line[2 * i - 1], middle.at);
+            qm_vec_store(line[count++], middle.at);
+            qm_vec_store(line[count++], at->at);
         }
-        status = qm_layout_add_curve(d->arena->ctx, maker->out, from, to, line[0], 2 * STEPS + 1);
+        status = qm_layout_add_curve(d->arena->ctx, maker->out, from, to, line[0], count);
         if (status != QM_OK) return status;
+        memcpy(maker->lines + (STEPS + 1) * (maker->out->curve_count - 1), point,
+               (STEPS + 1) * sizeof *point);
         maker->curve[key] = maker->out->curves[maker->out->curve_count - 1].id;
     }
     *id = maker->curve[key];
@@ -821,7 +848,7 @@ static qm_status add_face(layout_maker *maker, const uint32_t *cell, uint32_t st
     double *at = maker->grids + 3 * QM_LAYOUT_GRID_POINTS * maker->out->patch_count;
     for (uint32_t row = 0; row <= STEPS; row++)
         for (uint32_t column = 0; column <= STEPS; column++, at += 3)
-            qm_vec_store(at, maker->d->points[cell[(size_t)row * stride + column]].at);
+            qm_vec_store(at, maker->d->lattice.points[cell[(size_t)row * stride + column]].at);
     return qm_layout_add_patch(maker->d->arena->ctx, maker->out, id);
 }
 
@@ -830,8 +857,8 @@ static void mark_faults(const layout_maker *maker, const qm_layout_issues *issue
 {
     curve_drawer *d = maker->d;
     count_folds(d);
-    for (size_t c = 0; c < d->cell_count; c++) {
-        const lattice_cell *cell = &d->cells[c];
+    for (size_t c = 0; c < d->lattice.cell_count; c++) {
+        const qm_tmesh_cell *cell = &d->lattice.cells[c];
         for (uint32_t i = 0; i < 4 && cell->is_folded; i++)
             fault[d->grid[cell->face + (size_t)(i / 2) * STEPS * cell->stride + i % 2 * STEPS]] = 1;
     }
@@ -841,29 +868,79 @@ static void mark_faults(const layout_maker *maker, const qm_layout_issues *issue
     }
 }
 
-static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, uint8_t *class_fault)
+/** Marks the cells at the curves that cross: those at the points nearest to where they do. */
+static void mark_crossed(const layout_maker *maker, const qm_layout_issues *issues, bool *is_seed)
 {
-    qm_layout *out = &drawing->layout;
-    layout_maker maker = {.d = d, .out = out, .grids = drawing->grids};
-    maker.node = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.node);
-    maker.point = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.point);
-    maker.curve = qm_arena_alloc(d->arena, d->point_count, sizeof *maker.curve);
-    uint8_t *fault = qm_arena_zeroed(d->arena, d->point_count, sizeof *fault);
-    if (!maker.node || !maker.point || !maker.curve || !fault) return QM_E_NO_MEMORY;
-    memset(maker.node, 0xff, d->point_count * sizeof *maker.node);
-    memset(maker.curve, 0xff, d->point_count * sizeof *maker.curve);
+    const qm_tmesh_lattice *lattice = &maker->d->lattice;
+    for (size_t i = 0; i < issues->count; i++) {
+        qm_vec at = qm_vec_load(issues->items[i].position);
+        for (int k = 0; k < 2; k++) {
+            const uint32_t *line = maker->lines + (STEPS + 1) * (size_t)issues->items[i].curve[k];
+            uint32_t nearest = line[0];
+            for (int j = 1; j <= STEPS; j++)
+                if (qm_vec_distance(lattice->points[line[j]].at, at) <
+                    qm_vec_distance(lattice->points[nearest].at, at))
+                    nearest = line[j];
+            for (uint32_t j = lattice->first_at[nearest]; j < lattice->first_at[nearest + 1]; j++)
+                is_seed[lattice->at[j] / 4] = true;
+        }
+    }
+}
+
+static qm_status add_faces(layout_maker *maker)
+{
+    curve_drawer *d = maker->d;
+    memset(maker->node, 0xff, d->lattice.point_count * sizeof *maker->node);
+    memset(maker->curve, 0xff, d->lattice.point_count * sizeof *maker->curve);
     for (size_t p = 0; p < d->tmesh->patch_count; p++) {
         uint32_t columns, rows;
         if (!has_faces(d, p, &columns, &rows)) continue;
         const uint32_t *grid = d->grid + d->first_cell[p];
         for (uint32_t row = 0; row < rows; row += STEPS)
             for (uint32_t column = 0; column < columns; column += STEPS) {
-                qm_status status = add_face(&maker, grid + (size_t)row * (columns + 1) + column, columns + 1);
+                qm_status status = add_face(maker, grid + (size_t)row * (columns + 1) + column, columns + 1);
                 if (status != QM_OK) return status;
             }
     }
-    qm_status status = qm_layout_find_crossings(d->arena->ctx, out, d->surface, &drawing->issues);
-    if (status != QM_OK) return status;
+    return QM_OK;
+}
+
+static size_t count_seeds(const curve_drawer *d, const bool *is_seed)
+{
+    size_t count = 0;
+    for (size_t c = 0; c < d->lattice.cell_count; c++)
+        count += is_seed[c];
+    return count;
+}
+
+/** Makes the layout; while curves cross, the cells there are drawn anew, with more and more round them. */
+static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed, uint8_t *class_fault)
+{
+    qm_context *ctx = d->arena->ctx;
+    qm_layout *out = &drawing->layout;
+    layout_maker maker = {.d = d, .out = out, .grids = drawing->grids};
+    size_t points = d->lattice.point_count;
+    maker.node = qm_arena_alloc(d->arena, points, sizeof *maker.node);
+    maker.point = qm_arena_alloc(d->arena, points, sizeof *maker.point);
+    maker.curve = qm_arena_alloc(d->arena, points, sizeof *maker.curve);
+    maker.lines = qm_arena_alloc(d->arena, points, (STEPS + 1) * sizeof *maker.lines);
+    uint8_t *fault = qm_arena_zeroed(d->arena, points, sizeof *fault);
+    if (!maker.node || !maker.point || !maker.curve || !maker.lines || !fault) return QM_E_NO_MEMORY;
+    for (int round = 0;; round++) {
+        qm_status status = add_faces(&maker);
+        if (status == QM_OK) status = qm_layout_find_crossings(ctx, out, d->surface, &drawing->issues);
+        if (status != QM_OK) return status;
+        if (drawing->issues.count == 0 || round == MENDS || d->surface->is_cloud) break;
+        for (size_t c = 0; c < d->lattice.cell_count; c++)
+            is_seed[c] = d->lattice.cells[c].is_folded;
+        mark_crossed(&maker, &drawing->issues, is_seed);
+        size_t before = count_seeds(d, is_seed);
+        status = mend(d, is_seed, FOLD_RINGS + round);
+        if (status != QM_OK) return status;
+        if (count_seeds(d, is_seed) == before) break;
+        qm_layout_reset(ctx, out);
+        qm_layout_issues_reset(ctx, &drawing->issues);
+    }
     mark_faults(&maker, &drawing->issues, fault);
     for (size_t i = 0; i < d->classes->point_count; i++)
         if (d->classes->point_class[i] == i) class_fault[i] = fault[d->of_class[i]];
@@ -872,8 +949,8 @@ static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, uint8_t *clas
 
 qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
                                const qm_tmesh *tmesh, const uint32_t *length, const qm_tmesh_classes *classes,
-                               const qm_ref_surface *surface, const qm_tmesh_source *source, qm_drawing *out,
-                               qm_tmesh_faults *faults)
+                               const qm_ref_surface *surface, const qm_tmesh_source *source,
+                               qm_tmesh_triangles *triangles, qm_drawing *out, qm_tmesh_faults *faults)
 {
     curve_drawer d = {.arena = arena,
                       .quads = quads,
@@ -882,7 +959,8 @@ qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, con
                       .length = length,
                       .classes = classes,
                       .surface = surface,
-                      .source = source};
+                      .source = source,
+                      .triangles = triangles};
     *faults = (qm_tmesh_faults){.class_fault = qm_arena_zeroed(arena, classes->point_count, 1)};
     out->grid_count = classes->face_count;
     out->grids =
@@ -891,7 +969,12 @@ qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, con
         return qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves of %zu patches",
                                classes->face_count);
     qm_status status = relax(&d, &faults->folds);
-    if (status == QM_OK) status = make_layout(&d, out, faults->class_fault);
+    bool *is_seed = qm_arena_zeroed(arena, d.lattice.cell_count, sizeof *is_seed);
+    if (status == QM_OK && !is_seed)
+        status = qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves");
+    if (status == QM_OK) status = mend_folds(&d, is_seed, &faults->folds);
+    if (status == QM_OK) status = make_layout(&d, out, is_seed, faults->class_fault);
+    if (status == QM_OK) faults->folds = count_folds(&d);
     faults->crossings = out->issues.count;
     return status;
 }
