@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "base/json.h"
+#include "qm/reconstruct.h"
 
 #define MAX_INDEX 2147483647.0
 #define POINTER_SIZE sizeof(((qm_problem_error *)NULL)->pointer)
@@ -70,6 +71,15 @@ bool qm_json_read_number(const cJSON *value, double *out)
 {
     *out = cJSON_GetNumberValue(value);
     return cJSON_IsNumber(value) && isfinite(*out);
+}
+
+bool qm_json_read_noise(const cJSON *value, double *out)
+{
+    if (cJSON_IsString(value) && strcmp(value->valuestring, "automatic") == 0) {
+        *out = QM_NOISE_AUTOMATIC;
+        return true;
+    }
+    return qm_json_read_number(value, out) && *out >= 0.0 && *out <= QM_NOISE_MAX;
 }
 
 bool qm_json_read_integer(const cJSON *value, double min, double max, double *out)

@@ -28,7 +28,8 @@ enum { POINT_SIZE = 3 * sizeof(double) };
 
 qm_reconstruction_options qm_reconstruction_options_default(void)
 {
-    return (qm_reconstruction_options){.cover_share = 0.02, .pull_curves = true, .thread_count = 1};
+    return (qm_reconstruction_options){
+        .cover_share = 0.02, .pull_curves = true, .noise_share = QM_NOISE_AUTOMATIC, .thread_count = 1};
 }
 
 static qm_status no_memory(qm_context *ctx)
@@ -51,6 +52,7 @@ void qm_reconstruction_destroy(qm_context *ctx, qm_reconstruction *r)
     qm_context_free(ctx, r->lattices, r->layout.patch_count, sizeof *r->lattices);
     qm_context_free(ctx, r->chords, r->layout.curve_count, sizeof *r->chords);
     qm_layout_reset(ctx, &r->layout);
+    qm_guide_release(ctx, r->guide);
     qm_context_free(ctx, r, 1, sizeof *r);
 }
 
@@ -260,6 +262,10 @@ static qm_status create_empty(qm_context *ctx, const qm_ref_surface *surface, co
     *out = NULL;
     if (!(options->cover_share > 0.0) || options->thread_count < 1)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "the cover share must be above 0, threads 1 or more");
+    if (options->noise_share != QM_NOISE_AUTOMATIC &&
+        !(options->noise_share >= 0.0 && options->noise_share <= QM_NOISE_MAX))
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the noise must be between 0 and %g of the diagonal",
+                               QM_NOISE_MAX);
     if (layout->patch_count == 0)
         return qm_context_fail(ctx, QM_E_LAYOUT, "the layout has no patch: no four curves close a cell");
     qm_status status =
@@ -270,12 +276,27 @@ static qm_status create_empty(qm_context *ctx, const qm_ref_surface *surface, co
     if (status != QM_OK) return status;
     qm_reconstruction *r = qm_context_alloc(ctx, 1, sizeof *r);
     if (!r) return no_memory(ctx);
-    *r = (qm_reconstruction){.surface = *surface, .options = *options};
+    *r = (qm_reconstruction){.given = *surface, .surface = *surface, .options = *options};
     status = qm_layout_copy(ctx, layout, &r->layout);
     if (status == QM_OK)
         *out = r;
     else
         qm_context_free(ctx, r, 1, sizeof *r);
+    return status;
+}
+
+/** Finds the noise and the outliers of the surface, or takes over what was found. */
+static qm_status find_guide(qm_context *ctx, qm_reconstruction *r, const qm_reconstruction *old)
+{
+    qm_status status = QM_OK;
+    if (old) {
+        r->guide = qm_guide_keep(old->guide);
+        r->outlier_share = old->outlier_share;
+    } else {
+        status = qm_guide_create(ctx, &r->given, r->options.noise_share, r->options.thread_count, &r->guide,
+                                 &r->outlier_share);
+    }
+    if (r->guide) r->surface = *qm_guide_surface(r->guide);
     return status;
 }
 
@@ -290,7 +311,8 @@ static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconst
     if (r->lattices) memset(r->lattices, 0, patches * sizeof *r->lattices);
     r->chords = qm_context_alloc(ctx, curves, sizeof *r->chords);
     if (!r->polylines || !r->lattices || !r->chords) return no_memory(ctx);
-    qm_status status = qm_samples_create(ctx, r, first_sample_count(r), samples);
+    qm_status status = find_guide(ctx, r, old);
+    if (status == QM_OK) status = qm_samples_create(ctx, r, first_sample_count(r), samples);
     if (status == QM_OK) status = qm_samples_find_sides(ctx, r, samples);
     if (status == QM_OK) status = qm_chords_find(ctx, r);
     if (status == QM_OK) status = qm_polylines_create(ctx, r);
@@ -342,6 +364,7 @@ static qm_status fit_new(qm_context *ctx, qm_reconstruction *r, qm_samples *samp
     qm_samples_reset(ctx, samples);
     status = create_fine_samples(ctx, r, samples);
     if (status == QM_OK) status = refine_lattices(ctx, r, STEP_FAIR, samples);
+    if (status == QM_OK) status = qm_lattices_fit_noise(ctx, r, false);
     if (status == QM_OK) qm_chords_measure(r);
     return status;
 }
@@ -373,6 +396,7 @@ static qm_status fit_changed(qm_context *ctx, qm_reconstruction *r, const qm_rec
     if (status == QM_OK) status = create_fine_samples(ctx, r, samples);
     for (int round = 0; round < EDIT_ROUNDS && status == QM_OK; round++)
         status = refine_lattices(ctx, r, round == 0 ? START_FAIR : STEP_FAIR, samples);
+    if (status == QM_OK) status = qm_lattices_fit_noise(ctx, r, true);
     if (status != QM_OK) return status;
     count_uncovered(r, samples);
     qm_chords_measure(r);
@@ -400,7 +424,7 @@ qm_status qm_reconstruction_edit(qm_context *ctx, const qm_reconstruction *old, 
 {
     QM_ASSERT(ctx && old && layout && out && redone_patches);
     qm_samples samples = {0};
-    qm_status status = create_empty(ctx, &old->surface, layout, &old->options, out);
+    qm_status status = create_empty(ctx, &old->given, layout, &old->options, out);
     if (status == QM_OK) status = prepare(ctx, *out, old, &samples);
     if (status == QM_OK) status = fit_changed(ctx, *out, old, &samples, redone_patches);
     qm_samples_reset(ctx, &samples);
@@ -495,7 +519,7 @@ static qm_status take_step(qm_context *ctx, qm_reconstruction *r, size_t max_qua
     for (int round = 0; round < (can_double ? 1 : FILL_ROUNDS) && status == QM_OK; round++)
         status = refine_lattices(ctx, r, STEP_FAIR, &samples);
     qm_samples_reset(ctx, &samples);
-    return status;
+    return status == QM_OK ? qm_lattices_fit_noise(ctx, r, false) : status;
 }
 
 qm_status qm_reconstruction_step(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
@@ -567,6 +591,13 @@ void qm_reconstruction_coverage(const qm_reconstruction *r, size_t *points, size
 {
     *points = r->point_count;
     *uncovered = r->uncovered_count;
+}
+
+double qm_reconstruction_noise(const qm_reconstruction *r)
+{
+    double sigma = 0.0, turn;
+    if (r->guide) qm_guide_points(r->guide, &sigma, &turn);
+    return sigma;
 }
 
 double qm_reconstruction_cover_distance(const qm_reconstruction *r)
