@@ -16,7 +16,7 @@
 #include <math.h>
 
 #define CREASE_COSINE 0.6 /* of the angle by which a line turns: 53 degrees */
-#define MIN_LENGTH 0.05   /* of the mean edge: shorter ones count as this long */
+#define MIN_LENGTH 0.2    /* of the mean edge: shorter ones count as this long */
 
 enum { MAX_RING = QM_BEND_VERTICES - 1 };
 

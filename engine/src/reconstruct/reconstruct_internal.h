@@ -140,6 +140,9 @@ static inline qm_chord *qm_chord_of_patch(const qm_reconstruction *r, size_t pat
 qm_status qm_reconstruction_check_place(qm_context *ctx, const qm_ref_surface *surface,
                                         const qm_layout *layout, double cover_distance);
 
+/** True if a position is farther from all points of a tree than these are from each other there. */
+bool qm_reconstruction_is_in_gap(const qm_bvh *tree, const double position[3]);
+
 /** Finds the chords of the layout. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r);
 

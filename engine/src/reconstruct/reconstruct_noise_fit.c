@@ -45,8 +45,11 @@
 #define MIN_COSINE 0.3    /* between a point's normal and the quad's */
 #define HUBER 2.5         /* standard deviations */
 #define MAX_MOVE 1.0      /* of the longest edge at a vertex */
-#define ITERATIONS 400    /* of conjugate gradients */
-#define ACCURACY 1e-4     /* of the residual of the normal equations, by its start */
+#define MIN_SINE 0.1      /* the scaled Jacobian below which no quad may come by a move */
+#define OPENINGS 40       /* rounds of moving the vertices of folded quads */
+#define HALVINGS 6        /* of moves that spoil a quad */
+#define ITERATIONS 120    /* of conjugate gradients */
+#define ACCURACY 1e-3     /* of the residual of the normal equations, by its start */
 
 enum { POINT_SIZE = 3 * sizeof(double), BLOCK_TERMS = 10 };
 
@@ -83,6 +86,11 @@ static void free_fit(noise_fit *f)
     qm_context_free(f->ctx, f->block, faces, sizeof *f->block);
     qm_bending_reset(f->ctx, &f->bending);
     qm_mesh_reset(f->ctx, &f->mesh);
+}
+
+static qm_vec vertex_at(const noise_fit *f, uint32_t vertex)
+{
+    return qm_vec_load(f->mesh.positions + 3 * (size_t)vertex);
 }
 
 /** Sets the normals of the vertices, means of the quads round them by area, and the mean edge. */
@@ -392,26 +400,136 @@ static void solve_best(noise_fit *f, bool is_given)
     find_moves(f, fourth_power(best_length));
 }
 
-/** Moves the vertices of the mesh, none farther than its longest edge. */
-static void apply(noise_fit *f)
+/** Limits the moves to the longest edge at each vertex. */
+static void limit_moves(noise_fit *f)
 {
-    qm_mesh *mesh = &f->mesh;
+    const qm_mesh *mesh = &f->mesh;
     double *longest = f->image;
     memset(longest, 0, mesh->vertex_count * sizeof *longest);
     for (size_t face = 0; face < mesh->face_count; face++) {
         const uint32_t *v = mesh->faces + 4 * face;
         for (int k = 0; k < 4; k++) {
             uint32_t a = v[k], b = v[(k + 1) % 4];
-            double length = qm_vec_distance(qm_vec_load(mesh->positions + 3 * (size_t)a),
-                                            qm_vec_load(mesh->positions + 3 * (size_t)b));
+            double length = qm_vec_distance(vertex_at(f, a), vertex_at(f, b));
             longest[a] = fmax(longest[a], length);
             longest[b] = fmax(longest[b], length);
         }
     }
-    for (size_t i = 0; i < mesh->vertex_count; i++) {
-        double *p = mesh->positions + 3 * i, most = MAX_MOVE * longest[i];
-        qm_vec_store(p, qm_vec_axpy(qm_vec_load(p), qm_clamp(f->move[i], -most, most), f->normal[i]));
+    for (size_t i = 0; i < mesh->vertex_count; i++)
+        f->move[i] = qm_clamp(f->move[i], -MAX_MOVE * longest[i], MAX_MOVE * longest[i]);
+}
+
+static qm_vec moved(const noise_fit *f, uint32_t vertex)
+{
+    return qm_vec_axpy(vertex_at(f, vertex), f->move[vertex], f->normal[vertex]);
+}
+
+/** True if the moves make a quad worse than the limit, or turn it over. */
+static bool is_spoilt(const noise_fit *f, size_t face)
+{
+    const uint32_t *v = f->mesh.faces + 4 * face;
+    qm_vec before[4], after[4];
+    for (int k = 0; k < 4; k++) {
+        before[k] = vertex_at(f, v[k]);
+        after[k] = moved(f, v[k]);
     }
+    double sine = qm_quad_min_sine(after);
+    return (sine < MIN_SINE && sine < qm_quad_min_sine(before)) ||
+           qm_vec_dot(qm_quad_normal(before), qm_quad_normal(after)) <= 0.0;
+}
+
+/** Moves the vertices of the mesh. Moves that spoil a quad are halved, and are none at last. */
+static void apply(noise_fit *f)
+{
+    bool is_changing = true;
+    limit_moves(f);
+    for (int round = 0; round <= HALVINGS && is_changing; round++) {
+        is_changing = false;
+        memset(f->image, 0, f->mesh.vertex_count * sizeof *f->image);
+        for (size_t face = 0; face < f->mesh.face_count; face++) {
+            if (!is_spoilt(f, face)) continue;
+            for (int k = 0; k < 4; k++)
+                f->image[f->mesh.faces[4 * face + (size_t)k]] = 1.0;
+            is_changing = true;
+        }
+        for (size_t i = 0; i < f->mesh.vertex_count; i++)
+            if (f->image[i] > 0.0) f->move[i] *= round < HALVINGS ? 0.5 : 0.0;
+    }
+    for (size_t i = 0; i < f->mesh.vertex_count; i++)
+        qm_vec_store(f->mesh.positions + 3 * i, moved(f, (uint32_t)i));
+}
+
+/** Sets the worst scaled Jacobian of the quads round each vertex, of quads that lie against their vertices' normals -1. False if none is
+ * below the limit. */
+static bool find_worst(const noise_fit *f, double *worst)
+{
+    bool is_any = false;
+    for (size_t i = 0; i < f->mesh.vertex_count; i++)
+        worst[i] = 1.0;
+    for (size_t face = 0; face < f->mesh.face_count; face++) {
+        const uint32_t *v = f->mesh.faces + 4 * face;
+        qm_vec corner[4], normal = {0, 0, 0};
+        for (int k = 0; k < 4; k++) {
+            corner[k] = vertex_at(f, v[k]);
+            normal = qm_vec_add(normal, f->normal[v[k]]);
+        }
+        double sine = qm_vec_dot(qm_quad_normal(corner), normal) > 0.0 ? qm_quad_min_sine(corner) : -1.0;
+        is_any |= sine < MIN_SINE;
+        for (int k = 0; k < 4; k++)
+            worst[v[k]] = fmin(worst[v[k]], sine);
+    }
+    return is_any;
+}
+
+/** Sets for each vertex the way to the mean of its neighbours within the tangent plane. */
+static void find_ways(const noise_fit *f, qm_vec *way, double *count)
+{
+    for (size_t i = 0; i < f->mesh.vertex_count; i++) {
+        way[i] = (qm_vec){0, 0, 0};
+        count[i] = 0.0;
+    }
+    for (size_t c = 0; c < 4 * f->mesh.face_count; c++) {
+        uint32_t a = f->mesh.faces[c], b = f->mesh.faces[(c & ~(size_t)3) + ((c + 1) & 3)];
+        qm_vec edge = qm_vec_sub(vertex_at(f, b), vertex_at(f, a));
+        way[a] = qm_vec_add(way[a], edge);
+        way[b] = qm_vec_sub(way[b], edge);
+        count[a] += 1.0;
+        count[b] += 1.0;
+    }
+    for (size_t i = 0; i < f->mesh.vertex_count; i++) {
+        if (count[i] > 0.0) way[i] = qm_vec_scale(1.0 / count[i], way[i]);
+        way[i] = qm_vec_axpy(way[i], -qm_vec_dot(way[i], f->normal[i]), f->normal[i]);
+    }
+}
+
+/**
+ * Opens folded quads, which lattices alone cannot where curves are folded: their vertices go part of the way to the mean of their neighbours,
+ * many at once, and those back whose quads are worse then. QM_OK or QM_E_NO_MEMORY.
+ */
+static qm_status open_quads(noise_fit *f)
+{
+    size_t vertices = f->mesh.vertex_count;
+    qm_vec *way = qm_context_alloc(f->ctx, vertices, sizeof *way);
+    if (!way) return no_memory(f->ctx);
+    double *before = f->rest, *after = f->image;
+    set_normals(f);
+    for (int round = 0; round < OPENINGS && find_worst(f, before); round++) {
+        double share = round % 2 ? 0.25 : 0.5;
+        find_ways(f, way, f->way);
+        for (int pass = 0; pass < 2; pass++) {
+            for (size_t i = 0; i < vertices; i++) {
+                /* Of two that are in each other's way one tries at a time. */
+                bool is_tried =
+                    before[i] < MIN_SINE && !f->is_fixed[i] && sign_of(i * OPENINGS + (size_t)round) > 0.0;
+                double sign = pass == 0 ? share : -share, *at = f->mesh.positions + 3 * i;
+                if (is_tried && (pass == 0 || after[i] <= before[i]))
+                    qm_vec_store(at, qm_vec_axpy(qm_vec_load(at), sign, way[i]));
+            }
+            if (pass == 0) find_worst(f, after);
+        }
+    }
+    qm_context_free(f->ctx, way, vertices, sizeof *way);
+    return QM_OK;
 }
 
 /** Marks the vertices that must stay: of curves that are kept where they were drawn, and of lattices that are not stale. */
@@ -455,8 +573,9 @@ static qm_status fit_round(qm_context *ctx, qm_reconstruction *r, qm_samples *sa
             else
                 solve_best(&fit, r->options.noise_share > 0.0);
             apply(&fit);
-            status = qm_lattices_set(ctx, r, &fit.mesh);
+            status = open_quads(&fit);
         }
+        if (status == QM_OK) status = qm_lattices_set(ctx, r, &fit.mesh);
         if (status == QM_OK && qm_context_canceled(ctx))
             status = qm_context_fail(ctx, QM_E_CANCELED, "reconstruction canceled");
     }

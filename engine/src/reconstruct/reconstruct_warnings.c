@@ -118,11 +118,10 @@ static double enclosed_volume(const qm_reconstruction *r)
     return sum;
 }
 
-/** True if a vertex of a point set's lattice is farther from all points than these are from each other there. */
-static bool is_in_gap(const qm_bvh *tree, const double *vertex)
+bool qm_reconstruction_is_in_gap(const qm_bvh *tree, const double position[3])
 {
     qm_nearest_points near, around;
-    qm_nearest_points_find(tree, qm_frame_local(&tree->frame, vertex), 1, &near);
+    qm_nearest_points_find(tree, qm_frame_local(&tree->frame, position), 1, &near);
     qm_nearest_points_find(tree, near.position[0], SPACING_POINTS, &around);
     return near.d2[0] > GAP_RATIO * GAP_RATIO * around.d2[around.count - 1];
 }
@@ -136,7 +135,8 @@ static double share_in_holes(const qm_reconstruction *r)
         size_t vertices = qm_lattice_vertex_count(lattice);
         count += vertices;
         for (size_t k = 0; k < vertices && !lattice->spans_hole; k++)
-            in_holes += lattice->in_hole[k] && is_in_gap(r->surface.bvh, lattice->vertices + 3 * k);
+            in_holes +=
+                lattice->in_hole[k] && qm_reconstruction_is_in_gap(r->surface.bvh, lattice->vertices + 3 * k);
     }
     return (double)in_holes / (double)count;
 }
