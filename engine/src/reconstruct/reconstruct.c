@@ -189,9 +189,10 @@ static bool is_unchanged(const qm_reconstruction *r, const qm_reconstruction *ol
 }
 
 /**
- * Raises the counts of chords to those that their curves had, and copies the polylines of unchanged curves.
+ * Raises the counts of chords to those that their curves had, and copies the polylines of unchanged curves with their vertices, which a
+ * fit to noise may have moved. QM_OK or QM_E_NO_MEMORY.
  */
-static void inherit_curves(qm_reconstruction *r, const qm_reconstruction *old)
+static qm_status inherit_curves(qm_context *ctx, qm_reconstruction *r, const qm_reconstruction *old)
 {
     for (size_t i = 0; i < r->layout.curve_count; i++) {
         uint32_t old_curve = find_old_curve(r, old, i);
@@ -209,7 +210,13 @@ static void inherit_curves(qm_reconstruction *r, const qm_reconstruction *old)
         QM_ASSERT(to->point_count == from->point_count);
         memcpy(to->points, from->points, from->point_count * POINT_SIZE);
         memcpy(to->arc, from->arc, from->point_count * sizeof *from->arc);
+        if (to->chord == QM_NO_INDEX || !from->vertices) continue;
+        to->vertices = qm_context_alloc(ctx, (size_t)from->vertex_edges + 1, POINT_SIZE);
+        if (!to->vertices) return no_memory(ctx);
+        to->vertex_edges = from->vertex_edges;
+        memcpy(to->vertices, from->vertices, ((size_t)from->vertex_edges + 1) * POINT_SIZE);
     }
+    return QM_OK;
 }
 
 /**
@@ -321,7 +328,7 @@ static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconst
     if (status == QM_OK) status = qm_polylines_create(ctx, r);
     if (status == QM_OK) status = qm_polylines_reroute(ctx, r, first_sample_count(r));
     if (status == QM_OK) qm_polylines_straighten(r);
-    if (status == QM_OK && old) inherit_curves(r, old);
+    if (status == QM_OK && old) status = inherit_curves(ctx, r, old);
     if (status == QM_OK) status = qm_polylines_set_vertices(ctx, r);
     return status == QM_OK ? qm_parameters_find(ctx, r, samples) : status;
 }
