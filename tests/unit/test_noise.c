@@ -268,10 +268,10 @@ static void outliers_and_holes_are_told(void **state)
         for (size_t i = 0; i < 200; i++)
             qm_random_point(&random, -1.3, 1.3, points.positions + 300 * i);
         outcome out = reconstruct(s, points, QM_NOISE_AUTOMATIC, NULL);
-        /* Most of a hundredth; those near the surface may count as points of it. */
+        /* Most of a hundredth: those near the surface, and among each other near it, may count as points of it. */
         double share = out.share[QM_RECONSTRUCTION_OUTLIERS];
         printf("noise %g: share of outliers %g, rms %g\n", noise, share, out.rms);
-        QM_CHECK(share > 0.006 && share <= 0.0105, "noise %g: share of outliers %g", noise, share);
+        QM_CHECK(share > 0.005 && share <= 0.0105, "noise %g: share of outliers %g", noise, share);
         QM_CHECK(out.rms < 0.001, "noise %g with outliers: rms %g", noise, out.rms);
         assert_int_equal(out.warnings[QM_RECONSTRUCTION_FILLS_HOLE], 0);
 

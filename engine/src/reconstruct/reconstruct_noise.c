@@ -10,7 +10,7 @@
  * residuals, which has two peaks then.
  *
  * A point is an outlier if it is off the surface of its neighbours, and farther from them than they are from theirs: in number the
- * local outlier factor, with medians. So it is if its neighbours are farther than is usual and are no surface: far outliers have others
+ * local outlier factor, with the denser quarter of the neighbours. So it is if its neighbours are farther than is usual and are no surface: far outliers have others
  * for neighbours.
  *
  * Source: M. Breunig, H.-P. Kriegel, R. Ng, J. Sander, LOF: identifying density-based local outliers, 2000.
@@ -147,7 +147,7 @@ static bool fit_probe(const qm_nearest_points *near, probe *out)
     return true;
 }
 
-/** The median of values, which it reorders. */
+/** The median of values, which it sorts. */
 static double find_median(double *value, size_t count)
 {
     for (size_t i = 1; i < count; i++) {
@@ -279,13 +279,14 @@ qm_status qm_noise_estimate_turn(qm_context *ctx, const qm_data_points *points, 
     return QM_OK;
 }
 
-/** The median distance of points from their neighbours, by index. */
-static double median_reach(const float *reach, const qm_nearest_points *near)
+/** The distance of the densest points from their neighbours: of a quarter of those round a point. */
+static double dense_reach(const float *reach, const qm_nearest_points *near)
 {
     double value[QM_NEAREST_POINTS_MAX];
     for (int i = 0; i < near->count; i++)
         value[i] = (double)reach[near->index[i]];
-    return find_median(value, (size_t)near->count);
+    find_median(value, (size_t)near->count);
+    return value[near->count / 4];
 }
 
 /** Removes the point itself from its neighbours: the nearest of no distance, or the last. */
@@ -339,7 +340,7 @@ static void search_block(void *user, int worker, size_t block)
             s->reach[i] = (float)sqrt(near.d2[near.count - 1]);
             continue;
         }
-        double theirs = median_reach(s->reach, &near), value[3], own = (double)s->reach[i];
+        double theirs = dense_reach(s->reach, &near), value[3], own = (double)s->reach[i];
         s->is_outlier[i] = false;
         if (own <= OUTLIER_RATIO * fmin(theirs, s->usual)) continue;
         qm_vec centroid = find_axes(&near, value, axis);
