@@ -2,7 +2,6 @@
  * reconstructions.c: builds reconstructions of layouts and rebuilds them from their rows, keeps a table of
  * those in memory, and stores each as an ordinary mesh and a row.
  */
-#include <cjson/cJSON.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -137,23 +136,6 @@ static bool replay(lease_entry *e, const qm_store_reconstruction *row, qm_proble
     return good;
 }
 
-/** The noise that a reconstruction was started with, of its document; 0 for those that are older than the option. */
-static double read_noise(const char *document)
-{
-    qm_text text = {0};
-    qm_text_add_string(&text, "{");
-    qm_text_add_string(&text, document);
-    qm_text_add_string(&text, "}");
-    char *whole = qm_text_take(&text);
-    cJSON *object = whole ? cJSON_Parse(whole) : NULL;
-    const cJSON *noise = cJSON_GetObjectItemCaseSensitive(object, "noise");
-    double share = 0.0;
-    if (noise) qm_json_read_noise(noise, &share);
-    cJSON_Delete(object);
-    free(whole);
-    return share;
-}
-
 static lease_entry *lease_rebuild(qm_reconstructions *rs, const char *id, const qm_context *host,
                                   qm_problem *problem)
 {
@@ -167,7 +149,7 @@ static lease_entry *lease_rebuild(qm_reconstructions *rs, const char *id, const 
     qm_reconstruction_options options = qm_reconstruction_options_default();
     options.cover_share = row.cover_share;
     options.pull_curves = row.pull_curves;
-    options.noise_share = read_noise(row.document);
+    options.noise_share = qm_json_find_noise(row.document);
     lease_entry *e = lease_begin(rs, row.source, row.layout, &options, host, problem);
     if (e) {
         memcpy(e->lease.id, row.id, sizeof e->lease.id);

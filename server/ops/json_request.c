@@ -82,6 +82,22 @@ bool qm_json_read_noise(const cJSON *value, double *out)
     return qm_json_read_number(value, out) && *out >= 0.0 && *out <= QM_NOISE_MAX;
 }
 
+double qm_json_find_noise(const char *members)
+{
+    qm_text text = {0};
+    qm_text_add_string(&text, "{");
+    qm_text_add_string(&text, members);
+    qm_text_add_string(&text, "}");
+    char *whole = qm_text_take(&text);
+    cJSON *object = whole ? cJSON_Parse(whole) : NULL;
+    const cJSON *noise = cJSON_GetObjectItemCaseSensitive(object, "noise");
+    double share = 0.0;
+    if (noise && !qm_json_read_noise(noise, &share)) share = 0.0;
+    cJSON_Delete(object);
+    free(whole);
+    return share;
+}
+
 bool qm_json_read_integer(const cJSON *value, double min, double max, double *out)
 {
     QM_ASSERT(min <= max);

@@ -374,7 +374,7 @@ static qm_status fit_new(qm_context *ctx, qm_reconstruction *r, qm_samples *samp
     qm_samples_reset(ctx, samples);
     status = create_fine_samples(ctx, r, samples);
     if (status == QM_OK) status = refine_lattices(ctx, r, STEP_FAIR, samples);
-    if (status == QM_OK) status = qm_lattices_fit_noise(ctx, r, false);
+    if (status == QM_OK) status = qm_noise_fit_lattices(ctx, r, false);
     if (status == QM_OK) qm_chords_measure(r);
     return status;
 }
@@ -406,7 +406,7 @@ static qm_status fit_changed(qm_context *ctx, qm_reconstruction *r, const qm_rec
     if (status == QM_OK) status = create_fine_samples(ctx, r, samples);
     for (int round = 0; round < EDIT_ROUNDS && status == QM_OK; round++)
         status = refine_lattices(ctx, r, round == 0 ? START_FAIR : STEP_FAIR, samples);
-    if (status == QM_OK) status = qm_lattices_fit_noise(ctx, r, true);
+    if (status == QM_OK) status = qm_noise_fit_lattices(ctx, r, true);
     if (status != QM_OK) return status;
     count_uncovered(r, samples);
     qm_chords_measure(r);
@@ -529,7 +529,7 @@ static qm_status take_step(qm_context *ctx, qm_reconstruction *r, size_t max_qua
     for (int round = 0; round < (can_double ? 1 : FILL_ROUNDS) && status == QM_OK; round++)
         status = refine_lattices(ctx, r, STEP_FAIR, &samples);
     qm_samples_reset(ctx, &samples);
-    return status == QM_OK ? qm_lattices_fit_noise(ctx, r, false) : status;
+    return status == QM_OK ? qm_noise_fit_lattices(ctx, r, false) : status;
 }
 
 qm_status qm_reconstruction_step(qm_context *ctx, qm_reconstruction *r, size_t max_quads,

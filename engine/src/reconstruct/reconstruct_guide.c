@@ -34,7 +34,7 @@ enum { POINT_SIZE = 3 * sizeof(double), SIZES = 5, BLOCK = 256 };
 
 struct qm_guide {
     atomic_int owners;
-    qm_data_points smooth, data;
+    qm_noise_points smooth, data;
     qm_mesh cloud; /* of the smooth points, which it borrows */
     qm_bvh *tree;
     qm_ref_surface surface;
@@ -56,8 +56,8 @@ void qm_guide_release(qm_context *ctx, qm_guide *guide)
 {
     if (!guide || atomic_fetch_sub(&guide->owners, 1) > 1) return;
     qm_bvh_destroy(ctx, guide->tree);
-    qm_data_points_reset(ctx, &guide->smooth);
-    qm_data_points_reset(ctx, &guide->data);
+    qm_noise_points_reset(ctx, &guide->smooth);
+    qm_noise_points_reset(ctx, &guide->data);
     qm_context_free(ctx, guide, 1, sizeof *guide);
 }
 
@@ -66,7 +66,7 @@ const qm_ref_surface *qm_guide_surface(const qm_guide *guide)
     return &guide->surface;
 }
 
-const qm_data_points *qm_guide_points(const qm_guide *guide, double *sigma, double *turn)
+const qm_noise_points *qm_guide_points(const qm_guide *guide, double *sigma, double *turn)
 {
     *sigma = guide->sigma;
     *turn = guide->turn;
@@ -123,7 +123,7 @@ static qm_status find_vertex_normals(qm_context *ctx, const qm_mesh *mesh, float
 }
 
 /** True if the normals of most neighbours agree, so that they tell sides. */
-static bool have_sides(const qm_bvh *tree, const qm_data_points *points)
+static bool have_sides(const qm_bvh *tree, const qm_noise_points *points)
 {
     size_t along = 0, against = 0, step = points->count / 2000 + 1;
     for (size_t i = 0; i < points->count; i += step) {
@@ -143,8 +143,8 @@ static bool have_sides(const qm_bvh *tree, const qm_data_points *points)
 typedef struct smoothing {
     const qm_bvh *tree;
     const qm_ref_surface *surface; /* of the tree */
-    const qm_data_points *from;
-    qm_data_points *to;
+    const qm_noise_points *from;
+    qm_noise_points *to;
     double sigma;
 } smoothing;
 
@@ -211,7 +211,7 @@ static void smooth_block(void *user, int worker, size_t block)
 }
 
 /** Drops the marked points. */
-static void drop_marked(qm_data_points *points, const bool *is_marked)
+static void drop_marked(qm_noise_points *points, const bool *is_marked)
 {
     size_t kept = 0;
     for (size_t i = 0; i < points->count; i++) {
@@ -226,15 +226,15 @@ static void drop_marked(qm_data_points *points, const bool *is_marked)
 
 /** Copies the points of a surface: of a point set, or the vertices of a mesh. QM_OK or QM_E_NO_MEMORY. */
 static qm_status load_points(qm_context *ctx, const qm_ref_surface *surface, size_t wanted,
-                             qm_data_points *out)
+                             qm_noise_points *out)
 {
     const qm_mesh *mesh = qm_bvh_mesh(surface->bvh);
     if (surface->is_cloud)
-        return qm_data_points_thin(ctx, mesh->positions, mesh->normals, mesh->vertex_count, wanted, out);
+        return qm_noise_points_thin(ctx, mesh->positions, mesh->normals, mesh->vertex_count, wanted, out);
     float *normals = qm_context_alloc(ctx, mesh->vertex_count, 3 * sizeof *normals);
     qm_status status = normals ? find_vertex_normals(ctx, mesh, normals) : no_memory(ctx);
     if (status == QM_OK)
-        status = qm_data_points_thin(ctx, mesh->positions, normals, mesh->vertex_count, wanted, out);
+        status = qm_noise_points_thin(ctx, mesh->positions, normals, mesh->vertex_count, wanted, out);
     qm_context_free(ctx, normals, mesh->vertex_count, 3 * sizeof *normals);
     return status;
 }
@@ -242,13 +242,13 @@ static qm_status load_points(qm_context *ctx, const qm_ref_surface *surface, siz
 /** Makes the smooth points of the data. */
 static qm_status smooth_points(qm_context *ctx, qm_guide *guide, int thread_count)
 {
-    qm_data_points from;
-    qm_status status = qm_data_points_thin(ctx, guide->data.positions, guide->data.normals, guide->data.count,
-                                           GUIDE_POINTS, &from);
+    qm_noise_points from;
+    qm_status status = qm_noise_points_thin(ctx, guide->data.positions, guide->data.normals,
+                                            guide->data.count, GUIDE_POINTS, &from);
     if (status != QM_OK) return status;
     qm_bvh *tree = NULL;
     qm_ref_surface surface;
-    status = qm_data_points_build_tree(ctx, &from, thread_count, &tree);
+    status = qm_noise_points_build_tree(ctx, &from, thread_count, &tree);
     if (status == QM_OK) status = qm_ref_surface_init(ctx, tree, &surface);
     if (status == QM_OK && from.normals && !have_sides(tree, &from)) {
         qm_context_free(ctx, from.normals, from.capacity, 3 * sizeof *from.normals);
@@ -256,14 +256,14 @@ static qm_status smooth_points(qm_context *ctx, qm_guide *guide, int thread_coun
     }
     if (status == QM_OK)
         status =
-            qm_data_points_thin(ctx, from.positions, from.normals, from.count, from.count, &guide->smooth);
+            qm_noise_points_thin(ctx, from.positions, from.normals, from.count, from.count, &guide->smooth);
     if (status == QM_OK) {
         smoothing s = {tree, &surface, &from, &guide->smooth, guide->sigma};
         qm_context_parallel_for(ctx, thread_count, (from.count + BLOCK - 1) / BLOCK, smooth_block, &s);
         if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "reconstruction canceled");
     }
     qm_bvh_destroy(ctx, tree);
-    qm_data_points_reset(ctx, &from);
+    qm_noise_points_reset(ctx, &from);
     return status;
 }
 
@@ -296,7 +296,7 @@ static qm_status make_guide(qm_context *ctx, const qm_ref_surface *surface, int 
 static qm_status study(qm_context *ctx, const qm_ref_surface *surface, double share, int thread_count,
                        double *sigma, double *outliers)
 {
-    qm_data_points points;
+    qm_noise_points points;
     qm_status status = load_points(ctx, surface, STUDY_POINTS, &points);
     if (status != QM_OK) return status;
     *sigma = share > 0.0 ? share * surface->diagonal : 0.0;
@@ -309,7 +309,7 @@ static qm_status study(qm_context *ctx, const qm_ref_surface *surface, double sh
         qm_context_free(ctx, is_outlier, points.count, sizeof *is_outlier);
         *outliers = (double)count / (double)points.count;
     }
-    qm_data_points_reset(ctx, &points);
+    qm_noise_points_reset(ctx, &points);
     return status;
 }
 

@@ -261,7 +261,7 @@ qm_status qm_lattices_set(qm_context *ctx, qm_reconstruction *r, const qm_mesh *
  * Where the points have noise, fits all vertices to them, those of curves as well unless these are kept; of the stale lattices and what
  * they alone have if only_stale. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
  */
-qm_status qm_lattices_fit_noise(qm_context *ctx, qm_reconstruction *r, bool only_stale);
+qm_status qm_noise_fit_lattices(qm_context *ctx, qm_reconstruction *r, bool only_stale);
 
 /**
  * Takes `wanted` samples of the surface, or fewer if a point set has fewer points. QM_OK or QM_E_NO_MEMORY.

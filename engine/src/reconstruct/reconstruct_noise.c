@@ -28,7 +28,7 @@
 #define NEIGHBOURS 20     /* of a neighbourhood */
 #define UNKNOWNS 6        /* of a polynomial of second order */
 #define THINNING 4        /* times fewer points: twice the radius */
-#define MAX_GROWTH 1.7    /* of the residuals with twice the radius: those of shape grow by 2.3 to 8 */
+#define MAX_GROWTH 1.7    /* of the residuals with twice the radius: those of shape grow by 1.85 to 40 */
 #define MAX_FLATNESS 0.22 /* of the residuals to the radius: above it the plane is no plane */
 /* Of the residuals of 20 points from a polynomial: in the median 2.55 for a normal distribution, 2.24 for an even one, 1.84 for two
  * layers. */
@@ -50,25 +50,25 @@ static qm_status no_memory(qm_context *ctx)
     return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the points of the surface");
 }
 
-void qm_data_points_reset(qm_context *ctx, qm_data_points *points)
+void qm_noise_points_reset(qm_context *ctx, qm_noise_points *points)
 {
     qm_context_free(ctx, points->positions, points->capacity, POINT_SIZE);
     qm_context_free(ctx, points->normals, points->capacity, 3 * sizeof *points->normals);
-    *points = (qm_data_points){0};
+    *points = (qm_noise_points){0};
 }
 
-qm_status qm_data_points_thin(qm_context *ctx, const double *positions, const float *normals, size_t count,
-                              size_t wanted, qm_data_points *out)
+qm_status qm_noise_points_thin(qm_context *ctx, const double *positions, const float *normals, size_t count,
+                               size_t wanted, qm_noise_points *out)
 {
     /* Scans are stored line by line, so that points are chosen by a hash of the index. */
     double share = (double)wanted / (double)count;
     uint64_t limit = share >= 1.0 ? UINT64_C(1) << 32 : (uint64_t)(share * 0x1p32);
     size_t capacity = share >= 1.0 ? count : wanted + wanted / 8 + 64;
-    *out = (qm_data_points){.capacity = capacity};
+    *out = (qm_noise_points){.capacity = capacity};
     out->positions = qm_context_alloc(ctx, capacity, POINT_SIZE);
     if (normals) out->normals = qm_context_alloc(ctx, capacity, 3 * sizeof *out->normals);
     if (!out->positions || (normals && !out->normals)) {
-        qm_data_points_reset(ctx, out);
+        qm_noise_points_reset(ctx, out);
         return no_memory(ctx);
     }
     for (size_t i = 0; i < count && out->count < capacity; i++) {
@@ -83,8 +83,8 @@ qm_status qm_data_points_thin(qm_context *ctx, const double *positions, const fl
     return QM_OK;
 }
 
-qm_status qm_data_points_build_tree(qm_context *ctx, const qm_data_points *points, int thread_count,
-                                    qm_bvh **out)
+qm_status qm_noise_points_build_tree(qm_context *ctx, const qm_noise_points *points, int thread_count,
+                                     qm_bvh **out)
 {
     const qm_mesh cloud = {
         .positions = points->positions, .vertex_count = points->count, .normals = points->normals};
@@ -161,7 +161,7 @@ static double find_median(double *value, size_t count)
 }
 
 /** The neighbours of a point, of those that look as it does where normals are known: the walls of a thin sheet are no noise. */
-static void find_on_wall(const qm_bvh *tree, const qm_data_points *points, size_t i, qm_nearest_points *near)
+static void find_on_wall(const qm_bvh *tree, const qm_noise_points *points, size_t i, qm_nearest_points *near)
 {
     qm_vec at = qm_frame_local(&tree->frame, points->positions + 3 * i), normal = {0, 0, 0};
     if (points->normals) {
@@ -176,7 +176,7 @@ static void find_on_wall(const qm_bvh *tree, const qm_data_points *points, size_
 }
 
 /** Sets the median residual, in the unit of the points, and flatness of neighbourhoods. False without enough of them. */
-static bool probe_level(const qm_bvh *tree, const qm_data_points *points, probe *out)
+static bool probe_level(const qm_bvh *tree, const qm_noise_points *points, probe *out)
 {
     double residual[PROBES + 1], flatness[PROBES + 1], kurtosis[PROBES + 1];
     size_t count = 0, step = points->count / PROBES + 1;
@@ -194,7 +194,7 @@ static bool probe_level(const qm_bvh *tree, const qm_data_points *points, probe 
     return true;
 }
 
-qm_status qm_noise_estimate(qm_context *ctx, const qm_data_points *points, double diagonal, int thread_count,
+qm_status qm_noise_estimate(qm_context *ctx, const qm_noise_points *points, double diagonal, int thread_count,
                             double *sigma)
 {
     probe last = {0};
@@ -202,15 +202,15 @@ qm_status qm_noise_estimate(qm_context *ctx, const qm_data_points *points, doubl
     *sigma = 0.0;
     for (int level = 0; level < LEVELS; level++, wanted /= THINNING) {
         if (wanted < MIN_POINTS / THINNING || (level == 0 && wanted < MIN_POINTS)) return QM_OK;
-        qm_data_points thin;
+        qm_noise_points thin;
         qm_bvh *tree = NULL;
         qm_status status =
-            qm_data_points_thin(ctx, points->positions, points->normals, points->count, wanted, &thin);
-        if (status == QM_OK) status = qm_data_points_build_tree(ctx, &thin, thread_count, &tree);
+            qm_noise_points_thin(ctx, points->positions, points->normals, points->count, wanted, &thin);
+        if (status == QM_OK) status = qm_noise_points_build_tree(ctx, &thin, thread_count, &tree);
         probe here = {0};
         bool is_known = status == QM_OK && probe_level(tree, &thin, &here);
         qm_bvh_destroy(ctx, tree);
-        qm_data_points_reset(ctx, &thin);
+        qm_noise_points_reset(ctx, &thin);
         if (status != QM_OK || !is_known) return status;
         if (level > 0 && last.flatness <= MAX_FLATNESS) {
             bool is_layered = last.kurtosis < MIN_KURTOSIS;
@@ -258,13 +258,13 @@ static bool fit_normals(const float *normals, const qm_nearest_points *near, dou
     return true;
 }
 
-qm_status qm_noise_estimate_turn(qm_context *ctx, const qm_data_points *points, int thread_count,
+qm_status qm_noise_estimate_turn(qm_context *ctx, const qm_noise_points *points, int thread_count,
                                  double *turn)
 {
     *turn = 0.0;
     if (!points->normals) return QM_OK;
     qm_bvh *tree = NULL;
-    qm_status status = qm_data_points_build_tree(ctx, points, thread_count, &tree);
+    qm_status status = qm_noise_points_build_tree(ctx, points, thread_count, &tree);
     if (status != QM_OK) return status;
     double value[PROBES + 1];
     size_t count = 0, step = points->count / PROBES + 1;
@@ -306,7 +306,7 @@ static void remove_self(qm_nearest_points *near, uint32_t self)
 /** The passes over all points: the distance of each to its neighbours, then which are outliers. */
 typedef struct outlier_search {
     const qm_bvh *tree;
-    const qm_data_points *points;
+    const qm_noise_points *points;
     double sigma; /* local */
     float *reach; /* local */
     double usual; /* the median of it */
@@ -353,14 +353,14 @@ static void search_block(void *user, int worker, size_t block)
     }
 }
 
-qm_status qm_noise_find_outliers(qm_context *ctx, const qm_data_points *points, double sigma,
+qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points, double sigma,
                                  int thread_count, bool *is_outlier, size_t *count)
 {
     *count = 0;
     memset(is_outlier, 0, points->count * sizeof *is_outlier);
     if (points->count < MIN_POINTS) return QM_OK;
     qm_bvh *tree = NULL;
-    qm_status status = qm_data_points_build_tree(ctx, points, thread_count, &tree);
+    qm_status status = qm_noise_points_build_tree(ctx, points, thread_count, &tree);
     if (status != QM_OK) return status;
     outlier_search search = {.tree = tree,
                              .points = points,

@@ -583,11 +583,11 @@ static qm_status fit_round(qm_context *ctx, qm_reconstruction *r, qm_samples *sa
     return status;
 }
 
-qm_status qm_lattices_fit_noise(qm_context *ctx, qm_reconstruction *r, bool only_stale)
+qm_status qm_noise_fit_lattices(qm_context *ctx, qm_reconstruction *r, bool only_stale)
 {
     if (!r->guide) return QM_OK;
     double sigma, turn;
-    const qm_data_points *data = qm_guide_points(r->guide, &sigma, &turn);
+    const qm_noise_points *data = qm_guide_points(r->guide, &sigma, &turn);
     size_t patches = r->layout.patch_count, *first = qm_context_alloc(ctx, patches, sizeof *first), faces = 0;
     /* The points are only read. */
     qm_samples samples = {.count = data->count, .positions = data->positions, .normals = data->normals};
