@@ -188,7 +188,7 @@
  *   samples: number }[] }} ReconstructionPatches */
 
 /** @typedef {{ id: string, type: string, state: JobState, created: string, started?: string, ended?: string,
- *   request: Record<string, any> & { type: string }, progress?: Bounds, result?: JobResult, problem?: Problem,
+ *   request: Record<string, any> & { type: string }, progress?: Bounds | Stage, result?: JobResult, problem?: Problem,
  *   cached?: true, labels: string[] }} Job */
 
 /** @typedef {Bounds & { event: "bounds", seq: number }} BoundsEvent */
@@ -197,8 +197,9 @@
 /** @typedef {StepRecord & { event: "step", seq: number }} StepEvent */
 /** @typedef {{ event: "pairs", seq: number, elapsed_ms: number, pair_count: number, searched_pairs: number,
  *   bounded_pairs: number, searches: number, pairs: PairRow[] }} PairsEvent */
-/** @typedef {{ event: "stage", seq: number, elapsed_ms: number, stage: "quads" | "layout" | "steps" | "measure", quads: number,
- *   hausdorff?: LengthInterval }} StageEvent */
+/** @typedef {{ elapsed_ms: number, stage: "quads" | "layout" | "steps" | "measure", quads: number,
+ *   hausdorff?: LengthInterval }} Stage */
+/** @typedef {Stage & { event: "stage", seq: number }} StageEvent */
 /** @typedef {BoundsEvent | StepEvent | StageEvent | PairsEvent | ResultEvent | ErrorEvent} JobEvent */
 
 /** @typedef {{ key: string | number | null, line: number, state: "succeeded" | "failed" | "canceled",

@@ -73,6 +73,12 @@ static bool append_stored(qm_job *job, const qm_store_event *event)
     return true;
 }
 
+/** The name of the events that tell progress. */
+static const char *progress_name(const qm_job *job)
+{
+    return job->request.kind == QM_JOB_REMESH ? "stage" : "bounds";
+}
+
 bool qm_job_take_event(qm_job *job, const qm_store_event *event)
 {
     QM_ASSERT(qm_jobs_is_locked(job->jobs));
@@ -80,9 +86,9 @@ bool qm_job_take_event(qm_job *job, const qm_store_event *event)
     if (!append_stored(job, event)) return false;
     int64_t restarts = (int64_t)((event->seq - 1) / SEQS_OF_A_RUN);
     if (restarts > job->restarts) qm_job_set_restarts(job, restarts);
-    if (strcmp(event->name, "bounds") == 0) {
-        free(job->last_bounds);
-        job->last_bounds = strdup(event->members);
+    if (strcmp(event->name, progress_name(job)) == 0) {
+        free(job->last_progress);
+        job->last_progress = strdup(event->members);
     }
     qm_job_notify_all(job);
     return true;
@@ -98,15 +104,15 @@ void qm_job_add_event(qm_job *job, const char *name, const char *members)
         qm_job_add_event(follower, name, members);
 }
 
-void qm_job_add_bounds(qm_job *job, const char *members)
+void qm_job_add_progress(qm_job *job, const char *members)
 {
     for (qm_job *each = job; each; each = each == job ? job->followers : each->next_follower) {
         char *kept = strdup(members);
         if (!kept) continue;
-        free(each->last_bounds);
-        each->last_bounds = kept;
+        free(each->last_progress);
+        each->last_progress = kept;
     }
-    qm_job_add_event(job, "bounds", members);
+    qm_job_add_event(job, progress_name(job), members);
 }
 
 /* ---- to the store and back ---- */
@@ -164,11 +170,11 @@ static bool has_run(const qm_job *job)
     return job->state == QM_JOB_RUNNING || job->turn || job->leader; /* it is stored before it is queued */
 }
 
-/** The newest bounds of a job, as members, or NULL; they live as long as the job. */
+/** The newest event of progress of a job, its members, or NULL; they live as long as the job. */
 static const char *find_progress(const qm_job *job)
 {
     for (size_t i = job->event_count; i > 0; i--)
-        if (strcmp(job->events[i - 1]->name, "bounds") == 0) return job->events[i - 1]->members;
+        if (strcmp(job->events[i - 1]->name, progress_name(job)) == 0) return job->events[i - 1]->members;
     return NULL;
 }
 

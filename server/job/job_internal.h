@@ -70,7 +70,7 @@ struct qm_job {
     size_t saved_count;   /* the first ones, which the store has taken */
     size_t durable_count; /* the first of these, which no failure of a server takes away any more */
     bool is_from_row;     /* made of a row of the store, without events until qm_job_fetch_events */
-    char *last_bounds;    /* the newest bounds event's own members, for the document */
+    char *last_progress;  /* the newest event's own members of those that tell progress, for the document */
     char *document;       /* members of the resource but for the result, once the job has ended */
     char *result;         /* the result object, or NULL */
     char *labels;         /* as of a mesh, or NULL */
@@ -228,8 +228,9 @@ void qm_job_notify_all(qm_job *job);
  * the lock. */
 void qm_job_add_event(qm_job *job, const char *name, const char *members);
 
-/** Adds a bounds event, and keeps its members for the document. The caller holds the lock. */
-void qm_job_add_bounds(qm_job *job, const char *members);
+/** Adds an event of progress, of the name that these have for the kind of the job, and keeps its members for the document. The
+ * caller holds the lock. */
+void qm_job_add_progress(qm_job *job, const char *members);
 
 /** The number of the event to come. The caller holds the lock. */
 uint64_t qm_job_next_seq(const qm_job *job);
@@ -288,7 +289,7 @@ void qm_job_announce_end(qm_job *job, qm_job_end *end);
  * problem of that. */
 void qm_job_finish_with_mesh(qm_job *job, qm_context *ctx, qm_job_result *result);
 
-/** Tells each stage of a remeshing as an event. */
+/** Tells each stage of a remeshing as progress. */
 typedef struct qm_job_stages {
     qm_job *job;
     double diagonal, start_ms;

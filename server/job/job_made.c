@@ -23,7 +23,7 @@ void qm_job_tell_stage(void *user, const qm_remesh_stage *stage)
     char *members = qm_text_take(&text);
     if (!members) return;
     uv_mutex_lock(&stages->job->jobs->lock);
-    qm_job_add_event(stages->job, "stage", members);
+    qm_job_add_progress(stages->job, members);
     uv_mutex_unlock(&stages->job->jobs->lock);
     free(members);
 }

@@ -29,7 +29,7 @@ qm_job *qm_job_mirrors_make(qm_jobs *jobs, const qm_store_job *row, qm_problem *
     qm_job_set_row(job, row);
     job->is_mirror = true;
     job->state = row->state;
-    job->last_bounds = row->progress ? strdup(row->progress) : NULL;
+    job->last_progress = row->progress ? strdup(row->progress) : NULL;
     qm_stored stored = qm_job_restore_events(job);
     if (stored == QM_STORED) return job;
     *problem = qm_store_read_problem(stored, QM_PROBLEM_INTERNAL, "events of job %s", row->id);

@@ -322,7 +322,7 @@ static void on_progress(void *user, const qm_hausdorff_progress *progress)
     char *members = qm_text_take(&text);
     if (!members) return;
     uv_mutex_lock(&target->job->jobs->lock);
-    qm_job_add_bounds(target->job, members);
+    qm_job_add_progress(target->job, members);
     uv_mutex_unlock(&target->job->jobs->lock);
     free(members);
 }

@@ -28,7 +28,7 @@ static void free_job(qm_job *job)
     for (size_t i = 0; i < job->event_count; i++)
         free(job->events[i]);
     free(job->events);
-    free(job->last_bounds);
+    free(job->last_progress);
     free(job->document);
     free(job->result);
     free(job->labels);
@@ -330,7 +330,7 @@ static bool follow(qm_jobs *jobs, qm_job *job)
         job->next_follower = leader->followers;
         leader->followers = job;
         job->references++;
-        if (leader->last_bounds) qm_job_add_bounds(job, leader->last_bounds);
+        if (leader->last_progress) qm_job_add_progress(job, leader->last_progress);
     }
     uv_mutex_unlock(&jobs->lock);
     return leader != NULL;

@@ -50,7 +50,7 @@ char *qm_job_write_members(const qm_job *job, qm_job_state state, const char *pr
     if (state > QM_JOB_RUNNING) qm_text_printf(&out, ",\"ended\":\"%s\"", now);
     qm_text_add_string(&out, ",\"request\":");
     qm_json_write_request_briefly(&out, &job->request);
-    if (job->last_bounds) qm_text_printf(&out, ",\"progress\":{%s}", job->last_bounds);
+    if (job->last_progress) qm_text_printf(&out, ",\"progress\":{%s}", job->last_progress);
     if (problem) qm_text_printf(&out, ",\"problem\":%s", problem);
     return qm_text_take(&out);
 }

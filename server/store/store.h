@@ -297,8 +297,8 @@ typedef struct qm_store_job {
     char *created;        /* time of submission, RFC 3339 */
     char *document;       /* members of the job resource as of its end but for its result; NULL before */
     char *result;         /* the result object; NULL when the job has none */
-    char *progress;       /* of one that another node runs: members of its newest bounds, or NULL */
-    char *labels;         /* as those of a mesh; they may change at any time */
+    char *progress; /* of one that another node runs: members of its newest event of progress, or NULL */
+    char *labels;   /* as those of a mesh; they may change at any time */
     qm_job_state state;
     int64_t sequence; /* order of creation; given by the store */
     int64_t restarts; /* number of times that it was claimed, and began again */
@@ -340,7 +340,7 @@ qm_stored qm_store_submit_job(qm_store *store, const qm_store_submission *submis
 typedef struct qm_store_run {
     const char *job;
     int64_t restarts;
-    const char *progress; /* members of its newest bounds, or NULL */
+    const char *progress; /* members of its newest event of progress, or NULL */
     bool is_lost;         /* the job is no longer this node's */
     bool is_canceled;     /* a client of another node has asked for its end */
     bool is_watched;      /* clients of other nodes read its events */

@@ -172,11 +172,11 @@ class Client(httpx.Client):
             time.sleep(0.01)
         assert state == "running", state
 
-    def wait_until_bounded(self, job_id):
-        """The document of a running job once it has its first bounds."""
+    def wait_for_progress(self, job_id):
+        """The document of a running job once it has its first bounds, or stage."""
         end = time.monotonic() + PATIENCE
         while "progress" not in (document := self.get(f"/v1/jobs/{job_id}").json()):
-            assert time.monotonic() < end, "the job has no bounds"
+            assert time.monotonic() < end, "the job has no progress"
             time.sleep(0.01)
         return document
 

@@ -27,7 +27,7 @@ def test_prefer_wait_gives_up_in_time(client, slow_pair):
     reply = client.post("/v1/jobs", json={"type": "hausdorff", "a": slow_pair[0], "b": slow_pair[1], **SLOW},
                         headers={"Prefer": "wait=1", "Cache-Control": "no-cache"})
     assert reply.status_code == 202 and 0.9 < time.monotonic() - start < 10
-    job = client.wait_until_bounded(reply.json()["id"])
+    job = client.wait_for_progress(reply.json()["id"])
     assert job["state"] == "running"
     # The bounds so far are part of the document.
     assert job["progress"]["lower"] <= SLOW_DISTANCE <= job["progress"]["upper"]
@@ -91,7 +91,7 @@ def test_idempotency_key(client, spheres, slow_pair):
 
 def test_canceling_keeps_the_bounds(client, slow_pair):
     job = client.start(*slow_pair, headers={"Cache-Control": "no-cache"}, **SLOW)
-    client.wait_until_bounded(job["id"])
+    client.wait_for_progress(job["id"])
     reply = client.delete(f"/v1/jobs/{job['id']}")
     assert reply.status_code == 202
     done = client.wait(job["id"])
@@ -220,7 +220,7 @@ def test_a_mesh_deleted_under_a_job(client, slow_files, make_daemon):
     with make_daemon().client() as own:
         pair = [own.upload(content)["id"] for content in slow_files]
         job = own.start(*pair, deadline_ms=3000, **SLOW)
-        own.wait_until_bounded(job["id"])  # it has its meshes
+        own.wait_for_progress(job["id"])  # it has its meshes
         for mesh in pair:
             assert own.delete(f"/v1/meshes/{mesh}").status_code == 204
         done = own.wait(job["id"])

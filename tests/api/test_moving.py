@@ -77,7 +77,7 @@ def start_slow(client, slow_files):
     """A job that does not end while a test runs, with its first bounds."""
     a, b = (client.upload(content)["id"] for content in slow_files)
     job = client.start(a, b, headers={"Cache-Control": "no-cache"}.items(), **SLOW)["id"]
-    client.wait_until_bounded(job)
+    client.wait_for_progress(job)
     return job
 
 
@@ -172,7 +172,7 @@ def filled(request, tmp_path_factory, slow_files):
     running.stop(signal.SIGKILL)
     running.start()  # the answers are those of a daemon that has begun again
     with running.client() as client:
-        client.wait_until_bounded(job)
+        client.wait_for_progress(job)
         time.sleep(1)
     running.stop(signal.SIGKILL)
     return folder / "data", told, job
@@ -187,7 +187,7 @@ def test_there_and_back(filled, make_node, tmp_path, request):
     check_same(answers(first), told)
     check_keys(first, told["layouts"])
     with first.client() as client:  # the job goes on as after a start of the old daemon
-        client.wait_until_bounded(job)
+        client.wait_for_progress(job)
         events = client.get(f"/v1/jobs/{job}", headers={"Accept": "application/json"}).json()
         assert events["state"] in UNENDED
         assert client.delete(f"/v1/jobs/{job}").status_code == 202

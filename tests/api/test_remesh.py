@@ -141,6 +141,15 @@ def test_a_reader_that_leaves_cancels_it(client, surface):
     assert client.wait(place.rsplit("/", 1)[1])["state"] == "canceled"
 
 
+def test_whoever_polls_sees_the_stage(client, surface):
+    job = client.post("/v1/jobs", json={"type": "remesh", "mesh": surface, **LONG}).json()
+    shown = client.wait_for_progress(job["id"])
+    assert shown["state"] == "running"
+    assert shown["progress"]["stage"] == "quads" and shown["progress"]["quads"] == LONG["quads"]
+    client.delete("/v1/jobs/" + job["id"])
+    assert client.wait(job["id"])["progress"]["stage"] == "quads"
+
+
 def test_a_deadline_ends_it(client, surface):
     job = remesh(client, surface, deadline_ms=150, **LONG)
     assert job["state"] == "failed" and job["problem"]["code"] == "deadline_exceeded"

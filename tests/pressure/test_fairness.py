@@ -46,7 +46,7 @@ def test_small_jobs_end_beside_endless_ones(make_daemon, slow_files, small_files
         assert 3 <= paused <= 5
         # All five went on meanwhile: each has bounds, which hold.
         for job in endless:
-            progress = client.wait_until_bounded(job["id"])["progress"]
+            progress = client.wait_for_progress(job["id"])["progress"]
             assert progress["lower"] <= SLOW_DISTANCE <= progress["upper"]
             client.delete(f"/v1/jobs/{job['id']}")
         for job in endless:
@@ -147,14 +147,14 @@ def test_equal_questions_are_computed_once(make_daemon, slow_files):
         jobs = [client.start(*slow, **SLOW) for _ in range(4)]
         assert len({job["id"] for job in jobs}) == 4
         for job in jobs:
-            assert client.wait_until_bounded(job["id"])["state"] == "running"
+            assert client.wait_for_progress(job["id"])["state"] == "running"
         # The first one ends by its client's wish, and so does one that follows it; the others are computed.
         for job in (jobs[0], jobs[2]):
             client.delete(f"/v1/jobs/{job['id']}")
             assert client.wait(job["id"])["state"] == "canceled"
         for job in (jobs[1], jobs[3]):
             client.wait_until_running(job["id"])
-            assert client.wait_until_bounded(job["id"])["state"] == "running"
+            assert client.wait_for_progress(job["id"])["state"] == "running"
             client.delete(f"/v1/jobs/{job['id']}")
             assert client.wait(job["id"])["state"] == "canceled"
 

@@ -126,6 +126,13 @@ static void visit_pack(point_search *search, size_t index)
 }
 
 /**
+ * Fraction of a squared distance of sort_children by which it may exceed that to the contents of the box. Let v = 2^-24.
+ * A coordinate of p below 2 is off by 2 v, which QM_BOX_MARGIN covers. One that is larger has a gap of at least half of it:
+ * v for p is 2 v of the gap, and the difference rounds by v. Squared, rounded and added: 6 v + v + 2 v < 2^-20.
+ */
+#define BOX_ROUNDING 0x1p-18
+
+/**
  * Sorts the children of a node by their squared distances from a point, d2, of boxes that are a little larger than
  * their contents. Returns the number of children.
  */
@@ -161,8 +168,7 @@ static void visit_node(point_search *search, int level, size_t node)
     float d2[QM_PACK_LANES];
     int children = sort_children(search->bvh, search->p, level, node, d2, order);
     for (int i = 0; i < children; i++) {
-        /* When the point is far away, a float may lose more than the margin of the boxes makes up for. */
-        if ((double)d2[order[i]] * (1.0 - 0x1p-18) > max_d2(search)) return;
+        if ((double)d2[order[i]] * (1.0 - BOX_ROUNDING) > max_d2(search)) return;
         size_t child = 8 * node + (size_t)order[i];
         if (level > 1)
             visit_node(search, level - 1, child);
@@ -223,7 +229,7 @@ static void visit_facing_node(facing_search *search, int level, size_t node)
     float d2[QM_PACK_LANES];
     int children = sort_children(search->bvh, search->p, level, node, d2, order);
     for (int i = 0; i < children; i++) {
-        if ((double)d2[order[i]] * (1.0 - 0x1p-18) > search->best2) return;
+        if ((double)d2[order[i]] * (1.0 - BOX_ROUNDING) > search->best2) return;
         size_t child = 8 * node + (size_t)order[i];
         if (level > 1)
             visit_facing_node(search, level - 1, child);
