@@ -17,6 +17,7 @@ typedef struct reconstruct_options {
     const char *surface, *layout, *output, *picture;
     qm_refine_goal goal;
     double hausdorff; /* the goal, as a fraction of the diagonal */
+    double noise;     /* the option noise_share of a reconstruction */
     bool keeps_curves, settles, has_uv, as_json;
 } reconstruct_options;
 
@@ -157,7 +158,9 @@ static int refine_and_write(qm_context *ctx, const reconstruct_options *options,
         cli_report_status(options->surface, status, ctx, options->as_json);
         return EXIT_BAD_INPUT;
     }
-    bool is_settled = options->settles && stop != QM_REFINE_CANCELED;
+    bool is_settled = options->settles && stop != QM_REFINE_CANCELED && qm_reconstruction_noise(r) == 0.0;
+    if (options->settles && qm_reconstruction_noise(r) > 0.0)
+        fputs("quadmesh: not settled: settled quads would follow the noise of the surface\n", stderr);
     qm_settled settled;
     if (is_settled) {
         qm_settle_goal goal = {qm_quads_options_default(), options->goal.hausdorff};
@@ -194,6 +197,7 @@ static int reconstruct(qm_context *ctx, reconstruct_options *options, const qm_l
     options->goal.hausdorff = options->hausdorff * source.diagonal;
     qm_reconstruction_options how = qm_reconstruction_options_default();
     how.pull_curves = !options->keeps_curves;
+    how.noise_share = options->noise;
     how.thread_count = options->goal.thread_count;
     qm_reconstruction *r;
     status = qm_reconstruction_create(ctx, &source, &layout, &how, &r);
@@ -207,9 +211,20 @@ static int reconstruct(qm_context *ctx, reconstruct_options *options, const qm_l
     return result;
 }
 
+static bool read_noise(const char *text, void *target)
+{
+    double *noise = target;
+    char *end;
+    if (strcmp(text, "auto") == 0) return *noise = QM_NOISE_AUTOMATIC, true;
+    *noise = strtod(text, &end);
+    if (end != text && *end == '\0' && *noise >= 0.0 && *noise <= QM_NOISE_MAX) return true;
+    fprintf(stderr, "quadmesh: --noise takes auto or a number from 0 to %g, not '%s'\n", QM_NOISE_MAX, text);
+    return false;
+}
+
 static int run(int argc, char **argv)
 {
-    reconstruct_options o = {.goal = {.measures = true}};
+    reconstruct_options o = {.goal = {.measures = true}, .noise = QM_NOISE_AUTOMATIC};
     bool skips_measuring = false;
     const cli_option options[] = {
         {.name = "output",
@@ -257,6 +272,16 @@ static int run(int argc, char **argv)
          .type = CLI_FLAG,
          .target = &o.keeps_curves,
          .help = "keep vertices of curves where they were drawn, on the surface or not"},
+        {.name = "noise",
+         .value = "X",
+         .type = CLI_CUSTOM,
+         .read = read_noise,
+         .target = &o.noise,
+         .help =
+             "how far points, or vertices of a mesh, are off the surface: their standard deviation, as a\n"
+             "fraction of the diagonal, to 0.1; the mesh is then fitted to them, as smooth as they allow. "
+             "0:\n"
+             "they are exact. auto (default): found from the points"},
         {.name = "settle",
          .type = CLI_FLAG,
          .target = &o.settles,

@@ -186,11 +186,13 @@
 /** @typedef {Mirror & { distance: { lower: number, upper: number } }} SymmetryPlane */
 /** @typedef {{ points: [number, number][], view: number[], projection: number[], viewport: number[], radius_px?: number,
  *   depth?: number, snap?: number, features?: FeatureSnap, mirror?: Mirror }} Stroke */
-/** @typedef {{ layout: string, source?: string, cover_share?: number, pull_curves?: boolean }} ReconstructionRequest */
+/** @typedef {"automatic" | number} Noise of points, as a fraction of the diagonal */
+/** @typedef {{ layout: string, source?: string, cover_share?: number, pull_curves?: boolean, noise?: Noise }} ReconstructionRequest */
 /** @typedef {{ id: string, source: string, layout: string, patch_count: number, cover_share: number,
- *   pull_curves: boolean, coverage: { samples: number, uncovered_samples: number }, created: string, mesh: string,
+ *   pull_curves: boolean, noise?: Noise, coverage: { samples: number, uncovered_samples: number }, created: string, mesh: string,
  *   quads: number, step_count: number, revision: number, warnings?: ReconstructionWarning[] }} ReconstructionBrief */
-/** @typedef {{ kind: "spans_hole" | "uncovered" | "one_sided" | "inside_out", patch?: number, share?: number,
+/** @typedef {{ kind: "spans_hole" | "uncovered" | "one_sided" | "inside_out" | "noise" | "outliers" | "estimated_normals" |
+ *   "fills_hole", patch?: number, share?: number,
  *   detail: string }} ReconstructionWarning */
 /** @typedef {ReconstructionBrief & { steps: StepRecord[] }} Reconstruction */
 /** @typedef {{ quads: number, patches: { patch: number, first_face: number, columns: number, rows: number,

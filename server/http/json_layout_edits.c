@@ -291,7 +291,10 @@ static bool read_options(const cJSON *object, qm_reconstruction_options *out, qm
 {
     const cJSON *share = cJSON_GetObjectItemCaseSensitive(object, "cover_share");
     const cJSON *pull = cJSON_GetObjectItemCaseSensitive(object, "pull_curves");
+    const cJSON *noise = cJSON_GetObjectItemCaseSensitive(object, "noise");
     *out = qm_reconstruction_options_default();
+    if (noise && !qm_json_read_noise(noise, &out->noise_share))
+        return qm_json_reject(problem, "must be \"automatic\" or a number from 0 to 0.1", "/noise", 0, 0);
     if (share && (!qm_json_read_number(share, &out->cover_share) || !(out->cover_share > 0.0)))
         return qm_json_reject(problem, "must be a number above 0", "/cover_share", 0, 0);
     if (pull && !cJSON_IsBool(pull))
@@ -303,7 +306,7 @@ static bool read_options(const cJSON *object, qm_reconstruction_options *out, qm
 bool qm_json_read_reconstruction(const char *text, size_t size, qm_json_reconstruction *out,
                                  qm_problem *problem)
 {
-    static const char *const names[] = {"source", "layout", "cover_share", "pull_curves", NULL};
+    static const char *const names[] = {"source", "layout", "cover_share", "pull_curves", "noise", NULL};
     *out = (qm_json_reconstruction){0};
     cJSON *object = qm_json_parse_object(text, size, "a reconstruction", problem);
     if (!object) return false;

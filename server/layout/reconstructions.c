@@ -10,6 +10,7 @@
 #include "base/clock.h"
 #include "base/json.h"
 #include "ops/json_layout.h"
+#include "ops/json_request.h"
 #include "reconstructions.h"
 #include "store/store_problem.h"
 
@@ -148,6 +149,7 @@ static lease_entry *lease_rebuild(qm_reconstructions *rs, const char *id, const 
     qm_reconstruction_options options = qm_reconstruction_options_default();
     options.cover_share = row.cover_share;
     options.pull_curves = row.pull_curves;
+    options.noise_share = qm_json_find_noise(row.document);
     lease_entry *e = lease_begin(rs, row.source, row.layout, &options, host, problem);
     if (e) {
         memcpy(e->lease.id, row.id, sizeof e->lease.id);
@@ -339,7 +341,8 @@ static char *make_state(const char *mesh, size_t quads, size_t steps)
     return qm_text_take(&text);
 }
 
-static char *make_document(const qm_reconstruction_lease *r, const qm_store_reconstruction *row)
+static char *make_document(const qm_reconstruction_lease *r, const qm_store_reconstruction *row,
+                           double noise_share)
 {
     char created[QM_TIME_SIZE];
     size_t points, uncovered;
@@ -355,6 +358,10 @@ static char *make_document(const qm_reconstruction_lease *r, const qm_store_reco
     qm_json_add_count(&text, "patch_count", qm_reconstruction_patch_count(r->reconstruction));
     qm_json_add_number(&text, "cover_share", row->cover_share);
     qm_json_add_bool(&text, "pull_curves", row->pull_curves);
+    if (noise_share == QM_NOISE_AUTOMATIC)
+        qm_json_add_string(&text, "noise", "automatic");
+    else
+        qm_json_add_number(&text, "noise", noise_share);
     qm_json_open(&text, "coverage", "{");
     qm_json_add_count(&text, "samples", points);
     qm_json_add_count(&text, "uncovered_samples", uncovered);
@@ -415,14 +422,14 @@ static qm_stored put_new(void *user, const qm_store_mesh *mesh, bool is_new, qm_
 }
 
 static bool fill_row(qm_reconstructions *rs, qm_reconstruction_lease *r, const char *layout_text,
-                     const qm_store_idempotency *idempotency, qm_store_reconstruction *row,
-                     qm_problem *problem)
+                     double noise_share, const qm_store_idempotency *idempotency,
+                     qm_store_reconstruction *row, qm_problem *problem)
 {
     memcpy(row->id, r->id, sizeof row->id);
     row->layout = strdup(layout_text);
     row->steps = strdup("");
     row->records = strdup("");
-    row->document = make_document(r, row);
+    row->document = make_document(r, row, noise_share);
     if (!row->layout || !row->steps || !row->records || !row->document) {
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reconstruction");
         return false;
@@ -443,7 +450,7 @@ bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const ch
     lease_entry *e = lease_begin(rs, source, layout_text, options, NULL, problem);
     if (!e) return false;
     qm_id_make('r', e->lease.id);
-    if (!fill_row(rs, &e->lease, layout_text, idempotency, out, problem)) {
+    if (!fill_row(rs, &e->lease, layout_text, options->noise_share, idempotency, out, problem)) {
         qm_store_reconstruction_reset(out);
         lease_free(rs, e);
         return false;

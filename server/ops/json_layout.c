@@ -324,7 +324,8 @@ void qm_layout_issue_text(const qm_layout_issue *issue, char out[QM_ISSUE_TEXT])
 
 const char *qm_json_warning_name(qm_reconstruction_warning_kind kind)
 {
-    static const char *const names[] = {"spans_hole", "uncovered", "one_sided", "inside_out"};
+    static const char *const names[] = {"spans_hole", "uncovered", "one_sided",         "inside_out",
+                                        "noise",      "outliers",  "estimated_normals", "fills_hole"};
     _Static_assert(sizeof names / sizeof names[0] == QM_RECONSTRUCTION_WARNING_COUNT, "a name for each kind");
     QM_ASSERT(kind < QM_RECONSTRUCTION_WARNING_COUNT);
     return names[kind];
@@ -338,9 +339,28 @@ void qm_json_warning_text(const qm_reconstruction_warning *warning, char out[QM_
         snprintf(out, QM_WARNING_TEXT, "no patch covers %.1f %% of the surface", 100.0 * warning->share);
     else if (warning->kind == QM_RECONSTRUCTION_ONE_SIDED)
         snprintf(out, QM_WARNING_TEXT, "the patches have no common orientation: the layout is one-sided");
+    else if (warning->kind == QM_RECONSTRUCTION_NOISE)
+        snprintf(out, QM_WARNING_TEXT,
+                 "the points are off the surface by %.2g of the diagonal: the mesh is fitted to them",
+                 warning->share);
+    else if (warning->kind == QM_RECONSTRUCTION_OUTLIERS)
+        snprintf(out, QM_WARNING_TEXT, "%.2g %% of the points are outliers and do not count",
+                 100.0 * warning->share);
+    else if (warning->kind == QM_RECONSTRUCTION_NORMALS)
+        snprintf(out, QM_WARNING_TEXT, "the points have no normals that agree: normals are estimated");
+    else if (warning->kind == QM_RECONSTRUCTION_FILLS_HOLE)
+        snprintf(out, QM_WARNING_TEXT,
+                 "%.2g %% of the vertices lie in holes between the points, which are filled",
+                 100.0 * warning->share);
     else
         snprintf(out, QM_WARNING_TEXT,
                  "the faces look inward, as those of the surface: the mesh is inside out");
+}
+
+static bool has_share(qm_reconstruction_warning_kind kind)
+{
+    return kind == QM_RECONSTRUCTION_UNCOVERED || kind == QM_RECONSTRUCTION_NOISE ||
+           kind == QM_RECONSTRUCTION_OUTLIERS || kind == QM_RECONSTRUCTION_FILLS_HOLE;
 }
 
 void qm_json_add_warnings(qm_text *out, const qm_reconstruction *reconstruction)
@@ -357,8 +377,7 @@ void qm_json_add_warnings(qm_text *out, const qm_reconstruction *reconstruction)
         qm_json_add_string(out, "kind", qm_json_warning_name(warning[i].kind));
         if (warning[i].kind == QM_RECONSTRUCTION_SPANS_HOLE)
             qm_json_add_count(out, "patch", warning[i].patch);
-        if (warning[i].kind == QM_RECONSTRUCTION_UNCOVERED)
-            qm_json_add_number(out, "share", warning[i].share);
+        if (has_share(warning[i].kind)) qm_json_add_number(out, "share", warning[i].share);
         qm_json_add_string(out, "detail", text);
         qm_text_add_string(out, "}");
     }

@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "base/json.h"
+#include "qm/reconstruct.h"
 
 #define MAX_INDEX 2147483647.0
 #define POINTER_SIZE sizeof(((qm_problem_error *)NULL)->pointer)
@@ -70,6 +71,31 @@ bool qm_json_read_number(const cJSON *value, double *out)
 {
     *out = cJSON_GetNumberValue(value);
     return cJSON_IsNumber(value) && isfinite(*out);
+}
+
+bool qm_json_read_noise(const cJSON *value, double *out)
+{
+    if (cJSON_IsString(value) && strcmp(value->valuestring, "automatic") == 0) {
+        *out = QM_NOISE_AUTOMATIC;
+        return true;
+    }
+    return qm_json_read_number(value, out) && *out >= 0.0 && *out <= QM_NOISE_MAX;
+}
+
+double qm_json_find_noise(const char *members)
+{
+    qm_text text = {0};
+    qm_text_add_string(&text, "{");
+    qm_text_add_string(&text, members);
+    qm_text_add_string(&text, "}");
+    char *whole = qm_text_take(&text);
+    cJSON *object = whole ? cJSON_Parse(whole) : NULL;
+    const cJSON *noise = cJSON_GetObjectItemCaseSensitive(object, "noise");
+    double share = 0.0;
+    if (noise && !qm_json_read_noise(noise, &share)) share = 0.0;
+    cJSON_Delete(object);
+    free(whole);
+    return share;
 }
 
 bool qm_json_read_integer(const cJSON *value, double min, double max, double *out)

@@ -35,7 +35,9 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     goal.thread_count = call->threads;
     qm_status status = qm_refine(call->ctx, refining->reconstruction, refining->source, &goal,
                                  refining->on_step, refining->user, &out->refine_stop);
-    if (status == QM_OK && call->request->settles && out->refine_stop != QM_REFINE_CANCELED)
+    bool has_noise =
+        qm_reconstruction_noise(refining->reconstruction) > 0.0; /* settled quads would follow it */
+    if (status == QM_OK && call->request->settles && !has_noise && out->refine_stop != QM_REFINE_CANCELED)
         status = settle(call, &goal, out);
     out->is_canceled = status == QM_OK && out->refine_stop == QM_REFINE_CANCELED;
     return status;

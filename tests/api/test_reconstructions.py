@@ -549,3 +549,49 @@ def test_a_limit_that_allows_no_step_fails_and_no_goal_is_the_default(client, sa
     assert job["state"] == "failed" and "no step fits into the limit of 2 quads" in job["problem"]["detail"]
     result = refine(client, made, measure=False)["result"]
     assert result["stopped_by"] == "max_quads" and 9500 < result["quads"] <= 10000
+
+
+def noisy_points(sigma):
+    chance = random.Random(11)
+    rows = (on_saddle(chance.uniform(-1, 1), chance.uniform(-1, 1)) for _ in range(6000))
+    return "".join("%.9f %.9f %.9f\n" % (x, y, z + chance.gauss(0, sigma)) for x, y, z in rows).encode()
+
+
+def off_saddle(client, mesh):
+    """The root mean square of the vertices' heights over the saddle."""
+    rows = client.get(f"/v1/meshes/{mesh}/content?format=obj").text.splitlines()
+    heights = [float(r[3]) - on_saddle(float(r[1]), float(r[2]))[2] for r in map(str.split, rows) if r and r[0] == "v"]
+    return math.sqrt(sum(height ** 2 for height in heights) / len(heights))
+
+
+def test_noise_is_fitted_and_told(client):
+    mesh = client.upload(noisy_points(0.015), format="xyz")["id"]
+    off = {}
+    for noise in ("automatic", 0.005, 0):
+        made = start(client, mesh, **({} if noise == "automatic" else {"noise": noise}))
+        told = {w["kind"]: w for w in made["warnings"]}
+        assert made["noise"] == noise and ("noise" in told) == (noise != 0) and "estimated_normals" in told
+        off[noise] = off_saddle(client, refine(client, made, until={"max_quads": 400})["result"]["mesh"])
+    assert off["automatic"] < 0.2 * 0.015 and off[0.005] < 0.2 * 0.015 and off[0] > 1.5 * off["automatic"]
+    layout = client.post("/v1/layouts", json={"mesh": mesh, **saddle_layout()}).json()["id"]
+    for wrong in (-0.1, 0.11, "much", None, True, [0.1]):
+        problem = check_problem(client.post("/v1/reconstructions", json={"layout": layout, "noise": wrong}), 400,
+                                "invalid_field")
+        assert problem["errors"][0]["pointer"] == "/noise"
+
+
+@pytest.mark.parametrize("noise", ["automatic", 0.004, 0])
+def test_noise_is_fitted_alike_after_a_kill(make_daemon, noise):
+    meshes = []
+    for is_killed in (False, True):
+        running = make_daemon()
+        with running.client() as client:
+            made = start(client, client.upload(noisy_points(0.015), format="xyz")["id"], noise=noise)
+            refine(client, made, until={"max_quads": 64}, measure=False)
+        if is_killed:
+            running.stop(signal.SIGKILL)
+            running.start()
+        with running.client() as client:
+            result = refine(client, made, until={"max_quads": 256}, measure=False)["result"]
+            meshes.append(client.get(f"/v1/meshes/{result['mesh']}/content?format=ply").content)
+    assert meshes[0] == meshes[1]

@@ -30,6 +30,7 @@ import time
 import bench_accelerators
 import bench_agreement
 import bench_align
+import bench_clouds
 import bench_collide
 import bench_compare
 import bench_deviation
@@ -54,7 +55,7 @@ PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench
          "project": bench_projection,
          "collide": bench_collide, "deviation": bench_deviation, "compare": bench_compare, "align": bench_align, "matrix": bench_matrix,
          "accelerators": bench_accelerators, "agreement": bench_agreement, "service": bench_service, "store": bench_store,
-         "reconstruct": bench_reconstruct, "remesh": bench_remesh}
+         "reconstruct": bench_reconstruct, "clouds": bench_clouds, "remesh": bench_remesh}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")
 
 

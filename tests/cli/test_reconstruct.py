@@ -2,6 +2,7 @@
 import json
 import math
 import os
+import random
 import re
 import struct
 import zlib
@@ -228,3 +229,38 @@ def test_texture_coordinates_of_its_patches(quadmesh, surface, layout, tmp_path)
     for face in faces:
         (a, b), (c, d) = uv[face[0][1] - 1], uv[face[2][1] - 1]
         assert c - a == pytest.approx(d - b) and c > a
+
+
+def add_noise(path, sigma):
+    """The plate's rows of points with noise along z, and no faces."""
+    chance = random.Random(7)
+    rows = (on_plate(chance.random(), chance.random()) for _ in range(8000))
+    path.write_text("".join("{!r} {!r} {!r}\n".format(x, y, z + chance.gauss(0, sigma)) for x, y, z in rows))
+    return path
+
+
+def off_plate(path):
+    """The root mean square of the vertices' distances from the plate, along z."""
+    rows = [tuple(map(float, line.split()[1:4])) for line in path.read_text().splitlines() if line.startswith("v ")]
+    return math.sqrt(sum((z - on_plate(x, y)[2]) ** 2 for x, y, z in rows) / len(rows))
+
+
+def test_noise_is_found_given_or_kept(quadmesh, layout, tmp_path):
+    points = add_noise(tmp_path / "points.xyz", 0.006)
+
+    def run(*words):
+        done = quadmesh("reconstruct", points, layout, "-o", "out.obj", "--quads", "400", "--no-measure", "--json", *words)
+        assert done.returncode == 0, done.stderr
+        return ({w["kind"]: w for w in json.loads(done.stdout.splitlines()[-1])["warnings"]}, off_plate(tmp_path / "out.obj"),
+                done.stderr)
+
+    found, off_found, _ = run()
+    assert 0.003 < found["noise"]["share"] < 0.0055  # 0.006 of a diagonal of 1.45
+    assert "estimated_normals" in found and off_found < 0.2 * 0.006
+    given, off_given, _ = run("--noise", "0.004")
+    assert given["noise"]["share"] == pytest.approx(0.004) and off_given < 0.2 * 0.006
+    kept, off_kept, _ = run("--noise", "0")
+    assert "noise" not in kept and off_kept > 1.5 * off_found
+    for wrong in ("-1", "0.2", "much", "", "nan", "0.01x"):
+        done = quadmesh("reconstruct", points, layout, "-o", "out.obj", "--noise", wrong)
+        assert done.returncode == 2 and "--noise" in done.stderr

@@ -28,19 +28,24 @@
 #include "qm/source.h"
 
 #define QM_RECONSTRUCTION_BASE 8
+#define QM_NOISE_AUTOMATIC -1.0
+#define QM_NOISE_MAX 0.1 /* of the diagonal: with more there is no surface */
 
 typedef struct qm_reconstruction qm_reconstruction;
 
 typedef struct qm_reconstruction_options {
     double cover_share; /* > 0, of the diagonal: a point farther than this from all patches is uncovered */
     bool pull_curves;   /* project vertices of curves onto the surface when they are within that distance */
-    int thread_count;   /* 1 or more; the result does not depend on it */
+    double
+        noise_share; /* of the diagonal: the standard deviation of the points from the surface, to which the mesh
+                           is fitted then; 0: they are exact; QM_NOISE_AUTOMATIC: found from the points */
+    int thread_count; /* 1 or more; the result does not depend on it */
     const double *
         grids; /* NULL, or a grid of each patch (QM_LAYOUT_GRID) with which lattices start, instead of a map that is
                             found from the curves: curves may cross then. Used by qm_reconstruction_create alone */
 } qm_reconstruction_options;
 
-/** 0.02, true, 1. */
+/** 0.02, true, QM_NOISE_AUTOMATIC, 1. */
 qm_reconstruction_options qm_reconstruction_options_default(void);
 
 /**
@@ -112,18 +117,27 @@ typedef enum qm_reconstruction_warning_kind {
     QM_RECONSTRUCTION_UNCOVERED,  /* more than a hundredth of the samples is beyond the cover distance */
     QM_RECONSTRUCTION_ONE_SIDED,  /* the patches have no common orientation, as on a Moebius strip */
     QM_RECONSTRUCTION_INSIDE_OUT, /* the mesh is closed and its faces look inward, as those of the surface do */
+    QM_RECONSTRUCTION_NOISE,      /* the points are off the surface: the mesh is fitted to them */
+    QM_RECONSTRUCTION_OUTLIERS,   /* points that are not of the surface, and do not count */
+    QM_RECONSTRUCTION_NORMALS,    /* normals of the points are missing or do not agree: they are estimated */
+    QM_RECONSTRUCTION_FILLS_HOLE, /* some of the mesh lies where there are no points: it spans holes smoothly */
     QM_RECONSTRUCTION_WARNING_COUNT
 } qm_reconstruction_warning_kind;
 
 typedef struct qm_reconstruction_warning {
     qm_reconstruction_warning_kind kind;
     size_t patch; /* that spans the hole */
-    double share; /* of the samples that is uncovered */
+    double
+        share; /* of the samples that is uncovered; of the diagonal that the noise is; of the points that are
+                     outliers; of the inner vertices that are in holes */
 } qm_reconstruction_warning;
 
 /** Finds the warnings of a reconstruction as it is; writes up to capacity of them, and returns their number. */
 size_t qm_reconstruction_find_warnings(const qm_reconstruction *reconstruction,
                                        qm_reconstruction_warning *out, size_t capacity);
+
+/** The standard deviation of the points from the surface, in its unit, to which the mesh is fitted; 0 where they are exact. */
+double qm_reconstruction_noise(const qm_reconstruction *reconstruction);
 
 /** Counts the points or samples, and those farther than the cover distance from all patches. */
 void qm_reconstruction_coverage(const qm_reconstruction *reconstruction, size_t *points, size_t *uncovered);

@@ -112,7 +112,7 @@ qm_tie qm_nearest_face(const qm_kernel *kernel, const qm_locator *locator, qm_qu
 
 /* ---- the nearest points of a point set ---- */
 
-#define QM_NEAREST_POINTS_MAX 32
+#define QM_NEAREST_POINTS_MAX 128
 
 typedef struct qm_nearest_points {
     int count;

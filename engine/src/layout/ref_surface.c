@@ -90,7 +90,7 @@ void qm_ref_surface_set_point(const qm_ref_surface *surface, qm_vec p, qm_vec at
 void qm_ref_surface_project_to_points(const qm_ref_surface *surface, qm_vec p, const qm_nearest_points *near,
                                       qm_ref_surface_point *out)
 {
-    QM_ASSERT(near->count >= 1 && near->count <= QM_FIT_POINTS);
+    QM_ASSERT(near->count >= 1 && near->count <= QM_NEAREST_POINTS_MAX);
     /* Weights fall with the distance from the nearest neighbour, not from p, which may be far from all of
      * them. */
     qm_vec nearest = near->position[0];

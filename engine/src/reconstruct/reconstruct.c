@@ -28,7 +28,8 @@ enum { POINT_SIZE = 3 * sizeof(double) };
 
 qm_reconstruction_options qm_reconstruction_options_default(void)
 {
-    return (qm_reconstruction_options){.cover_share = 0.02, .pull_curves = true, .thread_count = 1};
+    return (qm_reconstruction_options){
+        .cover_share = 0.02, .pull_curves = true, .noise_share = QM_NOISE_AUTOMATIC, .thread_count = 1};
 }
 
 static qm_status no_memory(qm_context *ctx)
@@ -53,6 +54,7 @@ void qm_reconstruction_destroy(qm_context *ctx, qm_reconstruction *r)
     qm_context_free(ctx, r->chords, r->layout.curve_count, sizeof *r->chords);
     qm_layout_reset(ctx, &r->layout);
     qm_creases_reset(ctx, &r->creases);
+    qm_guide_release(ctx, r->guide);
     qm_context_free(ctx, r, 1, sizeof *r);
 }
 
@@ -100,8 +102,11 @@ static bool is_near_surface(const qm_reconstruction *r, const qm_lattice *lattic
             double edge =
                 fmax(qm_vec_distance(qm_lattice_at(lattice, i - 1, j), qm_lattice_at(lattice, i, j)),
                      qm_vec_distance(qm_lattice_at(lattice, i, j - 1), qm_lattice_at(lattice, i, j)));
-            near += gap(&r->surface, qm_lattice_vertex(lattice, i, j)) <=
-                    fmin(0.5 * edge, qm_reconstruction_cover_distance(r));
+            const double *vertex = qm_lattice_vertex(lattice, i, j);
+            /* The edges of a small patch may be shorter than the spacing of points. */
+            bool is_dense = r->surface.is_cloud && !qm_reconstruction_is_in_gap(r->surface.bvh, vertex);
+            double reach = qm_reconstruction_cover_distance(r);
+            near += gap(&r->surface, vertex) <= (is_dense ? reach : fmin(0.5 * edge, reach));
         }
     }
     return 2 * near > count;
@@ -190,9 +195,10 @@ static bool is_unchanged(const qm_reconstruction *r, const qm_reconstruction *ol
 }
 
 /**
- * Raises the counts of chords to those that their curves had, and copies the polylines of unchanged curves.
+ * Raises the counts of chords to those that their curves had, and copies the polylines of unchanged curves with their vertices, which a
+ * fit to noise may have moved. QM_OK or QM_E_NO_MEMORY.
  */
-static void inherit_curves(qm_reconstruction *r, const qm_reconstruction *old)
+static qm_status inherit_curves(qm_context *ctx, qm_reconstruction *r, const qm_reconstruction *old)
 {
     for (size_t i = 0; i < r->layout.curve_count; i++) {
         uint32_t old_curve = find_old_curve(r, old, i);
@@ -210,7 +216,13 @@ static void inherit_curves(qm_reconstruction *r, const qm_reconstruction *old)
         QM_ASSERT(to->point_count == from->point_count);
         memcpy(to->points, from->points, from->point_count * POINT_SIZE);
         memcpy(to->arc, from->arc, from->point_count * sizeof *from->arc);
+        if (to->chord == QM_NO_INDEX || !from->vertices) continue;
+        to->vertices = qm_context_alloc(ctx, (size_t)from->vertex_edges + 1, POINT_SIZE);
+        if (!to->vertices) return no_memory(ctx);
+        to->vertex_edges = from->vertex_edges;
+        memcpy(to->vertices, from->vertices, ((size_t)from->vertex_edges + 1) * POINT_SIZE);
     }
+    return QM_OK;
 }
 
 /**
@@ -267,6 +279,10 @@ static qm_status create_empty(qm_context *ctx, const qm_ref_surface *surface, co
     *out = NULL;
     if (!(options->cover_share > 0.0) || options->thread_count < 1)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "the cover share must be above 0, threads 1 or more");
+    if (options->noise_share != QM_NOISE_AUTOMATIC &&
+        !(options->noise_share >= 0.0 && options->noise_share <= QM_NOISE_MAX))
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the noise must be between 0 and %g of the diagonal",
+                               QM_NOISE_MAX);
     if (layout->patch_count == 0)
         return qm_context_fail(ctx, QM_E_LAYOUT, "the layout has no patch: no four curves close a cell");
     qm_status status =
@@ -277,7 +293,7 @@ static qm_status create_empty(qm_context *ctx, const qm_ref_surface *surface, co
     if (status != QM_OK) return status;
     qm_reconstruction *r = qm_context_alloc(ctx, 1, sizeof *r);
     if (!r) return no_memory(ctx);
-    *r = (qm_reconstruction){.surface = *surface, .options = *options};
+    *r = (qm_reconstruction){.given = *surface, .surface = *surface, .options = *options};
     status = qm_layout_copy(ctx, layout, &r->layout);
     /* The ends of fixed curves stay, too. Grids come with curves that lie where they belong. */
     for (size_t i = 0; i < r->layout.curve_count && status == QM_OK; i++) {
@@ -288,6 +304,21 @@ static qm_status create_empty(qm_context *ctx, const qm_ref_surface *surface, co
     }
     if (status == QM_OK && !options->grids) status = qm_creases_follow(ctx, &r->layout, surface, &r->creases);
     *out = r;
+    return status;
+}
+
+/** Finds the noise and the outliers of the surface, or takes over what was found. */
+static qm_status find_guide(qm_context *ctx, qm_reconstruction *r, const qm_reconstruction *old)
+{
+    qm_status status = QM_OK;
+    if (old) {
+        r->guide = qm_guide_keep(old->guide);
+        r->outlier_share = old->outlier_share;
+    } else {
+        status = qm_guide_create(ctx, &r->given, r->options.noise_share, r->options.thread_count, &r->guide,
+                                 &r->outlier_share);
+    }
+    if (r->guide) r->surface = *qm_guide_surface(r->guide);
     return status;
 }
 
@@ -302,13 +333,14 @@ static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconst
     if (r->lattices) memset(r->lattices, 0, patches * sizeof *r->lattices);
     r->chords = qm_context_alloc(ctx, curves, sizeof *r->chords);
     if (!r->polylines || !r->lattices || !r->chords) return no_memory(ctx);
-    qm_status status = qm_samples_create(ctx, r, first_sample_count(r), samples);
+    qm_status status = find_guide(ctx, r, old);
+    if (status == QM_OK) status = qm_samples_create(ctx, r, first_sample_count(r), samples);
     if (status == QM_OK) status = qm_samples_find_sides(ctx, r, samples);
     if (status == QM_OK) status = qm_chords_find(ctx, r);
     if (status == QM_OK) status = qm_polylines_create(ctx, r);
     if (status == QM_OK) status = qm_polylines_reroute(ctx, r, first_sample_count(r));
     if (status == QM_OK) qm_polylines_straighten(r);
-    if (status == QM_OK && old) inherit_curves(r, old);
+    if (status == QM_OK && old) status = inherit_curves(ctx, r, old);
     if (status == QM_OK) status = qm_polylines_set_vertices(ctx, r);
     return status == QM_OK ? qm_parameters_find(ctx, r, samples) : status;
 }
@@ -354,6 +386,7 @@ static qm_status fit_new(qm_context *ctx, qm_reconstruction *r, qm_samples *samp
     qm_samples_reset(ctx, samples);
     status = create_fine_samples(ctx, r, samples);
     if (status == QM_OK) status = refine_lattices(ctx, r, STEP_FAIR, samples);
+    if (status == QM_OK) status = qm_noise_fit_lattices(ctx, r, false);
     if (status == QM_OK) qm_chords_measure(r);
     return status;
 }
@@ -385,6 +418,7 @@ static qm_status fit_changed(qm_context *ctx, qm_reconstruction *r, const qm_rec
     if (status == QM_OK) status = create_fine_samples(ctx, r, samples);
     for (int round = 0; round < EDIT_ROUNDS && status == QM_OK; round++)
         status = refine_lattices(ctx, r, round == 0 ? START_FAIR : STEP_FAIR, samples);
+    if (status == QM_OK) status = qm_noise_fit_lattices(ctx, r, true);
     if (status != QM_OK) return status;
     count_uncovered(r, samples);
     qm_chords_measure(r);
@@ -412,7 +446,7 @@ qm_status qm_reconstruction_edit(qm_context *ctx, const qm_reconstruction *old, 
 {
     QM_ASSERT(ctx && old && layout && out && redone_patches);
     qm_samples samples = {0};
-    qm_status status = create_empty(ctx, &old->surface, layout, &old->options, out);
+    qm_status status = create_empty(ctx, &old->given, layout, &old->options, out);
     if (status == QM_OK) status = prepare(ctx, *out, old, &samples);
     if (status == QM_OK) status = fit_changed(ctx, *out, old, &samples, redone_patches);
     qm_samples_reset(ctx, &samples);
@@ -515,7 +549,7 @@ static qm_status take_step(qm_context *ctx, qm_reconstruction *r, size_t max_qua
     for (int round = 0; round < (can_double ? 1 : FILL_ROUNDS) && status == QM_OK; round++)
         status = refine_lattices(ctx, r, STEP_FAIR, &samples);
     qm_samples_reset(ctx, &samples);
-    return status;
+    return status == QM_OK ? qm_noise_fit_lattices(ctx, r, false) : status;
 }
 
 qm_status qm_reconstruction_step(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
@@ -587,6 +621,13 @@ void qm_reconstruction_coverage(const qm_reconstruction *r, size_t *points, size
 {
     *points = r->point_count;
     *uncovered = r->uncovered_count;
+}
+
+double qm_reconstruction_noise(const qm_reconstruction *r)
+{
+    double sigma = 0.0, turn;
+    if (r->guide) qm_guide_points(r->guide, &sigma, &turn);
+    return sigma;
 }
 
 double qm_reconstruction_cover_distance(const qm_reconstruction *r)

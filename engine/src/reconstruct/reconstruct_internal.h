@@ -12,6 +12,10 @@
  *   reconstruct_lattice_fit.c         inner vertices of lattices from the samples around them
  *   reconstruct_lattice_untangle.c    repair of folded and inverted quads
  *   reconstruct_lattice_mesh.c        lattices to a mesh, and its boundary
+ *   reconstruct_noise.c       the noise of the surface's points, and outliers
+ *   reconstruct_guide.c       a smooth surface through noisy points, that the stages work on
+ *   reconstruct_noise_fit.c   lattices as a least-squares fit to noisy points
+ *   reconstruct_bending.c     the bending energy of that fit
  *   reconstruct_warnings.c    whether the layout fits the surface; what the result does not show by itself
  *
  * A layout patch has a lattice of vertices. A chord has two counts: `edges` is that of the mesh;
@@ -26,6 +30,7 @@
 #include "layout/layout_creases.h"
 #include "mesh/quad_shape.h"
 #include "qm/reconstruct.h"
+#include "reconstruct_points.h"
 
 /** The curves that are doubled together. */
 typedef struct qm_chord {
@@ -77,7 +82,10 @@ typedef struct qm_samples {
 } qm_samples;
 
 struct qm_reconstruction {
-    qm_ref_surface surface;
+    qm_ref_surface given;   /* the surface as it came */
+    qm_ref_surface surface; /* what the stages work on: the same, or the guide's */
+    qm_guide *guide;        /* NULL where the points are exact */
+    double outlier_share;   /* of the points */
     qm_reconstruction_options options;
     qm_layout layout;
     qm_creases creases; /* near sharp curves; none without such */
@@ -134,6 +142,9 @@ static inline qm_chord *qm_chord_of_patch(const qm_reconstruction *r, size_t pat
 /** Checks that the layout lies where the surface does, in its unit. QM_OK or QM_E_LAYOUT. */
 qm_status qm_reconstruction_check_place(qm_context *ctx, const qm_ref_surface *surface,
                                         const qm_layout *layout, double cover_distance);
+
+/** True if a position is farther from all points of a tree than these are from each other there. */
+bool qm_reconstruction_is_in_gap(const qm_bvh *tree, const double position[3]);
 
 /** Finds the chords of the layout. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r);
@@ -255,6 +266,15 @@ size_t qm_lattices_find_patch(const size_t *first, size_t patch_count, uint32_t 
  * far as possible. QM_OK; QM_E_TOO_LARGE; QM_E_NO_MEMORY.
  */
 qm_status qm_lattices_mesh(qm_context *ctx, const qm_reconstruction *r, bool fine, qm_mesh *out);
+
+/** Sets the vertices of all lattices and polylines from a mesh of all lattices. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_lattices_set(qm_context *ctx, qm_reconstruction *r, const qm_mesh *mesh);
+
+/**
+ * Where the points have noise, fits all vertices to them, those of curves as well unless these are kept; of the stale lattices and what
+ * they alone have if only_stale. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
+ */
+qm_status qm_noise_fit_lattices(qm_context *ctx, qm_reconstruction *r, bool only_stale);
 
 /**
  * Takes `wanted` samples of the surface, or fewer if a point set has fewer points. QM_OK or QM_E_NO_MEMORY.

@@ -105,7 +105,8 @@ static qm_status fill_mesh(qm_context *ctx, const numbering *n, uint32_t first, 
     return QM_OK;
 }
 
-static qm_status make_mesh(qm_context *ctx, numbering *n, qm_mesh *out)
+/** Numbers the nodes and the inner vertices of curves. */
+static void number_curves(numbering *n)
 {
     const qm_layout *layout = &n->r->layout;
     for (size_t i = 0; i < layout->node_count; i++)
@@ -121,6 +122,12 @@ static qm_status make_mesh(qm_context *ctx, numbering *n, qm_mesh *out)
         n->curve[i] = (uint32_t)n->vertex_count;
         n->vertex_count += curve_edges(n, (uint32_t)i) - 1;
     }
+}
+
+static qm_status make_mesh(qm_context *ctx, numbering *n, qm_mesh *out)
+{
+    const qm_layout *layout = &n->r->layout;
+    number_curves(n);
     for (size_t p = 0; p < layout->patch_count; p++) {
         size_t columns = chord_count(n, qm_chord_of_patch(n->r, p, 0));
         size_t rows = chord_count(n, qm_chord_of_patch(n->r, p, 1));
@@ -160,6 +167,40 @@ qm_status qm_lattices_mesh(qm_context *ctx, const qm_reconstruction *r, bool fin
         status = make_mesh(ctx, &n, out);
     else
         qm_context_fail(ctx, status, "out of memory for the mesh");
+    qm_context_free(ctx, n.node, layout->node_count, sizeof *n.node);
+    qm_context_free(ctx, n.curve, layout->curve_count, sizeof *n.curve);
+    return status;
+}
+
+qm_status qm_lattices_set(qm_context *ctx, qm_reconstruction *r, const qm_mesh *mesh)
+{
+    const qm_layout *layout = &r->layout;
+    numbering n = {.r = r, .fine = true};
+    n.node = qm_context_alloc(ctx, layout->node_count, sizeof *n.node);
+    n.curve = qm_context_alloc(ctx, layout->curve_count, sizeof *n.curve);
+    qm_status status = n.node && n.curve ? QM_OK : no_memory(ctx);
+    if (status == QM_OK) number_curves(&n);
+    for (size_t c = 0; c < layout->curve_count && status == QM_OK; c++) {
+        const qm_polyline *polyline = &r->polylines[c];
+        if (polyline->chord == QM_NO_INDEX) continue;
+        for (uint32_t k = 0; k <= polyline->vertex_edges; k++) {
+            uint32_t vertex = k == 0                        ? n.node[layout->curves[c].from]
+                              : k == polyline->vertex_edges ? n.node[layout->curves[c].to]
+                                                            : n.curve[c] + k - 1;
+            memcpy(polyline->vertices + 3 * (size_t)k, mesh->positions + 3 * (size_t)vertex, POINT_SIZE);
+        }
+    }
+    size_t first = n.vertex_count;
+    for (size_t p = 0; p < layout->patch_count && status == QM_OK; p++) {
+        const qm_lattice *lattice = &r->lattices[p];
+        for (uint32_t j = 0; j <= lattice->rows; j++)
+            for (uint32_t i = 0; i <= lattice->columns; i++) {
+                uint32_t vertex = find_vertex(&n, &layout->patches[p], lattice->columns, lattice->rows,
+                                              (uint32_t)first, i, j);
+                memcpy(qm_lattice_vertex(lattice, i, j), mesh->positions + 3 * (size_t)vertex, POINT_SIZE);
+            }
+        first += (size_t)(lattice->columns - 1) * (lattice->rows - 1);
+    }
     qm_context_free(ctx, n.node, layout->node_count, sizeof *n.node);
     qm_context_free(ctx, n.curve, layout->curve_count, sizeof *n.curve);
     return status;

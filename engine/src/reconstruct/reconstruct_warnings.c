@@ -3,9 +3,13 @@
  */
 #include "reconstruct_internal.h"
 
+#include "bvh/bvh_tree.h"
+
 #define MAX_OUTSIDE 1.0    /* diagonals by which a point of a curve may lie outside the box of the surface */
 #define MAX_SIZE 3.0       /* times the surface: a larger layout is in another unit */
 #define MIN_SIZE 0.1       /* times the surface: a smaller layout beside it is in another unit */
+#define SPACING_POINTS 7   /* a point and its neighbours, whose distance is the spacing there */
+#define GAP_RATIO 2.0      /* spacings: a vertex farther from all points is in a hole */
 #define MIN_UNCOVERED 0.01 /* of the samples: fewer uncovered ones are outliers */
 
 /** The box of all points of the curves. */
@@ -114,6 +118,44 @@ static double enclosed_volume(const qm_reconstruction *r)
     return sum;
 }
 
+bool qm_reconstruction_is_in_gap(const qm_bvh *tree, const double position[3])
+{
+    qm_nearest_points near, around;
+    qm_nearest_points_find(tree, qm_frame_local(&tree->frame, position), 1, &near);
+    qm_nearest_points_find(tree, near.position[0], SPACING_POINTS, &around);
+    return near.d2[0] > GAP_RATIO * GAP_RATIO * around.d2[around.count - 1];
+}
+
+/** The share of the inner vertices that lie in holes of a point set, but those of patches that span one as a whole. */
+static double share_in_holes(const qm_reconstruction *r)
+{
+    size_t count = 0, in_holes = 0;
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        const qm_lattice *lattice = &r->lattices[p];
+        size_t vertices = qm_lattice_vertex_count(lattice);
+        count += vertices;
+        for (size_t k = 0; k < vertices && !lattice->spans_hole; k++)
+            in_holes +=
+                lattice->in_hole[k] && qm_reconstruction_is_in_gap(r->surface.bvh, lattice->vertices + 3 * k);
+    }
+    return (double)in_holes / (double)count;
+}
+
+/** What points are rather than their surface: noise, outliers, normals, holes. Adds to the count of warnings. */
+static size_t find_point_warnings(const qm_reconstruction *r, qm_reconstruction_warning *out, size_t capacity,
+                                  size_t count)
+{
+    double in_holes = r->surface.is_cloud ? share_in_holes(r) : 0.0;
+    const qm_reconstruction_warning found[] = {
+        {.kind = QM_RECONSTRUCTION_NOISE, .share = qm_reconstruction_noise(r) / r->given.diagonal},
+        {.kind = QM_RECONSTRUCTION_OUTLIERS, .share = r->outlier_share},
+        {.kind = QM_RECONSTRUCTION_NORMALS, .share = r->given.is_cloud && !r->has_sides ? 1.0 : 0.0},
+        {.kind = QM_RECONSTRUCTION_FILLS_HOLE, .share = in_holes}};
+    for (size_t i = 0; i < sizeof found / sizeof *found; i++)
+        if (found[i].share > 0.0 && count++ < capacity) out[count - 1] = found[i];
+    return count;
+}
+
 size_t qm_reconstruction_find_warnings(const qm_reconstruction *r, qm_reconstruction_warning *out,
                                        size_t capacity)
 {
@@ -137,5 +179,5 @@ size_t qm_reconstruction_find_warnings(const qm_reconstruction *r, qm_reconstruc
         out[count - 1] = (qm_reconstruction_warning){.kind = QM_RECONSTRUCTION_ONE_SIDED};
     if (is_closed && !is_one_sided && enclosed_volume(r) < 0.0 && count++ < capacity)
         out[count - 1] = (qm_reconstruction_warning){.kind = QM_RECONSTRUCTION_INSIDE_OUT};
-    return count;
+    return find_point_warnings(r, out, capacity, count);
 }

@@ -1,0 +1,65 @@
+/**
+ * reconstruct_points.h: the points that a surface is known by, with what is off it.
+ *
+ *   reconstruct_noise.c    the noise of points, and outliers among them
+ *   reconstruct_guide.c    a smooth surface through noisy points, that lattices are made on
+ */
+#ifndef QM_RECONSTRUCT_POINTS_H
+#define QM_RECONSTRUCT_POINTS_H
+
+#include "qm/source.h"
+
+typedef struct qm_noise_points {
+    size_t count, capacity;
+    double *positions; /* rows of x y z */
+    float *normals;    /* rows of x y z of any length, or NULL */
+} qm_noise_points;
+
+void qm_noise_points_reset(qm_context *ctx, qm_noise_points *points);
+
+/** Chooses about `wanted` points by a hash of their index, or all where there are no more. normals may be NULL. *out is the
+ * caller's, for qm_noise_points_reset. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_noise_points_thin(qm_context *ctx, const double *positions, const float *normals, size_t count,
+                               size_t wanted, qm_noise_points *out);
+
+/** Builds a tree to search for the points' neighbours. It borrows them. */
+qm_status qm_noise_points_build_tree(qm_context *ctx, const qm_noise_points *points, int thread_count,
+                                     qm_bvh **out);
+
+/** The standard deviation of the points from their surface, in their unit; 0 where they are exact, or where noise cannot be told
+ * from shape. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_noise_estimate(qm_context *ctx, const qm_noise_points *points, double diagonal, int thread_count,
+                            double *sigma);
+
+/** The standard deviation of the points' normals, in radians along each tangent; their signs do not matter. QM_OK; QM_E_NO_MEMORY;
+ * QM_E_CANCELED. */
+qm_status qm_noise_estimate_turn(qm_context *ctx, const qm_noise_points *points, int thread_count,
+                                 double *turn);
+
+/** Marks the points that do not belong to the surface of the others, which have noise sigma. QM_OK; QM_E_NO_MEMORY;
+ * QM_E_CANCELED. */
+qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points, double sigma,
+                                 int thread_count, bool *is_outlier, size_t *count);
+
+/** A smooth surface that stands for noisy points. */
+typedef struct qm_guide qm_guide;
+
+/**
+ * Finds the noise and the outliers of a surface. Where there is noise, *out is a guide with one reference for
+ * qm_guide_release, else NULL.
+ *
+ * share  as the option noise_share of a reconstruction
+ * outliers  becomes the share of the points of a point set that are outliers
+ */
+qm_status qm_guide_create(qm_context *ctx, const qm_ref_surface *surface, double share, int thread_count,
+                          qm_guide **out, double *outliers);
+qm_guide *qm_guide_keep(qm_guide *guide);
+void qm_guide_release(qm_context *ctx, qm_guide *guide);
+
+const qm_ref_surface *qm_guide_surface(const qm_guide *guide);
+
+/** The points, with their noise but without outliers; the noise in their unit, and that of their normals in radians, 0 if these are
+ * unknown or follow from the points. */
+const qm_noise_points *qm_guide_points(const qm_guide *guide, double *sigma, double *turn);
+
+#endif
