@@ -7,6 +7,7 @@
 
 #include "ground.h"
 #include "tmesh/tmesh_lattice.h"
+#include "tmesh/tmesh_polygon.h"
 
 /** A finger on a plate: a plane of 2 x 2 with a bump of this height, nearly upright. */
 static qm_vec finger(double u, double v, double height)
@@ -229,12 +230,50 @@ static void thrown_lattices_are_mended(void **state)
     }
 }
 
+/** A spiral of corners, wound either way: small triangles of the circle's polygon keep their sense in it, and corners are mapped to corners. */
+static void polygons_are_mapped_without_folds(void **state)
+{
+    (void)state;
+    enum { ARM = 40, COUNT = 2 * ARM };
+    for (int sense = -1; sense <= 1; sense += 2) {
+        qm_context ctx = qm_context_make();
+        qm_arena arena = qm_arena_make(&ctx);
+        qm_tmesh_flat corner[COUNT];
+        for (int i = 0; i < COUNT; i++) {
+            int along = i < ARM ? i : COUNT - 1 - i;
+            double angle = sense * 0.3 * along, radius = (i < ARM ? 1.2 : 1.0) * (1 + 0.1 * along);
+            corner[i] = (qm_tmesh_flat){radius * cos(angle), radius * sin(angle)};
+        }
+        qm_tmesh_polygon polygon;
+        bool is_cut;
+        assert_int_equal(qm_tmesh_polygon_cut(&arena, corner, COUNT, &polygon, &is_cut), QM_OK);
+        assert_true(is_cut);
+        double area = 0, whole = 0;
+        for (int i = 0; i < COUNT; i++) {
+            qm_tmesh_flat at = qm_tmesh_polygon_map(&polygon, polygon.round[i]),
+                          next = corner[(i + 1) % COUNT];
+            QM_CHECK(hypot(at.u - corner[i].u, at.v - corner[i].v) < 1e-9, "corner %d", i);
+            whole += corner[i].u * next.v - corner[i].v * next.u;
+        }
+        for (int t = 0; t + 2 < COUNT; t++) {
+            const uint32_t *c = polygon.triangle[t];
+            double own = qm_tmesh_flat_area(corner[c[0]], corner[c[1]], corner[c[2]]),
+                   round = qm_tmesh_flat_area(polygon.round[c[0]], polygon.round[c[1]], polygon.round[c[2]]);
+            QM_CHECK(own * round > 0 && own * whole > 0, "triangle %d of sense %d", t, sense);
+            area += own;
+        }
+        QM_CHECK(fabs(area - whole) < 1e-9 * fabs(whole), "the triangles cover %g of %g", area, whole);
+        qm_arena_reset(&arena);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_chart_does_not_fold),
         cmocka_unit_test(what_is_no_disc_has_no_chart),
         cmocka_unit_test(thrown_lattices_are_mended),
+        cmocka_unit_test(polygons_are_mapped_without_folds),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -27,7 +27,7 @@
  * TRIAL_SIZES distances, from half the mean edge on by halves, until all sines round it are GOOD_SINE. From farther places
  * cells may wind round a point twice, which no sine tells. */
 /* Folds that remain, and then crossings, are drawn anew in charts with so many rings of cells; crossings several times. */
-#define FOLD_RINGS 2
+#define FOLD_RINGS 1
 #define MENDS 6
 #define UNTANGLE_ROUNDS 30
 #define TRIAL_WAYS 8
