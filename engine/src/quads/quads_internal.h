@@ -140,6 +140,9 @@ typedef struct qm_quads_target {
     const qm_vec *normal; /* of each face; NULL: that of its corners */
 } qm_quads_target;
 
+/** Of the normals of its faces, the part that a vertex's is at least where it tells which wall it is on. */
+#define QM_QUADS_SURE 0.65
+
 /**
  * Projects points that have normals (of length 1, or 0: any wall is right) onto the nearest point whose own normal is not opposed,
  * as far as there is one within about the reach; else onto the nearest.

@@ -26,7 +26,8 @@ typedef struct polish {
     uint8_t *kind;            /* of each vertex, QM_TRIMESH_FREE ... */
     uint32_t (*line)[2];      /* of vertices on features: the two neighbours along them */
     double *target, *nearest;
-    qm_vec *normal; /* of each vertex */
+    qm_vec *normal;   /* of each vertex */
+    uint8_t *is_sure; /* its normal tells which wall it is on */
     bool spreads;
     double flat; /* curvature that is added everywhere */
     double side; /* of a quad */
@@ -90,14 +91,19 @@ static void find_kinds(polish *p)
     }
 }
 
-static qm_vec vertex_normal(const polish *p, uint32_t v)
+/** The normal of a vertex. It tells of a wall where those of its faces agree, but not at the tip of a horn. */
+static qm_vec vertex_normal(const polish *p, uint32_t v, uint8_t *is_sure)
 {
     qm_vec sum = {0, 0, 0}, corner[4];
+    double lengths = 0.0;
     for (uint32_t k = p->start[v]; k < p->start[v + 1]; k++) {
         face_corners(p, p->corner[k] / 4, corner);
-        sum = qm_vec_add(sum, qm_quad_normal(corner));
+        qm_vec normal = qm_quad_normal(corner);
+        sum = qm_vec_add(sum, normal);
+        lengths += qm_vec_norm(normal);
     }
     double length = qm_vec_norm(sum);
+    *is_sure = length > QM_QUADS_SURE * lengths;
     return length > QM_MIN_LENGTH ? qm_vec_scale(1.0 / length, sum) : (qm_vec){0, 0, 0};
 }
 
@@ -158,9 +164,11 @@ static qm_status project_all(polish *p)
 static qm_status centre_all(polish *p)
 {
     for (uint32_t v = 0; v < p->r->mesh.vertex_count; v++)
-        p->normal[v] = vertex_normal(p, v);
+        p->normal[v] = vertex_normal(p, v, &p->is_sure[v]);
     for (uint32_t v = 0; v < p->r->mesh.vertex_count; v++)
         qm_vec_store(p->target + 3 * (size_t)v, centred(p, v));
+    for (uint32_t v = 0; v < p->r->mesh.vertex_count; v++)
+        if (!p->is_sure[v]) p->normal[v] = (qm_vec){0, 0, 0};
     return project_all(p);
 }
 
@@ -211,7 +219,9 @@ qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *sur
     p.target = qm_context_alloc(ctx, vertices, 3 * sizeof *p.target);
     p.nearest = qm_context_alloc(ctx, vertices, 3 * sizeof *p.nearest);
     p.normal = qm_context_alloc(ctx, vertices, sizeof *p.normal);
-    if (status == QM_OK && !(p.start && p.corner && p.kind && p.line && p.target && p.nearest && p.normal))
+    p.is_sure = qm_context_alloc(ctx, vertices, 1);
+    if (status == QM_OK &&
+        !(p.start && p.corner && p.kind && p.line && p.target && p.nearest && p.normal && p.is_sure))
         status = QM_E_NO_MEMORY;
     if (status == QM_OK) status = run(&p);
     qm_context_free(ctx, p.start, vertices + 1, sizeof *p.start);
@@ -221,6 +231,7 @@ qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *sur
     qm_context_free(ctx, p.target, vertices, 3 * sizeof *p.target);
     qm_context_free(ctx, p.nearest, vertices, 3 * sizeof *p.nearest);
     qm_context_free(ctx, p.normal, vertices, sizeof *p.normal);
+    qm_context_free(ctx, p.is_sure, vertices, 1);
     qm_bvh_destroy(ctx, features);
     return status;
 }

@@ -44,7 +44,7 @@
 #define FIRST_REACH 2.0    /* of the paths, half of their cost: doubled where few are joined by it */
 #define REACH_COST 1.0     /* beyond half of its cheapest path an excess is searched no further than this */
 #define STRIP_COSINE 0.8   /* of the angle between features that run side by side, at least */
-#define WALL_COSINE (-0.3) /* between the walls that they are the rims of, at most: else it is a chamfer */
+#define WALL_COSINE (-0.8) /* between the walls that they are the rims of, at most: else it is a chamfer */
 #define FOLLOW_ROUNDS 3
 #define REPAIR_ROUNDS 12
 

@@ -122,17 +122,20 @@ static double mean_edge(const qm_quads_sides *t, uint32_t v)
     return sum / count;
 }
 
-/** The normal of a vertex; 0 where those of its faces cancel. */
-static qm_vec vertex_normal(const untangle *u, uint32_t v)
+/** The normal of a vertex; 0 where those of its faces cancel. *is_sure: they agree, so that it tells of a wall. */
+static qm_vec vertex_normal(const untangle *u, uint32_t v, bool *is_sure)
 {
     const qm_quads_sides *t = &u->sides;
     qm_vec normal = {0, 0, 0};
+    double count = 0.0;
     uint32_t first = qm_quads_first_side(t, v), s = first;
     do {
         normal = qm_vec_add(normal, u->normal[s / 4]);
+        count += 1.0;
         s = qm_quads_around(t, s);
     } while (s != QM_NO_INDEX && s != first);
     double height = qm_vec_norm(normal);
+    *is_sure = height > QM_QUADS_SURE * count;
     return height > 1e-3 ? qm_vec_scale(1.0 / height, normal) : (qm_vec){0, 0, 0};
 }
 
@@ -169,7 +172,9 @@ static int find_directions(const untangle *u, uint32_t v, qm_vec normal, qm_vec 
 static qm_status move_vertex(untangle *u, uint32_t v)
 {
     qm_quads_sides *t = &u->sides;
-    qm_vec axis[2], here = qm_quads_at(t, v), slope = {0, 0, 0}, normal = vertex_normal(u, v);
+    qm_vec axis[2], here = qm_quads_at(t, v), slope = {0, 0, 0};
+    bool is_sure;
+    qm_vec normal = vertex_normal(u, v, &is_sure);
     int count = find_directions(u, v, normal, axis);
     double now = cost_at(u, v, here), edge = qm_max(mean_edge(t, v), 0.1 * sqrt(u->area)), tiny = 1e-4 * edge;
     if (count == 0 || !(edge > 0.0)) return QM_OK;
@@ -180,6 +185,7 @@ static qm_status move_vertex(untangle *u, uint32_t v)
     }
     double length = qm_vec_norm(slope);
     if (!(length > 0.0)) return QM_OK;
+    if (!is_sure) normal = (qm_vec){0, 0, 0};
     const qm_quads_target *onto = t->kind[v] == QM_TRIMESH_FREE ? &u->surface : &u->features;
     for (double step = 0.4; step > 0.01; step /= 2.0) {
         double point[3], nearest[3];

@@ -64,7 +64,9 @@ static qm_status bring_back(qm_context *ctx, const qm_quads_target *on, const do
         size_t left = 0;
         for (size_t k = 0; k < count && status == QM_OK; k++) {
             uint32_t row = s->row[k];
-            if (is_opposed(on, s->face[k], normal[row]))
+            /* its own wall is no farther than it was pushed */
+            double off = qm_vec_distance(qm_vec_load(points + 3 * (size_t)row), qm_vec_load(s->to + 3 * k));
+            if (is_opposed(on, s->face[k], normal[row]) || off > fabs(way))
                 s->row[left++] = row;
             else
                 memcpy(nearest + 3 * (size_t)row, s->to + 3 * k, 3 * sizeof *nearest);
