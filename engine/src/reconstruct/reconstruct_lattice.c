@@ -189,8 +189,8 @@ bool qm_lattice_project_own(const qm_reconstruction *r, size_t p, uint32_t i, ui
     double shortest, longest, toward[3];
     qm_vec_store(toward, qm_lattice_own_side(r, p, i, j));
     measure_edges(lattice, i, j, &shortest, &longest);
-    if (r->has_sides && longest > 0.0 && qm_vec_norm2(qm_vec_load(toward)) > 0.0 &&
-        qm_ref_surface_project_toward(&r->surface, position, toward, longest, out))
+    if (r->has_sides && shortest > 0.0 && qm_vec_norm2(qm_vec_load(toward)) > 0.0 &&
+        qm_ref_surface_project_toward(&r->surface, position, toward, shortest, out))
         return true;
     return qm_lattice_project(&r->surface, lattice, i, j, position, out);
 }
