@@ -257,6 +257,47 @@ static void noise_may_be_given_or_kept(void **state)
     qm_ground_free(&g);
 }
 
+static void size_does_not_matter(void **state)
+{
+    (void)state;
+    const shape *s = &shapes[1];
+    qm_mesh found[3];
+    static const double scales[3] = {1.0, 0x1p300, 0x1p-300};
+    for (int k = 0; k < 3; k++) {
+        qm_ground g;
+        qm_mesh points = qm_ground_sample(s->at, 6000, 0.004 * s->diagonal, 75);
+        qm_layout layout = layout_of(s);
+        static const double here[3] = {0.0, 0.0, 0.0};
+        qm_shape_move(&points, scales[k], here);
+        for (size_t i = 0; i < 3 * layout.node_count; i++)
+            layout.nodes[i] *= scales[k];
+        for (size_t c = 0; c < layout.curve_count; c++)
+            for (size_t i = 0; i < 3 * layout.curves[c].point_count; i++)
+                layout.curves[c].points[i] *= scales[k];
+        qm_ground_make(&g, points);
+        qm_reconstruction_options options = qm_reconstruction_options_default();
+        qm_reconstruction *r;
+        assert_int_equal(qm_reconstruction_create(&g.ctx, &g.source, &layout, &options, &r), QM_OK);
+        assert_true(qm_reconstruction_noise(r) > 0.0);
+        qm_reconstruction_record record;
+        for (int step = 0; step < 5; step++)
+            assert_int_equal(qm_reconstruction_step(&g.ctx, r, 400, &record), QM_OK);
+        assert_int_equal(qm_reconstruction_mesh(&g.ctx, r, &found[k]), QM_OK);
+        qm_reconstruction_destroy(&g.ctx, r);
+        qm_layout_free(&layout);
+        qm_ground_free(&g);
+    }
+    for (int k = 1; k < 3; k++) {
+        assert_int_equal(found[k].vertex_count, found[0].vertex_count);
+        for (size_t i = 0; i < 3 * found[k].vertex_count; i++)
+            QM_CHECK(fabs(found[k].positions[i] / scales[k] - found[0].positions[i]) < 1e-6,
+                     "scale %g, %zu: %g, %g", scales[k], i, found[k].positions[i] / scales[k],
+                     found[0].positions[i]);
+    }
+    for (int k = 0; k < 3; k++)
+        qm_shape_free(&found[k]);
+}
+
 static void outliers_and_holes_are_told(void **state)
 {
     (void)state;
@@ -387,6 +428,7 @@ int main(void)
         cmocka_unit_test(exact_surfaces_are_followed_bit_for_bit),
         cmocka_unit_test(noise_is_fitted),
         cmocka_unit_test(noise_may_be_given_or_kept),
+        cmocka_unit_test(size_does_not_matter),
         cmocka_unit_test(outliers_and_holes_are_told),
         cmocka_unit_test(an_edit_keeps_the_other_patches),
         cmocka_unit_test(running_out_of_memory_is_a_status_at_every_place),

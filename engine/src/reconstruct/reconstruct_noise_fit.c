@@ -65,6 +65,7 @@ typedef struct noise_fit {
     double *signs;                /* sum sqrt(w) B z */
     double residual2, weight, edge;
     size_t equations;
+    double scale;                          /* of the mesh here to the surface */
     double sigma, turn;                    /* of the points, and of their normals, in radians, 0 if unknown */
     double *move, *probe;                  /* the solutions for right and for signs */
     double *rest, *way, *image, *diagonal; /* of conjugate gradients */
@@ -118,11 +119,20 @@ static void set_normals(noise_fit *f)
     f->edge = sum / (4.0 * (double)mesh->face_count);
 }
 
+static void scale_mesh(noise_fit *f, double scale)
+{
+    for (size_t i = 0; i < 3 * f->mesh.vertex_count; i++)
+        f->mesh.positions[i] *= scale;
+}
+
 static qm_status create_fit(qm_context *ctx, const qm_reconstruction *r, noise_fit *f)
 {
     *f = (noise_fit){.ctx = ctx};
     qm_status status = qm_lattices_mesh(ctx, r, true, &f->mesh);
     if (status != QM_OK) return status;
+    /* Fourth powers of lengths may overflow in the unit of the surface. A power of two changes no bit of a vertex that stays. */
+    f->scale = exp2(-ilogb(r->given.diagonal));
+    scale_mesh(f, f->scale);
     size_t vertices = f->mesh.vertex_count;
     double **const vectors[] = {&f->right, &f->signs, &f->move,  &f->probe,
                                 &f->rest,  &f->way,   &f->image, &f->diagonal};
@@ -195,7 +205,9 @@ static void add_point(noise_fit *f, const qm_samples *samples, size_t i, size_t 
 {
     quad_place place;
     if (!find_place(f, face, u, v, &place)) return;
-    double away = qm_vec_dot(qm_vec_sub(qm_vec_load(samples->positions + 3 * i), place.foot), place.normal);
+    double away =
+        qm_vec_dot(qm_vec_sub(qm_vec_scale(f->scale, qm_vec_load(samples->positions + 3 * i)), place.foot),
+                   place.normal);
     add_equation(f, face, place.weight, away, HUBER * f->sigma, 3 * i);
     if (!samples->normals || !(f->turn > 0.0)) return;
     const float *row = samples->normals + 3 * i;
@@ -562,7 +574,7 @@ static qm_status fit_round(qm_context *ctx, qm_reconstruction *r, qm_samples *sa
     status = create_fit(ctx, r, &fit);
     if (status == QM_OK) {
         mark_fixed(r, first, only_stale, &fit);
-        fit.sigma = sigma;
+        fit.sigma = sigma * fit.scale;
         fit.turn = turn;
         add_points(&fit, r, samples, first);
         if (fit.equations > 0 && fit.bending.area > 0.0) {
@@ -575,6 +587,7 @@ static qm_status fit_round(qm_context *ctx, qm_reconstruction *r, qm_samples *sa
             apply(&fit);
             status = open_quads(&fit);
         }
+        scale_mesh(&fit, 1.0 / fit.scale);
         if (status == QM_OK) status = qm_lattices_set(ctx, r, &fit.mesh);
         if (status == QM_OK && qm_context_canceled(ctx))
             status = qm_context_fail(ctx, QM_E_CANCELED, "reconstruction canceled");
