@@ -8,6 +8,8 @@
 
 #include <string.h>
 
+#include "qm/project.h"
+
 #define LONG (4.0 / 3.0)
 #define SHORT (4.0 / 5.0)
 #define ROUNDS 4
@@ -155,28 +157,24 @@ static bool try_move(qm_trimesh *m, uint32_t v, qm_vec target)
     return true;
 }
 
-static qm_status centre_vertices(qm_context *ctx, qm_trimesh *m, const qm_bvh *bvh, double length,
-                                 int thread_count)
+static qm_status centre_vertices(qm_context *ctx, qm_trimesh *m, const qm_bvh *bvh, int thread_count)
 {
     size_t count = m->vertex_count;
     double *target = qm_context_alloc(ctx, count, 3 * sizeof *target);
     double *nearest = qm_context_alloc(ctx, count, 3 * sizeof *nearest);
-    qm_vec *normal = qm_context_alloc(ctx, count, sizeof *normal);
-    qm_status status = target && nearest && normal ? QM_OK : QM_E_NO_MEMORY;
+    qm_status status = target && nearest ? QM_OK : QM_E_NO_MEMORY;
     for (uint32_t v = 0; v < count && status == QM_OK; v++) {
         uint32_t line[2];
         qm_vec p = m->position[v];
-        normal[v] = (qm_vec){0, 0, 0};
         if (qm_trimesh_kind(m, v, line) == QM_TRIMESH_FREE) {
-            qm_vec move = qm_vec_sub(centre_of_neighbours(m, v), p);
-            normal[v] = qm_trimesh_vertex_normal(m, v);
-            p = qm_vec_add(p, qm_vec_axpy(move, -qm_vec_dot(move, normal[v]), normal[v]));
+            qm_vec move = qm_vec_sub(centre_of_neighbours(m, v), p), normal = qm_trimesh_vertex_normal(m, v);
+            p = qm_vec_add(p, qm_vec_axpy(move, -qm_vec_dot(move, normal), normal));
         }
         qm_vec_store(target + 3 * (size_t)v, p);
     }
-    const qm_quads_target onto = {bvh, NULL};
+    const qm_projection projection = {.position = nearest};
     if (status == QM_OK)
-        status = qm_quads_project(ctx, &onto, target, normal, length, count, thread_count, nearest);
+        status = qm_project_points(ctx, bvh, QM_QUADS_TRIANGLES, target, count, thread_count, &projection);
     for (uint32_t v = 0; v < count && status == QM_OK; v++) {
         uint32_t line[2];
         if (qm_trimesh_kind(m, v, line) == QM_TRIMESH_FREE)
@@ -184,7 +182,6 @@ static qm_status centre_vertices(qm_context *ctx, qm_trimesh *m, const qm_bvh *b
     }
     qm_context_free(ctx, target, count, 3 * sizeof *target);
     qm_context_free(ctx, nearest, count, 3 * sizeof *nearest);
-    qm_context_free(ctx, normal, count, sizeof *normal);
     return status;
 }
 
@@ -209,7 +206,7 @@ qm_status qm_quads_remesh(qm_context *ctx, qm_trimesh *m, const qm_bvh *bvh, dou
         }
         qm_trimesh_compact(m);
         if (status == QM_OK) status = turn_edges(ctx, m);
-        if (status == QM_OK) status = centre_vertices(ctx, m, bvh, length, thread_count);
+        if (status == QM_OK) status = centre_vertices(ctx, m, bvh, thread_count);
         if (status == QM_OK && qm_context_canceled(ctx)) status = QM_E_CANCELED;
     }
     return status;

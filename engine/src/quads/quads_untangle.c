@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "mesh/quad_shape.h"
+#include "qm/project.h"
 #include "quads/quads_sides.h"
 
 #define BAD_SINE 0.3   /* quads below it are worked on */
@@ -34,9 +35,9 @@ typedef struct untangle {
     qm_context *ctx;
     qm_quads_sides sides;
     qm_quads_snapshot before, best;
-    qm_quads_target surface, features;
-    qm_vec *normal;             /* of each face, mean with its neighbours */
-    uint32_t patch[MOST_PATCH]; /* vertices */
+    const qm_bvh *surface, *features; /* features is NULL if there are none */
+    qm_vec *normal;                   /* of each face, mean with its neighbours */
+    uint32_t patch[MOST_PATCH];       /* vertices */
     size_t patch_count;
     double area;       /* of a quad of the patch, mean */
     size_t moves_left; /* of vertices */
@@ -122,35 +123,26 @@ static double mean_edge(const qm_quads_sides *t, uint32_t v)
     return sum / count;
 }
 
-/** The normal of a vertex; 0 where those of its faces cancel. *is_sure: they agree, so that it tells of a wall. */
-static qm_vec vertex_normal(const untangle *u, uint32_t v, bool *is_sure)
-{
-    const qm_quads_sides *t = &u->sides;
-    qm_vec normal = {0, 0, 0};
-    double count = 0.0;
-    uint32_t first = qm_quads_first_side(t, v), s = first;
-    do {
-        normal = qm_vec_add(normal, u->normal[s / 4]);
-        count += 1.0;
-        s = qm_quads_around(t, s);
-    } while (s != QM_NO_INDEX && s != first);
-    double height = qm_vec_norm(normal);
-    *is_sure = height > QM_QUADS_SURE * count;
-    return height > 1e-3 ? qm_vec_scale(1.0 / height, normal) : (qm_vec){0, 0, 0};
-}
-
 /** The directions in which a vertex may move: two of a free one, one along a feature. */
-static int find_directions(const untangle *u, uint32_t v, qm_vec normal, qm_vec out[2])
+static int find_directions(const untangle *u, uint32_t v, qm_vec out[2])
 {
     const qm_quads_sides *t = &u->sides;
     if (t->kind[v] == QM_TRIMESH_FREE) {
-        if (!(qm_vec_norm(normal) > 0.0)) return 0;
+        qm_vec normal = {0, 0, 0};
+        uint32_t first = qm_quads_first_side(t, v), s = first;
+        do {
+            normal = qm_vec_add(normal, u->normal[s / 4]);
+            s = qm_quads_around(t, s);
+        } while (s != first);
+        double height = qm_vec_norm(normal);
+        if (!(height > 1e-3)) return 0;
+        normal = qm_vec_scale(1.0 / height, normal);
         qm_vec a = qm_vec_perpendicular(normal);
         out[0] = qm_vec_scale(1.0 / qm_vec_norm(a), a);
         out[1] = qm_vec_cross(normal, out[0]);
         return 2;
     }
-    if (t->kind[v] == QM_TRIMESH_CORNER || !u->features.bvh) return 0;
+    if (t->kind[v] == QM_TRIMESH_CORNER || !u->features) return 0;
     qm_vec end[2] = {qm_quads_at(t, v), qm_quads_at(t, v)};
     int count = 0;
     uint32_t first = qm_quads_first_side(t, v), s = first;
@@ -173,9 +165,7 @@ static qm_status move_vertex(untangle *u, uint32_t v)
 {
     qm_quads_sides *t = &u->sides;
     qm_vec axis[2], here = qm_quads_at(t, v), slope = {0, 0, 0};
-    bool is_sure;
-    qm_vec normal = vertex_normal(u, v, &is_sure);
-    int count = find_directions(u, v, normal, axis);
+    int count = find_directions(u, v, axis);
     double now = cost_at(u, v, here), edge = qm_max(mean_edge(t, v), 0.1 * sqrt(u->area)), tiny = 1e-4 * edge;
     if (count == 0 || !(edge > 0.0)) return QM_OK;
     for (int k = 0; k < count; k++) {
@@ -185,12 +175,12 @@ static qm_status move_vertex(untangle *u, uint32_t v)
     }
     double length = qm_vec_norm(slope);
     if (!(length > 0.0)) return QM_OK;
-    if (!is_sure) normal = (qm_vec){0, 0, 0};
-    const qm_quads_target *onto = t->kind[v] == QM_TRIMESH_FREE ? &u->surface : &u->features;
+    const qm_bvh *onto = t->kind[v] == QM_TRIMESH_FREE ? u->surface : u->features;
     for (double step = 0.4; step > 0.01; step /= 2.0) {
         double point[3], nearest[3];
         qm_vec_store(point, qm_vec_axpy(here, step * edge / length, slope));
-        qm_status status = qm_quads_project(u->ctx, onto, point, &normal, edge, 1, 1, nearest);
+        const qm_projection out = {.position = nearest};
+        qm_status status = qm_project_points(u->ctx, onto, QM_QUADS_TRIANGLES, point, 1, 1, &out);
         if (status != QM_OK) return status;
         if (!(cost_at(u, v, qm_vec_load(nearest)) < now * (1.0 - 1e-4))) continue;
         memcpy(t->r->mesh.positions + 3 * (size_t)v, nearest, sizeof nearest);
@@ -434,12 +424,12 @@ static qm_status run(untangle *u)
 qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool keeps_faces,
                             int thread_count)
 {
-    untangle u = {.ctx = ctx, .surface = {surface, NULL}, .keeps_faces = keeps_faces};
+    untangle u = {.ctx = ctx, .surface = surface, .keeps_faces = keeps_faces};
     qm_bvh *features = NULL;
     qm_status status = qm_quads_sides_build(ctx, r, &u.sides);
     if (status == QM_OK && r->features.face_count > 0)
         status = qm_bvh_build(ctx, &r->features, QM_BVH_TARGET, thread_count, &features);
-    u.features = (qm_quads_target){features, r->feature_normal};
+    u.features = features;
     size_t faces = u.sides.face_count;
     u.moves_left = MOVES_EACH * u.sides.vertex_count + MOVES_BESIDES;
     u.normal = qm_context_alloc(ctx, faces, sizeof *u.normal);

@@ -4,7 +4,7 @@
  * A vertex that is centred among its neighbours leaves a bent surface by about an eighth of a quad's side squared times the curvature. Where
  * the surface is thinner than that, the other wall is nearer then, and so is the crease on the other side of its rim. Both are told by
  * their normals: where the nearest point looks the other way, the vertex is pushed along its own normal, less far first, and outward
- * before inward, until the nearest point is one of its own wall.
+ * before inward, until the nearest point is one of its own wall. Vertices without a normal, which those at tips are given, lie on any.
  */
 #include <string.h>
 
