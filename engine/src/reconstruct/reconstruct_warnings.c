@@ -135,8 +135,7 @@ static double share_in_holes(const qm_reconstruction *r)
         size_t vertices = qm_lattice_vertex_count(lattice);
         count += vertices;
         for (size_t k = 0; k < vertices && !lattice->spans_hole; k++)
-            in_holes +=
-                lattice->in_hole[k] && qm_reconstruction_is_in_gap(r->surface.bvh, lattice->vertices + 3 * k);
+            in_holes += qm_reconstruction_is_in_gap(r->surface.bvh, lattice->vertices + 3 * k);
     }
     return (double)in_holes / (double)count;
 }
