@@ -149,8 +149,10 @@ static lease_entry *lease_rebuild(qm_reconstructions *rs, const char *id, const 
     qm_reconstruction_options options = qm_reconstruction_options_default();
     options.cover_share = row.cover_share;
     options.pull_curves = row.pull_curves;
-    options.noise_share = qm_json_find_noise(row.document);
-    lease_entry *e = lease_begin(rs, row.source, row.layout, &options, host, problem);
+    bool is_read = qm_json_find_noise(row.document, &options.noise_share);
+    if (!is_read)
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for reconstruction %s", id);
+    lease_entry *e = is_read ? lease_begin(rs, row.source, row.layout, &options, host, problem) : NULL;
     if (e) {
         memcpy(e->lease.id, row.id, sizeof e->lease.id);
         e->revision = row.revision;

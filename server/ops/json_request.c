@@ -82,7 +82,7 @@ bool qm_json_read_noise(const cJSON *value, double *out)
     return qm_json_read_number(value, out) && *out >= 0.0 && *out <= QM_NOISE_MAX;
 }
 
-double qm_json_find_noise(const char *members)
+bool qm_json_find_noise(const char *members, double *out)
 {
     qm_text text = {0};
     qm_text_add_string(&text, "{");
@@ -91,11 +91,11 @@ double qm_json_find_noise(const char *members)
     char *whole = qm_text_take(&text);
     cJSON *object = whole ? cJSON_Parse(whole) : NULL;
     const cJSON *noise = cJSON_GetObjectItemCaseSensitive(object, "noise");
-    double share = 0.0;
-    if (noise && !qm_json_read_noise(noise, &share)) share = 0.0;
+    *out = 0.0;
+    bool is_read = object && (!noise || qm_json_read_noise(noise, out));
     cJSON_Delete(object);
     free(whole);
-    return share;
+    return is_read;
 }
 
 bool qm_json_read_integer(const cJSON *value, double min, double max, double *out)

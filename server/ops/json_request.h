@@ -26,8 +26,9 @@ bool qm_json_read_number(const struct cJSON *value, double *out);
 /** Reads the noise of a surface: "automatic", which becomes QM_NOISE_AUTOMATIC, or a number from 0 to 0.1. False if it is none. */
 bool qm_json_read_noise(const struct cJSON *value, double *out);
 
-/** The noise among the members of a reconstruction's document; 0 for those that are older than it, which were made so. */
-double qm_json_find_noise(const char *members);
+/** Finds the noise among the members of a reconstruction's document; 0 for those that are older than it, which were made so. False
+ * when there is no memory to read them. */
+bool qm_json_find_noise(const char *members, double *out);
 
 /** An integer from min to max. */
 bool qm_json_read_integer(const struct cJSON *value, double min, double max, double *out);
