@@ -121,8 +121,8 @@ static int make(qm_context *ctx, const layout_options *options, const qm_mesh *q
     qm_status status = qm_ref_surface_init(ctx, bvh, &source);
     if (status == QM_OK)
         status = options->is_auto
-                     ? qm_quad_layout_make_of_surface(ctx, &source, &options->quads, &options->make, &layout,
-                                                      &issues, &facts, NULL)
+                     ? qm_quad_layout_make_of_surface(ctx, &source, &options->quads, NULL, &options->make,
+                                                      &layout, &issues, &facts, NULL)
                      : qm_quad_layout_make(ctx, quads, &source, &options->make, &layout, &issues, &facts);
     if (status != QM_OK) {
         cli_report_status(options->path, status, ctx, options->as_json);

@@ -53,7 +53,7 @@ static bool add_features(qm_layout_session *s, const qm_layout_features_options 
 /** Makes the layout of quads that are made of the surface. False with a problem. */
 static bool make_of_surface(qm_layout_session *s, const qm_json_quad_layout *wanted, qm_problem *problem)
 {
-    qm_status status = qm_quad_layout_make_of_surface(&s->ctx, &s->source, &wanted->make_quads,
+    qm_status status = qm_quad_layout_make_of_surface(&s->ctx, &s->source, &wanted->make_quads, NULL,
                                                       &wanted->options, &s->layout, &s->issues, NULL, NULL);
     return qm_layout_session_outcome(s, status, problem);
 }

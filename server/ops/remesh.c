@@ -161,33 +161,51 @@ static qm_quads_options quads_of_layout(const qm_remesh_options *options)
     return quads;
 }
 
-/** The upper bound of the distance of these quads themselves. */
-static qm_status measure_plain(qm_context *ctx, const qm_ref_surface *surface,
-                               const qm_remesh_options *options, double *distance)
+/** These quads, as they are without a layout. */
+typedef struct plain_quads {
+    qm_mesh mesh;
+    uint8_t *creases; /* of each */
+    double distance;  /* from the surface, at most */
+} plain_quads;
+
+static void plain_quads_reset(qm_context *ctx, plain_quads *plain)
 {
-    const qm_remesh_options plain = {
-        .quads = quads_of_layout(options), .on_stage = options->on_stage, .user = options->user};
-    qm_remesh_result result = {0};
-    qm_status status = make_quads(ctx, surface, &plain, &result);
-    *distance = result.upper;
-    qm_mesh_reset(ctx, &result.mesh);
+    qm_context_free(ctx, plain->creases, plain->mesh.face_count, 1);
+    qm_mesh_reset(ctx, &plain->mesh);
+}
+
+/** Makes them; *out is the caller's, also after an error. */
+static qm_status make_plain(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
+                            plain_quads *out)
+{
+    const qm_quads_options quads = quads_of_layout(options);
+    const qm_settle_goal goal = {.quads = quads};
+    const qm_remesh_result none = {0};
+    qm_settle_distance distance = {0};
+    begin(options, QM_REMESH_QUADS, quads.quads, &none);
+    qm_status status = qm_quads_make_with_creases(ctx, surface->bvh, &quads, &out->mesh, &out->creases, NULL);
+    if (status != QM_OK) return status;
+    begin(options, QM_REMESH_MEASURE, out->mesh.face_count, &none);
+    status = qm_settle_measure(ctx, surface, &goal, &out->mesh, &distance);
+    out->distance = qm_settle_two_sided(&distance).upper;
     return status;
 }
 
 /** Makes the mesh by a layout of about so many patches. */
 static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
-                                 const qm_remesh_options *options, size_t patches, qm_remesh_result *out,
-                                 bool *has_crossings)
+                                 const qm_remesh_options *options, const plain_quads *plain, size_t patches,
+                                 qm_remesh_result *out, bool *has_crossings)
 {
     const qm_quads_options quads = quads_of_layout(options);
     qm_quad_layout_options how = qm_quad_layout_options_default();
     how.patches = patches;
+    how.creases = plain->creases;
     qm_layout layout;
     qm_layout_issues issues;
     begin(options, QM_REMESH_LAYOUT, quads.quads, out);
     double *grids;
-    qm_status status =
-        qm_quad_layout_make_of_surface(ctx, surface, &quads, &how, &layout, &issues, NULL, &grids);
+    qm_status status = qm_quad_layout_make_of_surface(ctx, surface, &quads, &plain->mesh, &how, &layout,
+                                                      &issues, NULL, &grids);
     if (status != QM_OK) return status;
     out->patches = layout.patch_count;
     /* Lattices that are found from the curves come out a little better, but curves that cross give none. */
@@ -220,15 +238,15 @@ static bool is_better(const trial_state *now, const qm_remesh_result *made, cons
 static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surface,
                                    const qm_remesh_options *options, qm_remesh_result *out)
 {
-    double plain;
-    qm_status status = measure_plain(ctx, surface, options, &plain), last = status;
+    plain_quads plain = {0};
+    qm_status status = make_plain(ctx, surface, options, &plain), last = status;
     size_t most = options->quads.quads / QUADS_A_PATCH;
     trial_state best = {0};
     for (size_t patches = LAYOUT_PATCHES; status == QM_OK; patches *= MORE_PATCHES) {
         qm_remesh_result now = {0};
         trial_state state = {0};
         bool is_last = patches >= most || patches >= MOST_PATCHES;
-        last = make_by_patches(ctx, surface, options, patches < most ? patches : most, &now,
+        last = make_by_patches(ctx, surface, options, &plain, patches < most ? patches : most, &now,
                                &state.has_crossings);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
         qm_quality quality = {0};
@@ -243,8 +261,9 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
         }
         qm_mesh_reset(ctx, &now.mesh);
         bool is_good = out->mesh.face_count > 0 && !best.has_crossings && !best.is_folded;
-        if (is_last || (is_good && (best.is_near || out->upper <= PLAIN_RATIO * plain))) break;
+        if (is_last || (is_good && (best.is_near || out->upper <= PLAIN_RATIO * plain.distance))) break;
     }
+    plain_quads_reset(ctx, &plain);
     return out->mesh.face_count > 0 || status != QM_OK ? status : last;
 }
 

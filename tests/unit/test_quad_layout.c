@@ -383,9 +383,9 @@ static void a_surface_alone_has_its_creases_as_curves(void **state)
     qm_layout layout;
     qm_layout_issues issues;
     qm_quad_layout_facts facts;
-    assert_int_equal(
-        qm_quad_layout_make_of_surface(&g.ctx, &g.source, &quads, &options, &layout, &issues, &facts, NULL),
-        QM_OK);
+    assert_int_equal(qm_quad_layout_make_of_surface(&g.ctx, &g.source, &quads, NULL, &options, &layout,
+                                                    &issues, &facts, NULL),
+                     QM_OK);
     assert_int_equal(layout.patch_count, 6);
     assert_int_equal(layout.curve_count, 12);
     assert_int_equal(issues.count, 0);
@@ -420,6 +420,29 @@ static qm_status reconstruct_box(qm_ground *g, const qm_layout *layout, const do
     return status;
 }
 
+/** Quads that are there already give the layout that they give when they are made for it. */
+static void expect_same_of_made_quads(qm_ground *g, const qm_quads_options *quads,
+                                      const qm_quad_layout_options *options, const qm_layout *layout)
+{
+    qm_mesh made;
+    qm_quad_layout_options with = *options;
+    uint8_t *creases;
+    assert_int_equal(qm_quads_make_with_creases(&g->ctx, g->source.bvh, quads, &made, &creases, NULL), QM_OK);
+    with.creases = creases;
+    qm_layout again;
+    qm_layout_issues issues;
+    assert_int_equal(
+        qm_quad_layout_make_of_surface(&g->ctx, &g->source, quads, &made, &with, &again, &issues, NULL, NULL),
+        QM_OK);
+    assert_int_equal(again.node_count, layout->node_count);
+    assert_int_equal(again.patch_count, layout->patch_count);
+    assert_memory_equal(again.nodes, layout->nodes, 3 * layout->node_count * sizeof *layout->nodes);
+    qm_layout_reset(&g->ctx, &again);
+    qm_layout_issues_reset(&g->ctx, &issues);
+    qm_context_free(&g->ctx, creases, made.face_count, 1);
+    qm_mesh_reset(&g->ctx, &made);
+}
+
 /** Grids have the corners of their patches, lattices can start at them, and curves may cross then. */
 static void a_reconstruction_starts_at_grids(void **state)
 {
@@ -434,9 +457,10 @@ static void a_reconstruction_starts_at_grids(void **state)
     qm_layout_issues issues;
     double *grids;
     qm_mesh mesh;
-    assert_int_equal(
-        qm_quad_layout_make_of_surface(&g.ctx, &g.source, &quads, &options, &layout, &issues, NULL, &grids),
-        QM_OK);
+    assert_int_equal(qm_quad_layout_make_of_surface(&g.ctx, &g.source, &quads, NULL, &options, &layout,
+                                                    &issues, NULL, &grids),
+                     QM_OK);
+    expect_same_of_made_quads(&g, &quads, &options, &layout);
     static const size_t corner[4] = {0, QM_LAYOUT_GRID, QM_LAYOUT_GRID_POINTS - 1,
                                      QM_LAYOUT_GRID_POINTS - 1 - QM_LAYOUT_GRID};
     for (size_t p = 0; p < layout.patch_count; p++)

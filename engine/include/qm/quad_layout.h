@@ -55,18 +55,21 @@ qm_status qm_quad_layout_make(qm_context *ctx, const qm_mesh *quads, const qm_re
 
 /**
  * Makes quads of a surface (quads.h), and a layout of them on it, whose curves follow the creases that the quads follow:
- * the angle and the creases of the options are not used. While curves cross, up to four numbers of quads about the wanted
- * one are tried, and the layout with the fewest crossings is kept.
+ * the angle of the options is not used. While curves cross, up to four numbers of quads about the wanted one are tried, and the
+ * layout with the fewest crossings is kept.
  *
+ * made   the quads of the wanted number with the creases of the options, by qm_quads_make_with_creases, where they are there
+ *        already: layouts of several numbers of patches share them. NULL: they are made, and the creases are not used
  * grids  receives a grid of each patch (QM_LAYOUT_GRID), with which a reconstruction can start; the caller's, for
  *        qm_quad_layout_free_grids. NULL: not wanted
  *
  * Ownership and returns: as above; QM_E_ARGUMENT for a point set, and what qm_quads_make returns.
  */
 qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *surface,
-                                         const qm_quads_options *quads, const qm_quad_layout_options *options,
-                                         qm_layout *out, qm_layout_issues *issues,
-                                         qm_quad_layout_facts *facts, double **grids);
+                                         const qm_quads_options *quads, const qm_mesh *made,
+                                         const qm_quad_layout_options *options, qm_layout *out,
+                                         qm_layout_issues *issues, qm_quad_layout_facts *facts,
+                                         double **grids);
 void qm_quad_layout_free_grids(qm_context *ctx, const qm_layout *layout, double *grids);
 
 #endif

@@ -185,9 +185,10 @@ static qm_status make_once(qm_context *ctx, const qm_ref_surface *surface, const
 }
 
 qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *surface,
-                                         const qm_quads_options *quads, const qm_quad_layout_options *options,
-                                         qm_layout *out, qm_layout_issues *issues,
-                                         qm_quad_layout_facts *facts, double **grids)
+                                         const qm_quads_options *quads, const qm_mesh *made,
+                                         const qm_quad_layout_options *options, qm_layout *out,
+                                         qm_layout_issues *issues, qm_quad_layout_facts *facts,
+                                         double **grids)
 {
     QM_ASSERT(ctx && surface && quads && options && out && issues);
     qm_drawing best = {0};
@@ -197,7 +198,8 @@ qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *
         qm_quad_layout_facts own_facts;
         qm_quads_options own = *quads;
         own.quads = (size_t)fmax(1.0, trial_shares[i] * (double)quads->quads);
-        status = make_once(ctx, surface, &own, options, &drawing, &own_facts);
+        status = i == 0 && made ? make_drawing(ctx, made, surface, options, &drawing, &own_facts)
+                                : make_once(ctx, surface, &own, options, &drawing, &own_facts);
         if (status == QM_OK && (i == 0 || drawing.issues.count < best.issues.count)) {
             swap(&best, &drawing);
             if (facts) *facts = own_facts;
