@@ -39,8 +39,11 @@ typedef struct untangle {
     qm_vec *normal;                   /* of each face, mean with its neighbours */
     uint32_t patch[MOST_PATCH];       /* vertices */
     size_t patch_count;
-    double area;       /* of a quad of the patch, mean */
-    size_t moves_left; /* of vertices */
+    uint32_t move_count;
+    uint32_t *moved;            /* of each vertex: the number of its last move */
+    uint32_t tried[MOST_PATCH]; /* of a vertex of the patch: how many moves there were before */
+    double area;                /* of a quad of the patch, mean */
+    size_t moves_left;          /* of vertices */
     bool keeps_faces;
 } untangle;
 
@@ -160,8 +163,8 @@ static int find_directions(const untangle *u, uint32_t v, qm_vec out[2])
     return 1;
 }
 
-/** Moves a vertex down the slope of the sum, as far as that falls. */
-static qm_status move_vertex(untangle *u, uint32_t v)
+/** Moves a vertex down the slope of the sum, as far as that falls. *has_moved is left alone where it does not. */
+static qm_status move_vertex(untangle *u, uint32_t v, bool *has_moved)
 {
     qm_quads_sides *t = &u->sides;
     qm_vec axis[2], here = qm_quads_at(t, v), slope = {0, 0, 0};
@@ -184,9 +187,23 @@ static qm_status move_vertex(untangle *u, uint32_t v)
         if (status != QM_OK) return status;
         if (!(cost_at(u, v, qm_vec_load(nearest)) < now * (1.0 - 1e-4))) continue;
         memcpy(t->r->mesh.positions + 3 * (size_t)v, nearest, sizeof nearest);
+        *has_moved = true;
         return QM_OK;
     }
     return QM_OK;
+}
+
+/** True if a vertex of the quads round one has moved since a move of that number. */
+static bool has_moved_round(const untangle *u, uint32_t v, uint32_t since)
+{
+    const qm_quads_sides *t = &u->sides;
+    uint32_t first = qm_quads_first_side(t, v), s = first;
+    do {
+        for (uint32_t k = 0; k < 4; k++)
+            if (u->moved[qm_quads_from(t, s / 4 * 4 + k)] > since) return true;
+        s = qm_quads_around(t, s);
+    } while (s != QM_NO_INDEX && s != first);
+    return false;
 }
 
 static void add_to_patch(untangle *u, uint32_t v)
@@ -269,10 +286,21 @@ static qm_status relax_patch(untangle *u, int sweeps)
 {
     qm_status status = QM_OK;
     start_patch(u);
-    for (int sweep = 0; sweep < sweeps && u->moves_left > 0 && status == QM_OK; sweep++) {
+    bool is_moving = true;
+    for (int sweep = 0; sweep < sweeps && is_moving && u->moves_left > 0 && status == QM_OK; sweep++) {
         u->moves_left -= u->patch_count < u->moves_left ? u->patch_count : u->moves_left;
-        for (size_t i = 0; i < u->patch_count && status == QM_OK; i++)
-            if (u->sides.out[u->patch[i]] != QM_NO_INDEX) status = move_vertex(u, u->patch[i]);
+        is_moving = false;
+        for (size_t i = 0; i < u->patch_count && status == QM_OK; i++) {
+            uint32_t v = u->patch[i];
+            if (u->sides.out[v] == QM_NO_INDEX) continue;
+            /* one that stayed would stay again while all round it do */
+            if (sweep > 0 && !has_moved_round(u, v, u->tried[i])) continue;
+            bool has_moved = false;
+            status = move_vertex(u, v, &has_moved);
+            u->tried[i] = u->move_count;
+            if (has_moved) u->moved[v] = ++u->move_count;
+            is_moving |= has_moved;
+        }
         if (sweep % 4 == 3 && look_at_patch(u).sine >= BAD_SINE) break;
     }
     return status;
@@ -432,12 +460,16 @@ qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *s
     u.features = features;
     size_t faces = u.sides.face_count;
     u.moves_left = MOVES_EACH * u.sides.vertex_count + MOVES_BESIDES;
+    size_t vertices = u.sides.vertex_count;
     u.normal = qm_context_alloc(ctx, faces, sizeof *u.normal);
-    if (status == QM_OK && !u.normal) status = QM_E_NO_MEMORY;
+    u.moved = qm_context_alloc(ctx, vertices, sizeof *u.moved);
+    if (status == QM_OK && (!u.normal || !u.moved)) status = QM_E_NO_MEMORY;
+    if (u.moved) memset(u.moved, 0, vertices * sizeof *u.moved);
     if (status == QM_OK) status = qm_quads_snapshot_alloc(&u.sides, &u.before);
     if (status == QM_OK) status = qm_quads_snapshot_alloc(&u.sides, &u.best);
     if (status == QM_OK) status = run(&u);
     qm_context_free(ctx, u.normal, faces, sizeof *u.normal);
+    qm_context_free(ctx, u.moved, vertices, sizeof *u.moved);
     qm_quads_snapshot_reset(&u.sides, &u.before);
     qm_quads_snapshot_reset(&u.sides, &u.best);
     if (status == QM_OK && !keeps_faces) status = qm_quads_sides_compact(&u.sides);
