@@ -161,10 +161,13 @@ qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r, size_t *irregular);
 qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool spreads,
                           int thread_count);
 
-/** Makes bad quads better: vertices move along the surface, and where that is not enough the mesh changes, unless it keeps its
- * faces. */
+/** How many moves of vertices are usual to untangle a mesh: hopeless ones would take minutes. */
+size_t qm_quads_untangle_moves(const qm_quads_result *r);
+
+/** Makes bad quads better: vertices move along the surface, *moves times at most, which receives the rest; where that is not
+ * enough the mesh changes, unless it keeps its faces. */
 qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool keeps_faces,
-                            int thread_count);
+                            size_t *moves, int thread_count);
 
 /** Moves vertices off the surface, or out to its tips, so that the quads lie nearer to it. */
 qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);

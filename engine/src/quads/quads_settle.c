@@ -210,13 +210,14 @@ static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *
     qm_status status = QM_OK;
     if (how != QM_QUADS_STAY)
         status = qm_quads_polish(w->ctx, &w->r, w->surface, how == QM_QUADS_SPREAD, threads);
-    if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, threads);
+    size_t moves = qm_quads_untangle_moves(&w->r), moves_again = moves / 2; /* of all rounds together */
+    if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, &moves, threads);
     if (status == QM_OK) status = qm_quads_fit(w->ctx, &w->r, w->surface, threads);
     memset(u->goes_back, 0, w->r.mesh.vertex_count);
     for (int rings = 1; rings <= MOST_RINGS && status == QM_OK && count_folded(&w->r.mesh) > u->folded;
          rings *= 2) {
         go_back(w, u, rings);
-        status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, threads);
+        status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, &moves_again, threads);
     }
     return status;
 }

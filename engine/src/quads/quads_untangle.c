@@ -26,10 +26,9 @@
 #define RINGS 2 /* of a patch round a bad quad */
 #define ROUNDS 3
 #define RELEASED_ROUNDS 2
-/* Moves of vertices at most, for each vertex and besides: hopeless meshes would take minutes */
-#define MOVES_EACH 20
-#define MOVES_BESIDES 20000
-#define MOST_PATCH 160 /* vertices */
+#define MOVES_EACH 20       /* of each vertex, */
+#define MOVES_BESIDES 20000 /* and for small meshes */
+#define MOST_PATCH 160      /* vertices */
 
 typedef struct untangle {
     qm_context *ctx;
@@ -449,17 +448,21 @@ static qm_status run(untangle *u)
     return status;
 }
 
-qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool keeps_faces,
-                            int thread_count)
+size_t qm_quads_untangle_moves(const qm_quads_result *r)
 {
-    untangle u = {.ctx = ctx, .surface = surface, .keeps_faces = keeps_faces};
+    return MOVES_EACH * r->mesh.vertex_count + MOVES_BESIDES;
+}
+
+qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool keeps_faces,
+                            size_t *moves, int thread_count)
+{
+    untangle u = {.ctx = ctx, .surface = surface, .moves_left = *moves, .keeps_faces = keeps_faces};
     qm_bvh *features = NULL;
     qm_status status = qm_quads_sides_build(ctx, r, &u.sides);
     if (status == QM_OK && r->features.face_count > 0)
         status = qm_bvh_build(ctx, &r->features, QM_BVH_TARGET, thread_count, &features);
     u.features = features;
     size_t faces = u.sides.face_count;
-    u.moves_left = MOVES_EACH * u.sides.vertex_count + MOVES_BESIDES;
     size_t vertices = u.sides.vertex_count;
     u.normal = qm_context_alloc(ctx, faces, sizeof *u.normal);
     u.moved = qm_context_alloc(ctx, vertices, sizeof *u.moved);
@@ -468,6 +471,7 @@ qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *s
     if (status == QM_OK) status = qm_quads_snapshot_alloc(&u.sides, &u.before);
     if (status == QM_OK) status = qm_quads_snapshot_alloc(&u.sides, &u.best);
     if (status == QM_OK) status = run(&u);
+    *moves = u.moves_left;
     qm_context_free(ctx, u.normal, faces, sizeof *u.normal);
     qm_context_free(ctx, u.moved, vertices, sizeof *u.moved);
     qm_quads_snapshot_reset(&u.sides, &u.before);
