@@ -239,7 +239,7 @@ test("what an end will snap to is shown; curves are chosen, split, merged, redra
   await page.getByRole("button", { name: "Split" }).click();
   await did(page, "cut in two");
   await says(page, "13 curves");
-  assert.match(await page.locator(".issues").innerText(), /5 sides, not four/);
+  assert.match(await page.locator(".issues").first().innerText(), /5 sides, not four/);
   // Both halves, and one again.
   await page.mouse.click(...quarter);
   const half = curves[0].points[6];
