@@ -13,6 +13,14 @@
  */
 void qm_linear_eigen(const double matrix[6], double value[3], qm_vec vector[3]);
 
+/** Adds the products of a vector's coordinates to {xx, xy, xz, yy, yz, zz}. */
+static inline void qm_linear_add_products(double matrix[6], qm_vec d)
+{
+    const double product[6] = {d.x * d.x, d.x * d.y, d.x * d.z, d.y * d.y, d.y * d.z, d.z * d.z};
+    for (int k = 0; k < 6; k++)
+        matrix[k] += product[k];
+}
+
 #define QM_LEAST_SQUARES_MAX 7
 
 /** Normal equations of the weighted equations row . x = right. All zero but for count at the start. */

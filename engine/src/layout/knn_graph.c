@@ -32,15 +32,8 @@ static qm_vec plane_normal(const qm_nearest_points *near)
     double m[6] = {0}, value[3];
     for (int i = 0; i < count; i++)
         centroid = qm_vec_axpy(centroid, 1.0 / count, near->position[i]);
-    for (int i = 0; i < count; i++) {
-        qm_vec d = qm_vec_sub(near->position[i], centroid);
-        m[0] += d.x * d.x;
-        m[1] += d.x * d.y;
-        m[2] += d.x * d.z;
-        m[3] += d.y * d.y;
-        m[4] += d.y * d.z;
-        m[5] += d.z * d.z;
-    }
+    for (int i = 0; i < count; i++)
+        qm_linear_add_products(m, qm_vec_sub(near->position[i], centroid));
     qm_linear_eigen(m, value, axis);
     return value[1] > 1e-9 * value[2] ? axis[0] : (qm_vec){0, 0, 0};
 }

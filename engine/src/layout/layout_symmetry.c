@@ -24,8 +24,12 @@
 #define ROUNDS 24        /* of that */
 #define SAME_COSINE 0.99 /* between the normals of planes that are one */
 #define TOLERANCE 0.05   /* of the accepted distance, in measuring it */
-/* A mirrored coordinate is off by less than 20 roundings of the largest coordinate. */
-#define MIRROR_ERROR 1e-14
+/* By how much a mirrored point is off its place, as a fraction of the largest coordinate L. With u = 2^-53: a difference from
+ * the plane's point is 2 sqrt(3) L long at most, and its coordinates are off by 2 u L. Its product with the normal is off by
+ * 2 sqrt(3) u L for these and 3 u 2 sqrt(3) L for three products and two sums, twice that is 28 u L along the normal. The step
+ * and the last difference round by 9 u L. A normal that was divided by its length is a unit vector to 3 u, which
+ * moves the image by 4 (3 u) 2 sqrt(3) L = 42 u L. Together 79 u L, less than 128. */
+#define MIRROR_ERROR 0x1p-46
 
 enum { POINT_SIZE = 3 * sizeof(double), CANDIDATES = 6 + DIRECTIONS };
 
@@ -131,12 +135,8 @@ static void make_candidates(const search *s, candidate out[CANDIDATES])
     double m[6] = {0}, value[3];
     for (size_t i = 0; i < s->count; i++)
         centre = qm_vec_axpy(centre, 1.0 / (double)s->count, sample_at(s, i));
-    for (size_t i = 0; i < s->count; i++) {
-        qm_vec p = qm_vec_sub(sample_at(s, i), centre);
-        const double row[6] = {p.x * p.x, p.x * p.y, p.x * p.z, p.y * p.y, p.y * p.z, p.z * p.z};
-        for (int k = 0; k < 6; k++)
-            m[k] += row[k];
-    }
+    for (size_t i = 0; i < s->count; i++)
+        qm_linear_add_products(m, qm_vec_sub(sample_at(s, i), centre));
     qm_linear_eigen(m, value, axis);
     const qm_vec along[3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     for (int k = 0; k < CANDIDATES; k++) {
@@ -188,11 +188,11 @@ static qm_status bound_distance(const search *s, const candidate *plane, double 
     return status;
 }
 
-static qm_status accept(const search *s, const candidate *plane, double most, qm_symmetry_plane *out,
-                        bool *is_good)
+static qm_status accept(const search *s, candidate *plane, double most, qm_symmetry_plane *out, bool *is_good)
 {
     double bound[2] = {0.0, 0.0};
     qm_status status = QM_OK;
+    plane->normal = qm_vec_scale(1.0 / qm_vec_norm(plane->normal), plane->normal);
     if (s->surface->is_cloud) {
         for (size_t i = 0; i < s->count; i++)
             bound[0] = fmax(bound[0],

@@ -101,15 +101,8 @@ static qm_vec find_axes(const qm_nearest_points *near, double value[3], qm_vec a
 {
     qm_vec centroid = qm_vec_centroid(near->position, near->count);
     double m[6] = {0};
-    for (int i = 0; i < near->count; i++) {
-        qm_vec d = qm_vec_sub(near->position[i], centroid);
-        m[0] += d.x * d.x;
-        m[1] += d.x * d.y;
-        m[2] += d.x * d.z;
-        m[3] += d.y * d.y;
-        m[4] += d.y * d.z;
-        m[5] += d.z * d.z;
-    }
+    for (int i = 0; i < near->count; i++)
+        qm_linear_add_products(m, qm_vec_sub(near->position[i], centroid));
     qm_linear_eigen(m, value, axis);
     return centroid;
 }
