@@ -30,7 +30,7 @@ typedef struct qm_features {
  * that is not oriented, has no more features.
  *
  * So that a rough surface does not fill up with creases, an edge is one only if the faces within 0.23 of the shortest length
- * on both sides of it differ by the angle, too; twigs shorter than the shortest length go; and connected creases
+ * on both sides of it differ by the angle, too; branches with a loose end that are shorter than the shortest length are left out; and connected creases
  * stay only if together they are that long, and longer: by four times that for each end, loose or at a boundary, by half of it for
  * each bend, by one and a half for each meeting of three or more, and by half of it for each edge at whose ends the line turns by
  * more than 30 degrees to opposite sides: a crease that its mesh makes a staircase of is none.
