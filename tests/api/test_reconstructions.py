@@ -289,20 +289,25 @@ def stream_so_far(client, job):
     return []
 
 
-def test_steps_go_on_after_a_kill_to_the_same_bits(make_daemon):
+def check_alike_after_a_kill(make_daemon, begin, limits):
+    """Refines to a first limit of quads, and to a second one: the same mesh whether the daemon is killed between them or not."""
     meshes = []
     for is_killed in (False, True):
         running = make_daemon()
         with running.client() as client:
-            made = start(client, client.upload(shapes.saddle(24))["id"])
-            refine(client, made, until={"max_quads": 600}, measure=False)
+            made = begin(client)
+            refine(client, made, until={"max_quads": limits[0]}, measure=False)
         if is_killed:
             running.stop(signal.SIGKILL)
             running.start()
         with running.client() as client:
-            result = refine(client, made, until={"max_quads": 3000}, measure=False)["result"]
+            result = refine(client, made, until={"max_quads": limits[1]}, measure=False)["result"]
             meshes.append(client.get(f"/v1/meshes/{result['mesh']}/content?format=ply").content)
     assert meshes[0] == meshes[1]
+
+
+def test_steps_go_on_after_a_kill_to_the_same_bits(make_daemon):
+    check_alike_after_a_kill(make_daemon, lambda client: start(client, client.upload(shapes.saddle(24))["id"]), (600, 3000))
 
 
 def listed_meshes(client):
@@ -582,16 +587,5 @@ def test_noise_is_fitted_and_told(client):
 
 @pytest.mark.parametrize("noise", ["automatic", 0.004, 0])
 def test_noise_is_fitted_alike_after_a_kill(make_daemon, noise):
-    meshes = []
-    for is_killed in (False, True):
-        running = make_daemon()
-        with running.client() as client:
-            made = start(client, client.upload(noisy_points(0.015), format="xyz")["id"], noise=noise)
-            refine(client, made, until={"max_quads": 64}, measure=False)
-        if is_killed:
-            running.stop(signal.SIGKILL)
-            running.start()
-        with running.client() as client:
-            result = refine(client, made, until={"max_quads": 256}, measure=False)["result"]
-            meshes.append(client.get(f"/v1/meshes/{result['mesh']}/content?format=ply").content)
-    assert meshes[0] == meshes[1]
+    check_alike_after_a_kill(
+        make_daemon, lambda client: start(client, client.upload(noisy_points(0.015), format="xyz")["id"], noise=noise), (64, 256))
