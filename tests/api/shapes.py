@@ -43,6 +43,30 @@ def cube(side=1.0, origin=(0.0, 0.0, 0.0)):
     return vertices, faces
 
 
+def gridded_cube(steps):
+    """The surface of the cube [-1, 1]^3, in steps x steps quads a side, oriented outward."""
+    number, vertices, faces = {}, [], []
+
+    def vertex(p):
+        if p not in number:
+            number[p] = len(vertices)
+            vertices.append(tuple(2 * x / steps - 1 for x in p))
+        return number[p]
+
+    for axis in range(3):
+        for end in (0, steps):
+            for i in range(steps):
+                for j in range(steps):
+                    corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+                    places = []
+                    for u, v in corners if end else corners[::-1]:
+                        p = [0, 0, 0]
+                        p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3] = end, u, v
+                        places.append(vertex(tuple(p)))
+                    faces.append(tuple(places))
+    return vertices, faces
+
+
 def saddle(steps):
     """z = xy over [-1, 1] squared, in steps x steps quads; as bilinear patches all of these are one surface."""
     vertices = []

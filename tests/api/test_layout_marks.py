@@ -3,32 +3,14 @@ import math
 
 import pytest
 
+import shapes
 from conftest import WAIT, check_problem
 from test_layouts import edit, stroke
 
 
 def cube(n=6):
-    """The surface of [-1, 1]^3 in triangles, as OBJ."""
-    number, lines, faces = {}, [], []
-
-    def vertex(p):
-        if p not in number:
-            number[p] = len(number) + 1
-            lines.append("v {!r} {!r} {!r}".format(*(2 * x / n - 1 for x in p)))
-        return number[p]
-
-    for axis in range(3):
-        for end in (0, n):
-            for i in range(n):
-                for j in range(n):
-                    corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
-                    places = []
-                    for u, v in corners if end else corners[::-1]:
-                        p = [0, 0, 0]
-                        p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3] = end, u, v
-                        places.append(vertex(tuple(p)))
-                    faces.append("f {0} {1} {2}\nf {0} {2} {3}".format(*places))
-    return ("\n".join(lines + faces) + "\n").encode()
+    """In triangles, as OBJ."""
+    return shapes.obj(shapes.triangles(shapes.gridded_cube(n)))
 
 
 @pytest.fixture(scope="module")

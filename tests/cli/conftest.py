@@ -5,12 +5,14 @@ import os
 import pathlib
 import random
 import subprocess
+import sys
 import time
 
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BUILD = pathlib.Path(os.environ.get("QM_BUILD", ROOT / "build")).resolve()
+sys.path.append(str(ROOT / "tests" / "api"))  # shapes
 
 
 def write_torus(path, columns, rows, minor, turn=0.0):

@@ -1,31 +1,14 @@
 """`quadmesh layout`: a mesh of quads in, a layout out that `reconstruct` takes."""
 import json
 
+import shapes
+
 
 def ball(path, n=6):
     """The quads of a cube, n x n a side, on the unit sphere."""
-    number, lines, faces = {}, [], []
-
-    def vertex(p):
-        if p not in number:
-            number[p] = len(number) + 1
-            q = [2 * x / n - 1 for x in p]
-            length = sum(x * x for x in q) ** 0.5
-            lines.append("v {!r} {!r} {!r}".format(*(x / length for x in q)))
-        return number[p]
-
-    for axis in range(3):
-        for end in (0, n):
-            for i in range(n):
-                for j in range(n):
-                    corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
-                    places = []
-                    for u, v in corners if end else corners[::-1]:
-                        p = [0, 0, 0]
-                        p[axis], p[(axis + 1) % 3], p[(axis + 2) % 3] = end, u, v
-                        places.append(vertex(tuple(p)))
-                    faces.append("f {} {} {} {}".format(*places))
-    path.write_text("\n".join(lines + faces) + "\n")
+    points, faces = shapes.gridded_cube(n)
+    lengths = [sum(x * x for x in p) ** 0.5 for p in points]
+    path.write_bytes(shapes.obj(([tuple(x / length for x in p) for p, length in zip(points, lengths)], faces)))
     return path
 
 
