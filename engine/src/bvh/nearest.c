@@ -277,7 +277,7 @@ static void visit_near_node(near_search *search, int level, size_t node)
     float d2[QM_PACK_LANES];
     int children = sort_children(search->bvh, search->p, level, node, d2, order);
     for (int i = 0; i < children; i++) {
-        if ((double)d2[order[i]] * (1.0 - 0x1p-18) > search->reach2) return;
+        if ((double)d2[order[i]] * (1.0 - BOX_ROUNDING) > search->reach2) return;
         size_t child = 8 * node + (size_t)order[i];
         if (level > 1)
             visit_near_node(search, level - 1, child);
