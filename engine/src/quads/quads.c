@@ -119,7 +119,7 @@ qm_status qm_quads_set_features(qm_context *ctx, const qm_quads_segment *segment
 typedef struct attempt {
     qm_quads_result quads;
     qm_quads_record record;
-    double off; /* how far the number of quads is from the wanted one, as a share */
+    double off;       /* how far the number of quads is from the wanted one, as a share */
     size_t irregular; /* vertices */
 } attempt;
 
