@@ -273,6 +273,44 @@ static void acute_corners_have_a_quad(void **state)
     check_quads_off(bipyramid_of(4, 1.5, -2.5), &spindle, 0.2);
 }
 
+/** A wheel of height 0.3 with teeth; its caps are fans, in which the triangles at the radial edges of the teeth have no height. */
+static qm_mesh wheel(int teeth)
+{
+    static const double turn[4] = {0.0, 0.3, 0.3, 0.7}, radius[4] = {0.8, 0.8, 1.0, 1.0};
+    uint32_t rim = 5 * (uint32_t)teeth;
+    qm_mesh m = qm_shape_make(2 * rim + 2, 4 * rim);
+    for (uint32_t i = 0; i < rim; i++) {
+        bool is_last = i % 5 == 4;
+        double angle = 2.0 * PI * (i / 5 + (is_last ? 0.7 : turn[i % 5])) / teeth,
+               r = is_last ? 0.8 : radius[i % 5];
+        for (uint32_t top = 0; top < 2; top++) {
+            double *p = m.positions + 3 * (size_t)(top * rim + i);
+            p[0] = r * cos(angle), p[1] = r * sin(angle), p[2] = 0.3 * top;
+        }
+    }
+    for (uint32_t top = 0; top < 2; top++) {
+        double *p = m.positions + 3 * (size_t)(2 * rim + top);
+        p[0] = p[1] = 0.0, p[2] = 0.3 * top;
+    }
+    for (uint32_t i = 0; i < rim; i++) {
+        uint32_t j = (i + 1) % rim;
+        const uint32_t rows[4][4] = {{i, j, rim + j, QM_NO_INDEX},
+                                     {i, rim + j, rim + i, QM_NO_INDEX},
+                                     {j, i, 2 * rim, QM_NO_INDEX},
+                                     {rim + i, rim + j, 2 * rim + 1, QM_NO_INDEX}};
+        memcpy(m.faces + 16 * (size_t)i, rows, sizeof rows);
+    }
+    return m;
+}
+
+/** A crease beside a triangle without a height was not found: a tenth of the quads were folded. */
+static void slivers_hide_no_creases(void **state)
+{
+    (void)state;
+    const wanted teeth = {"wheel of 8 teeth", 1200, 2, 1, true, 40, 90, 0.1};
+    check_quads(wheel(8), &teeth);
+}
+
 static void open_shapes_keep_their_boundaries(void **state)
 {
     (void)state;
@@ -579,6 +617,7 @@ int main(void)
         cmocka_unit_test(closed_shapes_become_closed_quads),
         cmocka_unit_test(creases_are_followed),
         cmocka_unit_test(acute_corners_have_a_quad),
+        cmocka_unit_test(slivers_hide_no_creases),
         cmocka_unit_test(thin_walls_stay_apart),
         cmocka_unit_test(open_shapes_keep_their_boundaries),
         cmocka_unit_test(components_stay_apart),

@@ -198,6 +198,7 @@ static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*
     qm_quads_corners corners = {0};
     qm_vec *cross = NULL;
     qm_status status = qm_trimesh_build(ctx, surface->positions, surface->vertex_count, corner, count, &m);
+    if (status == QM_OK) qm_quads_drop_slivers(&m);
     if (status == QM_OK) status = qm_trimesh_fill_holes(ctx, &m, SMALL_HOLE * size);
     if (status == QM_OK) status = qm_quads_find_features(ctx, &m, options->crease_angle, size);
     if (status == QM_OK) status = qm_quads_list_features(ctx, &m, &out->segments, &out->segment_count);

@@ -2,6 +2,7 @@
  * quads_internal.h: the steps from a triangle mesh to quads.
  *
  *   quads_triangles.c  the triangles of the surface, component by component
+ *   quads_slivers.c    triangles without a height, which go
  *   quads_features.c   creases and corners of the mesh
  *   quads_corners.c    acute corners of features, which need a quad
  *   quads_remesh.c     triangles of equal size, about half as long as the quads shall be
@@ -41,6 +42,9 @@ qm_status qm_quads_close_seams(qm_context *ctx, const qm_mesh *mesh, qm_quads_tr
  * too. */
 qm_status qm_quads_list_triangles(qm_context *ctx, const qm_mesh *mesh, qm_quads_triangles *out);
 void qm_quads_triangles_reset(qm_context *ctx, qm_quads_triangles *t);
+
+/** Contracts or turns edges until no triangle is without a height, where the topology allows it. */
+void qm_quads_drop_slivers(qm_trimesh *m);
 
 /** Marks edges whose faces meet at an angle as features, and vertices where features bend sharply as fixed. What is
  * a crease only below the size of a quad is left out. */
