@@ -4,6 +4,7 @@
 
 #include "base/host.h"
 #include "failing_allocator.h"
+#include "qm/features.h"
 #include "qm/hausdorff.h"
 #include "qm/quads.h"
 #include "quad_topology.h"
@@ -303,12 +304,34 @@ static qm_mesh wheel(int teeth)
     return m;
 }
 
+/** The length of the features of a mesh. */
+static double feature_length(const qm_mesh *mesh)
+{
+    qm_context ctx = qm_context_make();
+    qm_features features;
+    const qm_features_options options = {.angle = 40.0, .shortest = 0.1};
+    double sum = 0.0;
+    assert_int_equal(qm_features_find(&ctx, mesh, &options, &features), QM_OK);
+    for (size_t i = 0; i < features.edge_count; i++)
+        sum += qm_vec_distance(qm_vec_load(features.points + 3 * (size_t)features.edges[i][0]),
+                               qm_vec_load(features.points + 3 * (size_t)features.edges[i][1]));
+    qm_features_reset(&ctx, &features);
+    return sum;
+}
+
 /** A crease beside a triangle without a height was not found: a tenth of the quads were folded. */
 static void slivers_hide_no_creases(void **state)
 {
     (void)state;
     const wanted teeth = {"wheel of 8 teeth", 1200, 2, 1, true, 40, 90, 0.1};
     check_quads(wheel(8), &teeth);
+    qm_mesh mesh = wheel(8);
+    double turn = PI / 4.0, flat = 2.0 * 0.8 * sin(0.15 * turn), tip = 2.0 * sin(0.2 * turn);
+    double one =
+        2.0 * (2.0 * flat + tip + 0.4) + 4 * 0.3; /* both rims of a tooth, and its edges between them */
+    QM_CHECK(fabs(feature_length(&mesh) - 8 * one) < 1e-9, "features of %.17g, not %.17g",
+             feature_length(&mesh), 8 * one);
+    qm_shape_free(&mesh);
 }
 
 static void open_shapes_keep_their_boundaries(void **state)
