@@ -1,8 +1,10 @@
 #include "qm/quad_layout.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "tmesh/tmesh.h"
+#include "tmesh/tmesh_route.h"
 
 #define ROUNDS 32           /* drawings */
 #define PATIENCE 6          /* drawings that are no better than the best */
@@ -47,8 +49,16 @@ typedef struct layout_work {
     bool *is_held;
 } layout_work;
 
+static void free_marks(qm_context *ctx, qm_drawing *drawing)
+{
+    qm_context_free(ctx, drawing->is_fixed, drawing->layout.node_count, sizeof *drawing->is_fixed);
+    qm_context_free(ctx, drawing->is_line, drawing->layout.curve_count, sizeof *drawing->is_line);
+    drawing->is_fixed = drawing->is_line = NULL;
+}
+
 static void free_drawing(qm_context *ctx, qm_drawing *drawing)
 {
+    free_marks(ctx, drawing);
     qm_layout_reset(ctx, &drawing->layout);
     qm_layout_issues_reset(ctx, &drawing->issues);
     qm_context_free(ctx, drawing->grids, drawing->grid_count, GRID_SIZE);
@@ -60,6 +70,33 @@ static void swap(qm_drawing *a, qm_drawing *b)
     qm_drawing spare = *a;
     *a = *b;
     *b = spare;
+}
+
+/** Lays the curves of a drawing that cross anew, such that they cannot (tmesh_route.h), and keeps what comes of it if fewer cross. */
+static qm_status route(layout_work *work, const qm_ref_surface *surface, qm_drawing *drawing)
+{
+    qm_layout routed = {0};
+    qm_layout_issues issues = {0};
+    bool is_made;
+    qm_arena_rewind(&work->scratch);
+    double *grids = qm_arena_alloc(&work->scratch, drawing->grid_count, GRID_SIZE);
+    if (!grids) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the ways of curves");
+    memcpy(grids, drawing->grids, drawing->grid_count * GRID_SIZE);
+    qm_status status = qm_tmesh_route(&work->scratch, &work->triangles, &drawing->layout, drawing->is_fixed,
+                                      drawing->is_line, grids, &routed, &is_made);
+    if (status == QM_OK && is_made) status = qm_layout_find_crossings(work->ctx, &routed, surface, &issues);
+    if (status == QM_OK && is_made && issues.count < drawing->issues.count) {
+        qm_layout spare = drawing->layout;
+        qm_layout_issues spare_issues = drawing->issues;
+        drawing->layout = routed;
+        drawing->issues = issues;
+        memcpy(drawing->grids, grids, drawing->grid_count * GRID_SIZE);
+        routed = spare;
+        issues = spare_issues;
+    }
+    qm_layout_reset(work->ctx, &routed);
+    qm_layout_issues_reset(work->ctx, &issues);
+    return status;
 }
 
 /** Draws the layout, and spreads the lengths where that fails, as long as it helps; keeps the drawing with the fewest faults. */
@@ -115,7 +152,8 @@ static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surfa
     if (status == QM_OK)
         status = qm_tmesh_source_of_quads(&work->lasting, &work->quads, &work->set, &work->tmesh, surface,
                                           &work->source);
-    return status == QM_OK ? draw(work, surface, out) : status;
+    if (status == QM_OK) status = draw(work, surface, out);
+    return status == QM_OK && out->issues.count > 0 && !surface->is_cloud ? route(work, surface, out) : status;
 }
 
 /** As qm_quad_layout_make; *out is the caller's, also after an error. */
@@ -143,6 +181,7 @@ static void hand_over(qm_context *ctx, qm_status status, qm_drawing *drawing, qm
                       qm_layout_issues *issues, double **grids)
 {
     if (status != QM_OK) free_drawing(ctx, drawing);
+    free_marks(ctx, drawing);
     *out = drawing->layout;
     *issues = drawing->issues;
     if (grids)

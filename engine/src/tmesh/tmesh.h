@@ -214,6 +214,8 @@ typedef struct qm_drawing {
     qm_layout_issues issues;
     double *grids; /* grid_count rows of QM_LAYOUT_GRID_POINTS points */
     size_t grid_count;
+    bool *is_fixed; /* by node: on a feature */
+    bool *is_line;  /* by curve: along a feature */
 } qm_drawing;
 
 /** Where a drawing failed. */

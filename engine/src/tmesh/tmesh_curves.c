@@ -913,6 +913,21 @@ static size_t count_seeds(const curve_drawer *d, const bool *is_seed)
     return count;
 }
 
+/** Tells what is on features. False when out of memory. */
+static bool mark_features(const layout_maker *maker, qm_drawing *drawing)
+{
+    const qm_layout *layout = maker->out;
+    const qm_tmesh_point *points = maker->d->lattice.points;
+    drawing->is_fixed = qm_context_alloc(maker->d->arena->ctx, layout->node_count, sizeof *drawing->is_fixed);
+    drawing->is_line = qm_context_alloc(maker->d->arena->ctx, layout->curve_count, sizeof *drawing->is_line);
+    if (!drawing->is_fixed || !drawing->is_line) return false;
+    for (size_t n = 0; n < layout->node_count; n++)
+        drawing->is_fixed[n] = points[maker->point[n]].is_fixed;
+    for (size_t c = 0; c < layout->curve_count; c++)
+        drawing->is_line[c] = points[maker->lines[(STEPS + 1) * c + STEPS / 2]].is_fixed;
+    return true;
+}
+
 /** Makes the layout; while curves cross, the cells there are drawn anew, with more and more round them. */
 static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed, uint8_t *class_fault)
 {
@@ -942,6 +957,7 @@ static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed
         qm_layout_issues_reset(ctx, &drawing->issues);
     }
     mark_faults(&maker, &drawing->issues, fault);
+    if (!mark_features(&maker, drawing)) return QM_E_NO_MEMORY;
     for (size_t i = 0; i < d->classes->point_count; i++)
         if (d->classes->point_class[i] == i) class_fault[i] = fault[d->of_class[i]];
     return QM_OK;
