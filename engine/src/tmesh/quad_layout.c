@@ -6,8 +6,10 @@
 #include "tmesh/tmesh.h"
 #include "tmesh/tmesh_route.h"
 
-#define ROUNDS 32           /* drawings */
+#define ROUNDS 32           /* drawings without crossings */
+#define CROSSED 6           /* drawings with crossings: after that curves are laid */
 #define PATIENCE 6          /* drawings that are no better than the best */
+#define UNCROSSED 2         /* of these with crossings */
 #define MOST_PATCHES 5      /* for each required vertex, where fewer do */
 #define FOLDS_A_CROSSING 64 /* crossings count more than folds: a reconstruction refuses them */
 
@@ -53,7 +55,12 @@ static void free_marks(qm_context *ctx, qm_drawing *drawing)
 {
     qm_context_free(ctx, drawing->is_fixed, drawing->layout.node_count, sizeof *drawing->is_fixed);
     qm_context_free(ctx, drawing->is_line, drawing->layout.curve_count, sizeof *drawing->is_line);
+    qm_tmesh_guides *guides = &drawing->guides;
+    qm_context_free(ctx, guides->points, guides->first ? guides->first[guides->count] : 0,
+                    sizeof *guides->points);
+    qm_context_free(ctx, guides->first, guides->count + 1, sizeof *guides->first);
     drawing->is_fixed = drawing->is_line = NULL;
+    *guides = (qm_tmesh_guides){0};
 }
 
 static void free_drawing(qm_context *ctx, qm_drawing *drawing)
@@ -72,18 +79,38 @@ static void swap(qm_drawing *a, qm_drawing *b)
     *b = spare;
 }
 
-/** Lays the curves of a drawing that cross anew, such that they cannot (tmesh_route.h), and keeps what comes of it if fewer cross. */
-static qm_status route(layout_work *work, const qm_ref_surface *surface, qm_drawing *drawing)
+/** The drawn curves themselves as guides, in the scratch arena. False when out of memory. */
+static bool guides_of_curves(layout_work *work, const qm_layout *layout, qm_tmesh_guides *out)
+{
+    size_t total = 0;
+    for (size_t c = 0; c < layout->curve_count; c++)
+        total += layout->curves[c].point_count;
+    *out = (qm_tmesh_guides){.count = layout->curve_count};
+    out->first = qm_arena_alloc(&work->scratch, layout->curve_count + 1, sizeof *out->first);
+    out->points = qm_arena_alloc(&work->scratch, total, sizeof *out->points);
+    if (!out->first || !out->points) return false;
+    total = 0;
+    for (size_t c = 0; c < layout->curve_count; c++) {
+        out->first[c] = total;
+        for (size_t i = 0; i < layout->curves[c].point_count; i++)
+            out->points[total++] = qm_vec_load(layout->curves[c].points + 3 * i);
+    }
+    out->first[layout->curve_count] = total;
+    return true;
+}
+
+/** Lays the curves of a drawing anew along guides, such that they cannot cross (tmesh_route.h), and keeps what comes of it if fewer do. */
+static qm_status route_along(layout_work *work, const qm_ref_surface *surface, const qm_tmesh_guides *guides,
+                             qm_drawing *drawing)
 {
     qm_layout routed = {0};
     qm_layout_issues issues = {0};
     bool is_made;
-    qm_arena_rewind(&work->scratch);
     double *grids = qm_arena_alloc(&work->scratch, drawing->grid_count, GRID_SIZE);
     if (!grids) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the ways of curves");
     memcpy(grids, drawing->grids, drawing->grid_count * GRID_SIZE);
     qm_status status = qm_tmesh_route(&work->scratch, &work->triangles, &drawing->layout, drawing->is_fixed,
-                                      drawing->is_line, grids, &routed, &is_made);
+                                      drawing->is_line, guides, grids, &routed, &is_made);
     if (status == QM_OK && is_made) status = qm_layout_find_crossings(work->ctx, &routed, surface, &issues);
     if (status == QM_OK && is_made && issues.count < drawing->issues.count) {
         qm_layout spare = drawing->layout;
@@ -99,12 +126,26 @@ static qm_status route(layout_work *work, const qm_ref_surface *surface, qm_draw
     return status;
 }
 
+/** Lays the curves of a drawing that cross along what they come from in the quads, and if they cross then, along what was drawn. */
+static qm_status route(layout_work *work, const qm_ref_surface *surface, qm_drawing *drawing)
+{
+    qm_tmesh_guides drawn;
+    qm_arena_rewind(&work->scratch);
+    if (!guides_of_curves(work, &drawing->layout, &drawn))
+        return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the ways of curves");
+    qm_status status = route_along(work, surface, &drawing->guides, drawing);
+    return status == QM_OK && drawing->issues.count > 0 ? route_along(work, surface, &drawn, drawing)
+                                                        : status;
+}
+
 /** Draws the layout, and spreads the lengths where that fails, as long as it helps; keeps the drawing with the fewest faults. */
 static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_drawing *out)
 {
     size_t least = SIZE_MAX, crossings = SIZE_MAX;
     int idle = 0;
-    for (int round = 0; round < ROUNDS && least > 0 && idle < PATIENCE; round++) {
+    for (int round = 0; least > 0 && round < (crossings > 0 ? CROSSED : ROUNDS) &&
+                        idle < (crossings > 0 ? UNCROSSED : PATIENCE);
+         round++) {
         qm_tmesh_classes classes;
         qm_tmesh_faults faults;
         qm_drawing drawing = {0};
@@ -153,7 +194,8 @@ static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surfa
         status = qm_tmesh_source_of_quads(&work->lasting, &work->quads, &work->set, &work->tmesh, surface,
                                           &work->source);
     if (status == QM_OK) status = draw(work, surface, out);
-    return status == QM_OK && out->issues.count > 0 && !surface->is_cloud ? route(work, surface, out) : status;
+    return status == QM_OK && out->issues.count > 0 && !surface->is_cloud ? route(work, surface, out)
+                                                                          : status;
 }
 
 /** As qm_quad_layout_make; *out is the caller's, also after an error. */

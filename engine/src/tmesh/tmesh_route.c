@@ -13,34 +13,47 @@
 #include "core/union_find.h"
 #include "core/vec.h"
 
-#define ON_CORNER 1e-6   /* of a weight: a node this near a corner or a side of a triangle is on it */
-#define INSIDE 1e-3      /* of a weight: how far a node stays off a boundary that it is not on */
-#define LEAST_SHARE 0.05 /* of an edge on each side of a curve */
-#define GUIDE_POINTS 17
-#define GUIDE_PULL 8.0 /* how much longer a way is that is off its guide by a quarter of its length */
-#define ROUNDS 2       /* of straight curves; nodes move before the last */
-#define NODE_STEP 0.7  /* of the way to the middle of the faces round it */
-#define GRADE 0.4       /* of the way to the nearer end of a curve: segments there are no longer, */
-#define SHORTEST 1e-4   /* or than this share of it */
-#define LEAST_STEP 1e-5 /* of a curve: points nearer than that are one */
-#define EVEN 0.1       /* share of equal steps along the boundary of a chart; the rest goes by length */
+#define ON_CORNER 1e-6     /* of a weight: a node this near a corner or a side of a triangle is on it */
+#define INSIDE 1e-3        /* of a weight: how far a node stays off a boundary that it is not on */
+#define LEAST_SHARE 0.05   /* of an edge on each side of a curve */
+#define GUIDE_PULL 8.0     /* how much longer a way is that is off its guide by a quarter of its length */
+#define BEND 0.2           /* of the way to the middle of a triangle: a curve within it is no side of it */
+#define FINE 0.5           /* of the median curve: triangles are made no larger, */
+#define MOST_TIMES 4       /* if there are no more than so many times as many, */
+#define MOST_BESIDES 20000 /* and so many besides */
+#define REFINES 12
+#define MOST_GROWTH 12    /* times as many triangles as the surface has, */
+#define MOST_GROWN 100000 /* and so many besides: ways that wind round each other grow without end */
+#define ROUNDS 2          /* of straight curves; nodes move before the last */
+#define NODE_STEP 0.7     /* of the way to the middle of the faces round it */
+#define GRADE 0.4         /* of the way to the nearer end of a curve: segments there are no longer, */
+#define SHORTEST 1e-4     /* or than this share of it */
+#define LEAST_STEP 1e-5   /* of a curve: points nearer than that are one */
+#define EVEN 0.1          /* share of equal steps along the boundary of a chart; the rest goes by length */
 
-enum { MOST_DARTS = 32, MOST_GRADES = 200 }; /* of a node that moves; points beside those of a path */
+enum {
+    MOST_DARTS = 32,
+    MOST_GRADES = 200,
+    GUIDE_POINTS = 9
+}; /* of a node that moves; points beside those of a path */
 
 typedef struct router {
     qm_arena *arena;
     qm_context *ctx;
     const qm_tmesh_triangles *triangles;
     const qm_layout *layout;
+    const qm_tmesh_guides *guides;
     qm_trimesh m;
     qm_heap heap;
     /* darts */
-    uint32_t *left;        /* by dart: the patch to its left; QM_NO_INDEX */
-    uint32_t *next, *before; /* by dart: round its first node, counterclockwise; QM_NO_INDEX beyond a boundary */
-    int8_t *turn;          /* by patch: 1 if it runs as the triangles do, -1 against */
-    uint32_t *vertex;      /* by node */
-    bool *is_laid;         /* by curve */
-    uint32_t *at_vertex;   /* by vertex of the mesh when nodes are placed: its node; QM_NO_INDEX */
+    uint32_t *left; /* by dart: the patch to its left; QM_NO_INDEX */
+    uint32_t *next,
+        *before;         /* by dart: round its first node, counterclockwise; QM_NO_INDEX beyond a boundary */
+    int8_t *turn;        /* by patch: 1 if it runs as the triangles do, -1 against */
+    qm_vec *wanted;      /* by node: where it shall be */
+    uint32_t *vertex;    /* by node */
+    bool *is_laid;       /* by curve */
+    uint32_t *at_vertex; /* by vertex of the mesh when nodes are placed: its node; QM_NO_INDEX */
     /* by triangle of the mesh */
     size_t capacity;
     double *cost;
@@ -50,7 +63,8 @@ typedef struct router {
     uint32_t (*edge)[2];
     double *share;
     size_t edge_count, edge_capacity;
-    bool is_lost; /* a curve has found no way */
+    size_t most_faces;
+    bool is_lost; /* a curve has found no way, or ways have become too long */
 } router;
 
 static uint32_t start_node(const router *r, uint32_t dart)
@@ -68,6 +82,12 @@ static void set_label(router *r, uint32_t h, uint32_t value)
 {
     r->m.step[h][0] = (int32_t)value;
     if (r->m.twin[h] != QM_NO_INDEX) r->m.step[r->m.twin[h]][0] = (int32_t)value;
+}
+
+static const qm_vec *guide_points(const router *r, uint32_t curve, size_t *count)
+{
+    *count = r->guides->first[curve + 1] - r->guides->first[curve];
+    return r->guides->points + r->guides->first[curve];
 }
 
 /* ---- darts ---- */
@@ -284,8 +304,9 @@ static bool place_node(router *r, uint32_t node, const qm_tmesh_spot *spot)
     uint32_t face = spot->triangle, vertex;
     qm_vec at = {0};
     for (int k = 0; k < 3; k++)
-        at = qm_vec_axpy(at, spot->weight[k],
-                         r->triangles->mesh.position[r->triangles->mesh.from[3 * spot->triangle + (uint32_t)k]]);
+        at = qm_vec_axpy(
+            at, spot->weight[k],
+            r->triangles->mesh.position[r->triangles->mesh.from[3 * spot->triangle + (uint32_t)k]]);
     double weight[3];
     for (size_t step = 0;; step++) {
         int least = 0;
@@ -311,7 +332,8 @@ static bool place_node(router *r, uint32_t node, const qm_tmesh_spot *spot)
         double a = fmax(weight[(low + 1) % 3], INSIDE), b = fmax(weight[(low + 2) % 3], INSIDE);
         at = qm_vec_mix(r->m.position[r->m.from[side]], r->m.position[qm_trimesh_to(&r->m, side)],
                         b / (a + b));
-        return split_edge(r, side, at, &vertex) && (r->at_vertex[vertex] = node, r->vertex[node] = vertex, true);
+        return split_edge(r, side, at, &vertex) &&
+               (r->at_vertex[vertex] = node, r->vertex[node] = vertex, true);
     }
     at = (qm_vec){0};
     for (int k = 0; k < 3; k++)
@@ -327,7 +349,7 @@ static bool place_node(router *r, uint32_t node, const qm_tmesh_spot *spot)
 /** Puts a node onto the nearest boundary edge. */
 static bool place_on_boundary(router *r, uint32_t node)
 {
-    qm_vec p = qm_vec_load(r->layout->nodes + 3 * (size_t)node);
+    qm_vec p = r->wanted[node];
     double best = INFINITY, share = 0;
     uint32_t nearest = QM_NO_INDEX, vertex;
     for (uint32_t h = 0; h < 3 * r->m.face_count; h++) {
@@ -345,8 +367,7 @@ static bool place_on_boundary(router *r, uint32_t node)
     uint32_t end = share < 0.5 ? r->m.from[nearest] : qm_trimesh_to(&r->m, nearest);
     if ((share < ON_CORNER || share > 1 - ON_CORNER) && take_vertex(r, node, end)) return true;
     share = qm_clamp(share, INSIDE, 1 - INSIDE);
-    qm_vec at =
-        qm_vec_axpy(r->m.position[r->m.from[nearest]], share, qm_trimesh_edge(&r->m, nearest));
+    qm_vec at = qm_vec_axpy(r->m.position[r->m.from[nearest]], share, qm_trimesh_edge(&r->m, nearest));
     if (!split_edge(r, nearest, at, &vertex)) return false;
     r->at_vertex[vertex] = node;
     r->vertex[node] = vertex;
@@ -359,16 +380,23 @@ static bool place_nodes(router *r)
     bool *on_boundary = qm_arena_zeroed(r->arena, nodes, sizeof *on_boundary);
     r->vertex = qm_arena_alloc(r->arena, nodes, sizeof *r->vertex);
     r->at_vertex = qm_arena_alloc(r->arena, vertices, sizeof *r->at_vertex);
-    if (!on_boundary || !r->vertex || !r->at_vertex) return false;
+    r->wanted = qm_arena_alloc(r->arena, nodes, sizeof *r->wanted);
+    if (!on_boundary || !r->vertex || !r->at_vertex || !r->wanted) return false;
+    for (uint32_t d = 0; d < 2 * r->layout->curve_count; d++) {
+        size_t count;
+        const qm_vec *points = guide_points(r, d / 2, &count);
+        r->wanted[start_node(r, d)] = points[d % 2 == 0 ? 0 : count - 1];
+    }
     memset(r->at_vertex, 0xff, vertices * sizeof *r->at_vertex);
     for (uint32_t c = 0; c < r->layout->curve_count; c++)
-        if (is_boundary(r, c)) on_boundary[r->layout->curves[c].from] = on_boundary[r->layout->curves[c].to] = true;
+        if (is_boundary(r, c))
+            on_boundary[r->layout->curves[c].from] = on_boundary[r->layout->curves[c].to] = true;
     for (uint32_t n = 0; n < nodes && !r->is_lost; n++)
         if (on_boundary[n] && !place_on_boundary(r, n)) return false;
     for (uint32_t n = 0; n < nodes && !r->is_lost; n++) {
         qm_tmesh_spot spot;
         if (on_boundary[n]) continue;
-        if (!qm_tmesh_triangles_find(r->triangles, qm_vec_load(r->layout->nodes + 3 * (size_t)n), &spot))
+        if (!qm_tmesh_triangles_find(r->triangles, r->wanted[n], &spot))
             r->is_lost = true;
         else if (!place_node(r, n, &spot))
             return false;
@@ -378,36 +406,32 @@ static bool place_nodes(router *r)
 
 /* ---- ways ---- */
 
-/** Points along the drawn curve, by which the way is chosen. */
+/** Points along a curve, by which its way is chosen. */
 typedef struct guide {
-    qm_vec at[GUIDE_POINTS];
+    const qm_vec *at;
+    size_t count;
     double length;
 } guide;
 
-static guide make_guide(const qm_curve *curve)
+static guide make_guide(const qm_vec *at, size_t count)
 {
-    guide out = {.length = qm_layout_curve_length(curve)};
-    double passed = 0;
-    size_t i = 0;
-    for (int k = 0; k < GUIDE_POINTS; k++) {
-        double wanted = out.length * k / (GUIDE_POINTS - 1);
-        for (;; i++) {
-            qm_vec a = qm_vec_load(curve->points + 3 * i), b = qm_vec_load(curve->points + 3 * (i + 1));
-            double step = qm_vec_distance(a, b);
-            if (passed + step >= wanted || i + 2 >= curve->point_count) {
-                out.at[k] = qm_vec_mix(a, b, step > 0 ? qm_clamp((wanted - passed) / step, 0, 1) : 0);
-                break;
-            }
-            passed += step;
-        }
-    }
+    guide out = {.at = at, .count = count};
+    for (size_t k = 1; k < count; k++)
+        out.length += qm_vec_distance(at[k], at[k - 1]);
     return out;
+}
+
+static guide curve_guide(const router *r, uint32_t curve)
+{
+    size_t count;
+    const qm_vec *at = guide_points(r, curve, &count);
+    return make_guide(at, count);
 }
 
 static double guide_distance(const guide *g, qm_vec p)
 {
     double best = INFINITY;
-    for (int k = 0; k + 1 < GUIDE_POINTS; k++) {
+    for (size_t k = 0; k + 1 < g->count; k++) {
         qm_vec along = qm_vec_sub(g->at[k + 1], g->at[k]);
         double length2 = qm_vec_norm2(along),
                at = length2 > 0 ? qm_clamp(qm_vec_dot(qm_vec_sub(p, g->at[k]), along) / length2, 0, 1) : 0;
@@ -529,7 +553,8 @@ static bool find_way(router *r, uint32_t curve, const guide *g, uint32_t *middle
     *middle = at;
     for (; r->back[at] != QM_NO_INDEX; at = r->back[at] / 3) {
         uint32_t h = r->back[at];
-        if (!add_edge(r, h, guide_share(g, r->m.position[r->m.from[h]], r->m.position[qm_trimesh_to(&r->m, h)])))
+        if (!add_edge(r, h,
+                      guide_share(g, r->m.position[r->m.from[h]], r->m.position[qm_trimesh_to(&r->m, h)])))
             return false;
     }
     for (size_t i = 0, j = r->edge_count; i + 1 < j; i++) {
@@ -559,7 +584,8 @@ static bool lay(router *r, uint32_t curve, uint32_t middle)
     uint32_t last = r->vertex[at->from], end = r->vertex[at->to], vertex;
     r->is_laid[curve] = true;
     if (r->edge_count == 0) {
-        if (!split_face(r, middle, middle_of(r, middle), &vertex)) return false;
+        qm_vec between = qm_vec_mix(r->m.position[last], r->m.position[end], 0.5);
+        if (!split_face(r, middle, qm_vec_mix(between, middle_of(r, middle), BEND), &vertex)) return false;
         return label_between(r, last, vertex, curve) && label_between(r, vertex, end, curve);
     }
     for (size_t i = 0; i < r->edge_count && !r->is_lost; i++) {
@@ -582,7 +608,7 @@ static bool route_curve(router *r, uint32_t curve, const guide *g)
     uint32_t middle;
     bool is_found;
     if (!find_way(r, curve, g, &middle, &is_found)) return false;
-    if (!is_found) {
+    if (!is_found || r->m.face_count > r->most_faces) {
         r->is_lost = true;
         return true;
     }
@@ -647,7 +673,7 @@ static bool route_all(router *r)
     for (uint32_t i = 0; i < layout->patch_count; i++)
         face[i] = i;
     for (uint32_t c = 0; c < curves; c++)
-        order[c] = (rank){qm_layout_curve_length(&layout->curves[c]), c};
+        order[c] = (rank){curve_guide(r, c).length, c};
     qsort(order, curves, sizeof *order, compare_ranks);
     enum { BOUNDARY, TREE, HANDLE, LAST };
     for (size_t i = 0; i < curves; i++) {
@@ -670,7 +696,7 @@ static bool route_all(router *r)
             uint32_t c = order[i].curve;
             if (turn[c] != phase) continue;
             if (qm_context_canceled(r->ctx)) return true;
-            guide g = make_guide(&layout->curves[c]);
+            guide g = curve_guide(r, c);
             if (!(phase == BOUNDARY ? route_boundary(r, c) : route_curve(r, c, &g))) return false;
         }
     return true;
@@ -701,7 +727,8 @@ static void number_corners(const router *r, const uint32_t *list, size_t count, 
     memset(out->number, 0xff, 3 * count * sizeof *out->number);
     for (size_t i = 0; i < 3 * count; i++) {
         if (out->number[i] != QM_NO_INDEX) continue;
-        uint32_t first = 3 * list[i / 3] + (uint32_t)(i % 3), h = first, vertex = (uint32_t)chart->vertex_count++;
+        uint32_t first = 3 * list[i / 3] + (uint32_t)(i % 3), h = first,
+                 vertex = (uint32_t)chart->vertex_count++;
         chart->at[vertex] = r->m.position[r->m.from[h]];
         while (is_open(r, h, open)) { /* clockwise to the first of the fan */
             h = qm_trimesh_next(r->m.twin[h]);
@@ -759,7 +786,8 @@ static bool gather(router *r, uint32_t first, const bool *open, disc *out, bool 
     out->beyond = qm_arena_alloc(r->arena, 3 * count, sizeof *out->beyond);
     uint32_t *next = qm_arena_alloc(r->arena, 3 * count, sizeof *next);
     out->ring = qm_arena_alloc(r->arena, sides + 1, sizeof *out->ring);
-    if (!chart->corner || !chart->twin || !chart->triangle || !chart->at || !out->number || !out->beyond || !next || !out->ring)
+    if (!chart->corner || !chart->twin || !chart->triangle || !chart->at || !out->number || !out->beyond ||
+        !next || !out->ring)
         return false;
     memcpy(chart->triangle, r->queue, count * sizeof *r->queue);
     number_corners(r, chart->triangle, count, open, out);
@@ -834,7 +862,8 @@ static bool walk_line(router *r, const disc *d, uint32_t a, uint32_t b, uint32_t
             *is_found = true;
             return true;
         }
-        if (qm_tmesh_flat_area(from, to, chart->flat[p]) <= 0 && qm_tmesh_flat_area(from, to, chart->flat[q]) > 0 &&
+        if (qm_tmesh_flat_area(from, to, chart->flat[p]) <= 0 &&
+            qm_tmesh_flat_area(from, to, chart->flat[q]) > 0 &&
             qm_tmesh_flat_area(from, chart->flat[p], chart->flat[q]) > 0)
             side = i / 3 * 3 + (i + 1) % 3;
     }
@@ -893,17 +922,16 @@ static bool straighten(router *r, uint32_t curve, bool *open)
 
 /* ---- nodes that move ---- */
 
-static guide lift_line(const disc *d, qm_tmesh_flat from, uint32_t triangle, uint32_t corner)
+static guide lift_line(const disc *d, qm_tmesh_flat from, uint32_t triangle, uint32_t corner,
+                       qm_vec out[GUIDE_POINTS])
 {
-    guide out = {0};
     qm_tmesh_flat to = d->chart.flat[corner];
     for (int k = 0; k < GUIDE_POINTS; k++) {
         double share = (double)k / (GUIDE_POINTS - 1);
         qm_tmesh_flat at = {from.u + share * (to.u - from.u), from.v + share * (to.v - from.v)};
-        if (!qm_tmesh_chart_lift(&d->chart, at, &triangle, &out.at[k])) out.at[k] = d->chart.at[corner];
-        if (k > 0) out.length += qm_vec_distance(out.at[k], out.at[k - 1]);
+        if (!qm_tmesh_chart_lift(&d->chart, at, &triangle, &out[k])) out[k] = d->chart.at[corner];
     }
-    return out;
+    return make_guide(out, GUIDE_POINTS);
 }
 
 /** The inner vertex of a chart that is nearest to a point of the plane, and a triangle at it; QM_NO_INDEX. */
@@ -926,6 +954,7 @@ static uint32_t nearest_inner(const router *r, const disc *d, qm_tmesh_flat want
 static bool move_node(router *r, uint32_t first, bool *open)
 {
     uint32_t node = start_node(r, first), dart[MOST_DARTS], far[MOST_DARTS], count = 0, corner;
+    qm_vec line[MOST_DARTS][GUIDE_POINTS];
     guide g[MOST_DARTS];
     for (uint32_t d = first; count == 0 || d != first; d = r->next[d]) {
         if (d == QM_NO_INDEX || count == MOST_DARTS) return true;
@@ -949,7 +978,7 @@ static bool move_node(router *r, uint32_t first, bool *open)
     if (to == QM_NO_INDEX) return true;
     uint32_t at = d.chart.corner[corner / 3][corner % 3];
     for (uint32_t i = 0; i < count; i++) {
-        g[i] = lift_line(&d, d.chart.flat[at], corner / 3, far[i]);
+        g[i] = lift_line(&d, d.chart.flat[at], corner / 3, far[i], line[i]);
         take_up(r, dart[i] / 2);
     }
     r->vertex[node] = to;
@@ -1040,7 +1069,7 @@ static bool grade_points(router *r, const double *path, size_t path_count, doubl
         }
         passed += step;
         bool is_last = i + 1 == path_count;
-        if (step - done < LEAST_STEP * length && *count > 1 && is_last) --*count;
+        if (step - done<LEAST_STEP * length && * count> 1 && is_last) --*count;
         if (step - done < LEAST_STEP * length && !is_last) continue;
         qm_vec_store(*points + 3 * (*count)++, to);
     }
@@ -1075,8 +1104,14 @@ static void grid_border(const qm_layout *out, uint32_t patch, qm_vec grid[QM_LAY
         qm_vec at[QM_LAYOUT_GRID + 1];
         mark_curve(&out->curves[out->patches[patch].side[side]], at);
         for (int i = 0; i <= n; i++) {
-            int column = side == 0 ? i : side == 1 ? n : side == 2 ? n - i : 0,
-                row = side == 0 ? 0 : side == 1 ? i : side == 2 ? n : n - i;
+            int column = side == 0   ? i
+                         : side == 1 ? n
+                         : side == 2 ? n - i
+                                     : 0,
+                row = side == 0   ? 0
+                      : side == 1 ? i
+                      : side == 2 ? n
+                                  : n - i;
             grid[row * (n + 1) + column] = at[out->patches[patch].against[side] ? n - i : i];
         }
     }
@@ -1153,7 +1188,8 @@ static qm_status write_layout(router *r, double *grids, qm_layout *out)
         if (count < 2) r->is_lost = true;
         if (!r->is_lost && !grade_points(r, points, count, &points, &count)) return QM_E_NO_MEMORY;
         if (!r->is_lost)
-            status = qm_layout_add_curve(r->ctx, out, layout->curves[c].from, layout->curves[c].to, points, count);
+            status =
+                qm_layout_add_curve(r->ctx, out, layout->curves[c].from, layout->curves[c].to, points, count);
     }
     bool *closed = qm_arena_zeroed(r->arena, layout->curve_count, sizeof *closed);
     if (!closed) return QM_E_NO_MEMORY;
@@ -1183,18 +1219,54 @@ static bool fill_holes(router *r)
     return has_boundary || qm_trimesh_fill_holes(r->ctx, &r->m, INFINITY) == QM_OK;
 }
 
+static int compare_lengths(const void *a, const void *b)
+{
+    double one = *(const double *)a, other = *(const double *)b;
+    return (one > other) - (one < other);
+}
+
+/** Divides triangles that are large for the curves: ways lead through their middles. */
+static bool refine(router *r)
+{
+    size_t curves = r->layout->curve_count, most = MOST_TIMES * r->m.face_count + MOST_BESIDES;
+    double *length = qm_arena_alloc(r->arena, curves, sizeof *length);
+    if (!length) return false;
+    for (uint32_t c = 0; c < curves; c++)
+        length[c] = curve_guide(r, c).length;
+    qsort(length, curves, sizeof *length, compare_lengths);
+    double fine = FINE * length[curves / 2];
+    bool is_done = !(fine > 0);
+    for (int pass = 0; pass < REFINES && !is_done; pass++) {
+        is_done = true;
+        for (uint32_t f = 0, end = (uint32_t)r->m.face_count; f < end && r->m.face_count < most; f++) {
+            uint32_t longest = 3 * f, vertex;
+            for (uint32_t h = 3 * f; h < 3 * f + 3; h++)
+                if (qm_vec_norm2(qm_trimesh_edge(&r->m, h)) > qm_vec_norm2(qm_trimesh_edge(&r->m, longest)))
+                    longest = h;
+            if (!(qm_vec_norm(qm_trimesh_edge(&r->m, longest)) > fine)) continue;
+            qm_vec middle = qm_vec_mix(r->m.position[r->m.from[longest]],
+                                       r->m.position[qm_trimesh_to(&r->m, longest)], 0.5);
+            if (!split_edge(r, longest, middle, &vertex)) return false;
+            is_done = false;
+        }
+    }
+    return true;
+}
+
 static bool prepare(router *r)
 {
     if (qm_trimesh_copy(r->ctx, &r->triangles->mesh, &r->m) != QM_OK) return false;
     memset(r->m.step, 0, 3 * r->m.face_count * sizeof *r->m.step);
-    return fill_holes(r) && place_nodes(r);
+    r->most_faces = MOST_GROWTH * r->m.face_count + MOST_GROWN;
+    return fill_holes(r) && refine(r) && place_nodes(r);
 }
 
 qm_status qm_tmesh_route(qm_arena *arena, const qm_tmesh_triangles *triangles, const qm_layout *layout,
-                         const bool *is_fixed, const bool *is_line, double *grids, qm_layout *out,
-                         bool *is_made)
+                         const bool *is_fixed, const bool *is_line, const qm_tmesh_guides *guides,
+                         double *grids, qm_layout *out, bool *is_made)
 {
-    router r = {.arena = arena, .ctx = arena->ctx, .triangles = triangles, .layout = layout};
+    router r = {
+        .arena = arena, .ctx = arena->ctx, .triangles = triangles, .layout = layout, .guides = guides};
     bool is_ordered = false;
     *is_made = false;
     bool has_memory = order_darts(&r, grids, &is_ordered);

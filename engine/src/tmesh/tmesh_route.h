@@ -14,21 +14,22 @@
 #define QM_TMESH_ROUTE_H
 
 #include "qm/layout.h"
-#include "tmesh/tmesh_chart.h"
+#include "tmesh/tmesh.h"
 
 /**
  * Lays the curves of a layout.
  *
- * layout    its nodes, the order of its curves round them (by its patches) and, as a guide, where its curves are; its ids number its curves
+ * layout    the order of its curves round its nodes, by its patches; its ids number its curves
  * is_fixed  by node: it stays where it is
  * is_line   by curve: it runs along a feature, and stays as it is laid
+ * guides    by curve: about where it shall be, from node to node
  * grids     of its patches (QM_LAYOUT_GRID); those of the new layout, when it is made
  * out       empty; the same layout with other curves; the caller's, also after an error
  *
  * Returns: QM_OK, with *is_made false, *out empty and the grids as before where a curve finds no way; QM_E_NO_MEMORY; QM_E_CANCELED.
  */
 qm_status qm_tmesh_route(qm_arena *arena, const qm_tmesh_triangles *triangles, const qm_layout *layout,
-                         const bool *is_fixed, const bool *is_line, double *grids, qm_layout *out,
-                         bool *is_made);
+                         const bool *is_fixed, const bool *is_line, const qm_tmesh_guides *guides,
+                         double *grids, qm_layout *out, bool *is_made);
 
 #endif
