@@ -910,9 +910,10 @@ static bool copy_guides(const layout_maker *maker, qm_drawing *drawing)
     uint32_t *of_point = qm_arena_alloc(d->arena, d->lattice.point_count, sizeof *of_point);
     uint32_t *start = qm_arena_alloc(d->arena, all.count, sizeof *start);
     out->first = qm_context_alloc(d->arena->ctx, curves + 1, sizeof *out->first);
-    if (!of_point || !start || !out->first) return false;
+    if (!out->first) return false;
     out->count = curves;
     out->first[curves] = 0;
+    if (!of_point || !start) return false;
     number_guides(d, &all, of_point, start);
     for (size_t c = 0; c < curves; c++) {
         uint32_t guide = of_point[maker->lines[(STEPS + 1) * c + 1]];
