@@ -10,6 +10,7 @@
 #define CROSSED 6           /* drawings with crossings: after that curves are laid */
 #define PATIENCE 6          /* drawings that are no better than the best */
 #define UNCROSSED 2         /* of these with crossings */
+#define HOPELESS 32         /* crossings that two trials leave: there is no third */
 #define MOST_PATCHES 5      /* for each required vertex, where fewer do */
 #define FOLDS_A_CROSSING 64 /* crossings count more than folds: a reconstruction refuses them */
 
@@ -286,7 +287,7 @@ qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *
             if (facts) *facts = own_facts;
         }
         free_drawing(ctx, &drawing);
-        if (best.issues.count == 0) break;
+        if (best.issues.count == 0 || (i > 0 && best.issues.count > HOPELESS)) break;
     }
     hand_over(ctx, status, &best, out, issues, grids);
     return status;
