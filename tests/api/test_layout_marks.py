@@ -137,6 +137,12 @@ def test_features_of_an_automatic_layout(client, box):
     old = client.post("/v1/layouts", json={"mesh": box, "auto": True, "quad_count": 300, "crease_angle": 30}).json()
     new = client.post("/v1/layouts", json={"mesh": box, "auto": True, "quad_count": 300, "features": {"angle_deg": 30}}).json()
     assert old["curves"] == new["curves"] and len(old["patches"]) >= 6
+    # What lies along the edges is sharp, and on them; their ends are corners. So are the quads in the sides of the box.
+    sharp = [curve for curve in new["curves"] if curve.get("mark") == "sharp"]
+    on_edges = [curve for curve in new["curves"] if all(sum(abs(x) == 1 for x in p) >= 2 for p in curve["points"])]
+    assert sharp == on_edges and len(sharp) >= 12
+    assert sorted(new["nodes"][k] for k in new["corners"]) == sorted([x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1))
+    assert count_off(quads_of(client, new)) == 0
 
 
 def vertices_of(client, layout, **fields):

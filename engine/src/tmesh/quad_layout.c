@@ -2,6 +2,7 @@
 
 #include <math.h>
 
+#include "layout/layout_creases.h"
 #include "tmesh/tmesh.h"
 
 #define ROUNDS 32           /* drawings */
@@ -115,7 +116,9 @@ static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surfa
     if (status == QM_OK)
         status = qm_tmesh_source_of_quads(&work->lasting, &work->quads, &work->set, &work->tmesh, surface,
                                           &work->source);
-    return status == QM_OK ? draw(work, surface, out) : status;
+    if (status == QM_OK) status = draw(work, surface, out);
+    return status == QM_OK ? qm_creases_settle_curves(work->ctx, &out->layout, surface, &out->issues)
+                           : status;
 }
 
 /** As qm_quad_layout_make; *out is the caller's, also after an error. */

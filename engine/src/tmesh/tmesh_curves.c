@@ -913,6 +913,25 @@ static size_t count_seeds(const curve_drawer *d, const bool *is_seed)
     return count;
 }
 
+/** True when a curve lies along one feature: its inner points slide on that. */
+static bool is_along_feature(const layout_maker *maker, size_t curve)
+{
+    const uint32_t *line = maker->lines + (STEPS + 1) * curve;
+    const qm_tmesh_point *points = maker->d->lattice.points;
+    for (int k = 1; k < STEPS; k++)
+        if (!points[line[k]].is_fixed || points[line[k]].chain == QM_NO_INDEX ||
+            points[line[k]].chain != points[line[1]].chain)
+            return false;
+    return true;
+}
+
+/** Marks the curves along features as sharp. */
+static void mark_features(const layout_maker *maker)
+{
+    for (size_t c = 0; c < maker->out->curve_count; c++)
+        if (is_along_feature(maker, c)) maker->out->curves[c].mark = QM_CURVE_SHARP;
+}
+
 /** Makes the layout; while curves cross, the cells there are drawn anew, with more and more round them. */
 static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed, uint8_t *class_fault)
 {
@@ -941,6 +960,7 @@ static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed
         qm_layout_reset(ctx, out);
         qm_layout_issues_reset(ctx, &drawing->issues);
     }
+    mark_features(&maker);
     mark_faults(&maker, &drawing->issues, fault);
     for (size_t i = 0; i < d->classes->point_count; i++)
         if (d->classes->point_class[i] == i) class_fault[i] = fault[d->of_class[i]];
