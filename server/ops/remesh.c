@@ -142,17 +142,14 @@ static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, cons
     status = qm_refine(ctx, r, surface, &goal, count_step, &counter, &stop);
     if (status == QM_OK && stop == QM_REFINE_CANCELED)
         status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
-    qm_quads_marks marks = {0};
     if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &out->mesh);
-    if (status == QM_OK) status = qm_reconstruction_find_marks(ctx, r, &marks);
     qm_reconstruction_destroy(ctx, r);
     if (status != QM_OK) return status;
     begin(options, QM_REMESH_MEASURE, out->mesh.face_count, out);
-    qm_settle_goal settle_goal = settle_goal_of(options);
-    settle_goal.marks = &marks;
+    /* Nobody has marked its curves: creases that leave no room may be let go of. */
+    const qm_settle_goal settle_goal = settle_goal_of(options);
     qm_settled settled;
     status = qm_settle(ctx, surface, &settle_goal, &out->mesh, &settled);
-    qm_quads_marks_reset(ctx, &marks);
     if (status == QM_OK) take_distance(out, &settled.distance);
     return status;
 }

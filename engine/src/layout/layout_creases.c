@@ -332,34 +332,45 @@ static qm_status append_run(way_search *s, const places *p, size_t from, size_t 
     return status;
 }
 
-qm_status qm_creases_snap_line(qm_context *ctx, const qm_creases *c, const double *points, size_t count,
-                               double reach, qm_section *out, bool *is_whole)
+/** As qm_creases_snap_line, with a search that is open. */
+static qm_status snap_line(way_search *s, const double *points, size_t count, double reach, qm_section *out,
+                           bool *is_whole)
 {
-    QM_ASSERT(ctx && c && points && count >= 2 && reach > 0.0 && out);
-    *out = (qm_section){0};
-    if (c->features.edge_count == 0) return QM_OK;
+    qm_context *ctx = s->ctx;
     places p = {0};
-    way_search s = {0};
     bool has_moved = false, is_left = false;
+    *out = (qm_section){0};
     if (is_whole) *is_whole = false;
-    qm_status status = find_places(ctx, c, points, count, reach, &p);
-    if (status == QM_OK) status = open_search(ctx, c, &s);
+    qm_status status = find_places(ctx, s->creases, points, count, reach, &p);
     for (size_t i = 0; i < p.count && status == QM_OK;) {
         size_t last = i;
         while (last + 1 < p.count && p.distance[i] <= reach && p.distance[last + 1] <= reach)
             last++;
         if (p.distance[i] <= reach) {
-            status = append_run(&s, &p, i, last, reach, out, &has_moved, &is_left);
+            status = append_run(s, &p, i, last, reach, out, &has_moved, &is_left);
         } else {
             is_left = true;
             status = append(ctx, out, qm_vec_load(p.at + 3 * i));
         }
         i = last + 1;
     }
-    if (s.ctx) close_search(&s);
     reset_places(ctx, &p);
     if (is_whole) *is_whole = status == QM_OK && has_moved && !is_left;
     if (status != QM_OK || !has_moved || out->count < 2) qm_section_reset(ctx, out);
+    return status;
+}
+
+qm_status qm_creases_snap_line(qm_context *ctx, const qm_creases *c, const double *points, size_t count,
+                               double reach, qm_section *out, bool *is_whole)
+{
+    QM_ASSERT(ctx && c && points && count >= 2 && reach > 0.0 && out);
+    *out = (qm_section){0};
+    if (is_whole) *is_whole = false;
+    if (c->features.edge_count == 0) return QM_OK;
+    way_search s;
+    qm_status status = open_search(ctx, c, &s);
+    if (status == QM_OK) status = snap_line(&s, points, count, reach, out, is_whole);
+    close_search(&s);
     return status;
 }
 
@@ -390,33 +401,49 @@ static double reach_of(const qm_ref_surface *surface, const qm_curve *curve)
     return fmin(FOLLOW_REACH * surface->diagonal, MOST_OF_LENGTH * qm_layout_curve_length(curve));
 }
 
+/** What the curves of a node want of it. */
+typedef struct node_wish {
+    size_t sharp; /* curves */
+    double reach; /* the least of theirs */
+    bool is_held, has_moved;
+} node_wish;
+
 /** Puts the nodes of sharp curves onto the features, unless they are corners or belong to a fixed curve. */
 static qm_status place_nodes(qm_context *ctx, const qm_creases *c, qm_layout *layout,
                              const qm_ref_surface *surface)
 {
-    qm_status status = QM_OK;
-    for (uint32_t node = 0; node < layout->node_count && status == QM_OK; node++) {
-        double reach = INFINITY, place[3], *at = layout->nodes + 3 * (size_t)node;
-        size_t sharp = 0;
-        bool is_near, is_held = qm_layout_is_corner(layout, node);
-        for (size_t i = 0; i < layout->curve_count; i++) {
-            const qm_curve *curve = &layout->curves[i];
-            if (curve->from != node && curve->to != node) continue;
-            if (curve->mark == QM_CURVE_FIXED) is_held = true;
-            if (curve->mark != QM_CURVE_SHARP) continue;
-            sharp += (size_t)(curve->from == node) + (size_t)(curve->to == node);
-            reach = fmin(reach, reach_of(surface, curve));
-        }
-        if (sharp == 0 || is_held || !(reach > 0.0)) continue;
-        status = place_node(ctx, c, at, sharp, reach, place, &is_near);
-        if (status != QM_OK || !is_near) continue;
-        memcpy(at, place, POINT_SIZE);
-        for (size_t i = 0; i < layout->curve_count; i++) {
-            qm_curve *curve = &layout->curves[i];
-            if (curve->from == node) memcpy(curve->points, at, POINT_SIZE);
-            if (curve->to == node) memcpy(curve->points + 3 * (curve->point_count - 1), at, POINT_SIZE);
+    size_t nodes = layout->node_count;
+    node_wish *wish = qm_context_alloc(ctx, nodes, sizeof *wish);
+    if (!wish) return no_memory(ctx);
+    for (uint32_t node = 0; node < nodes; node++)
+        wish[node] = (node_wish){.reach = INFINITY, .is_held = qm_layout_is_corner(layout, node)};
+    for (size_t i = 0; i < layout->curve_count; i++) {
+        const qm_curve *curve = &layout->curves[i];
+        double reach = reach_of(surface, curve);
+        for (int k = 0; k < 2; k++) {
+            node_wish *own = &wish[k == 0 ? curve->from : curve->to];
+            own->is_held |= curve->mark == QM_CURVE_FIXED;
+            own->sharp += curve->mark == QM_CURVE_SHARP;
+            if (curve->mark == QM_CURVE_SHARP) own->reach = fmin(own->reach, reach);
         }
     }
+    qm_status status = QM_OK;
+    for (uint32_t node = 0; node < nodes && status == QM_OK; node++) {
+        double place[3], *at = layout->nodes + 3 * (size_t)node;
+        node_wish *own = &wish[node];
+        if (own->sharp == 0 || own->is_held || !(own->reach > 0.0)) continue;
+        status = place_node(ctx, c, at, own->sharp, own->reach, place, &own->has_moved);
+        if (status == QM_OK && own->has_moved) memcpy(at, place, POINT_SIZE);
+    }
+    for (size_t i = 0; i < layout->curve_count && status == QM_OK; i++) {
+        qm_curve *curve = &layout->curves[i];
+        if (wish[curve->from].has_moved)
+            memcpy(curve->points, layout->nodes + 3 * (size_t)curve->from, POINT_SIZE);
+        if (wish[curve->to].has_moved)
+            memcpy(curve->points + 3 * (curve->point_count - 1), layout->nodes + 3 * (size_t)curve->to,
+                   POINT_SIZE);
+    }
+    qm_context_free(ctx, wish, nodes, sizeof *wish);
     return status;
 }
 
@@ -446,18 +473,22 @@ qm_status qm_creases_follow(qm_context *ctx, qm_layout *layout, const qm_ref_sur
         has_sharp |= layout->curves[i].mark == QM_CURVE_SHARP;
     if (!has_sharp || surface->is_cloud) return QM_OK;
     qm_status status = qm_creases_find(ctx, surface, 0.0, NULL, out);
-    if (status == QM_OK && out->features.edge_count > 0) status = place_nodes(ctx, out, layout, surface);
+    if (status != QM_OK || out->features.edge_count == 0) return status;
+    way_search search;
+    status = open_search(ctx, out, &search);
+    if (status == QM_OK) status = place_nodes(ctx, out, layout, surface);
     for (size_t i = 0; i < layout->curve_count && status == QM_OK; i++) {
         qm_curve *curve = &layout->curves[i];
         double reach = reach_of(surface, curve);
         qm_section line;
         if (curve->mark != QM_CURVE_SHARP || !(reach > 0.0)) continue;
-        status = qm_creases_snap_line(ctx, out, curve->points, curve->point_count, reach, &line, NULL);
+        status = snap_line(&search, curve->points, curve->point_count, reach, &line, NULL);
         if (status != QM_OK || line.count < 2) continue;
         join_nodes(layout, curve, ON_CREASE * surface->diagonal, &line);
         status = qm_layout_set_points(ctx, curve, line.points, line.count);
         qm_section_reset(ctx, &line);
     }
+    close_search(&search);
     if (status != QM_OK) qm_creases_reset(ctx, out);
     return status;
 }

@@ -103,6 +103,9 @@ typedef struct qm_layout_cells {
     uint32_t *of_dart; /* dart_count: the cell left of each */
     double *corner;    /* dart_count: the cell's angle at the start of each, in radians */
     qm_vec *normal;    /* node_count: of the surface at each node, consistent along the curves */
+    uint32_t *
+        first_at; /* node_count + 1: the darts that leave node i are at[first_at[i]] ... at[first_at[i + 1] - 1], in order */
+    uint32_t *at; /* dart_count */
     size_t dart_count, node_count;
 } qm_layout_cells;
 
