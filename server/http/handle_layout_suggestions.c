@@ -22,9 +22,11 @@ static void reply_found(qm_request *request, find_fn *find)
     qm_problem problem;
     qm_text out = {0};
     bool is_found = false;
+    double deadline_ms;
+    if (!qm_handlers_read_deadline(request, &deadline_ms)) return;
     if (qm_layout_session_open(request, &s, &problem)) {
         qm_http_watch watch;
-        qm_http_watch_begin(&watch, request, 0.0, &s.ctx);
+        qm_http_watch_begin(&watch, request, deadline_ms, &s.ctx);
         qm_text_add_string(&out, "{");
         is_found = qm_layout_session_outcome(&s, find(&s, &out), &problem);
         qm_text_add_string(&out, "}");

@@ -313,6 +313,7 @@ export function showSketch(panel) {
   const off = [on(["meshes", "choice"], onChoice), on("theme", draw)];
   return () => {
     off.forEach((each) => each());
+    editor.leave();
     removeEventListener("keydown", onKey);
     removeEventListener("keyup", onKeyUp);
     pen?.putAway();

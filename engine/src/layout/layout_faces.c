@@ -13,7 +13,8 @@
 #include <string.h>
 
 #define TANGENT_LENGTH                                                                                       \
-    0.25 /* of the shortest curve at a node: the secants that give curves' directions there */
+    0.25                /* of the shortest curve at a node: the secants that give curves' directions there */
+#define NODES_A_POLL 64 /* of the cancel flag */
 #define FULL_TURN 6.283185307179586
 #define TRANSPORT_STEPS 4 /* samples of the normal on each segment of a curve, as it is transported along */
 
@@ -384,14 +385,17 @@ static void list_darts(const qm_layout *layout, qm_layout_cells *out)
         out->at[--out->first_at[qm_layout_dart_start(layout, dart)]] = dart;
 }
 
-static void find_cells(arrangement *arr, qm_layout_cells *out)
+static qm_status find_cells(qm_context *ctx, arrangement *arr, qm_layout_cells *out)
 {
     for (uint32_t node = 0; node < arr->layout->node_count; node++)
         arr->normal[node] = (qm_vec){0, 0, 0};
     for (uint32_t node = 0; node < arr->layout->node_count; node++)
         if (qm_vec_norm2(arr->normal[node]) == 0.0) propagate_normals(arr, node);
-    for (uint32_t node = 0; node < arr->layout->node_count; node++)
+    for (uint32_t node = 0; node < arr->layout->node_count; node++) {
+        if (node % NODES_A_POLL == 0 && qm_context_canceled(ctx))
+            return qm_context_fail(ctx, QM_E_CANCELED, "canceled");
         measure_angles(arr, node);
+    }
     for (uint32_t dart = 0; dart < arr->dart_count; dart++) {
         arr->next[dart] = next_clockwise(arr, dart ^ 1);
         out->of_dart[dart] = QM_NO_INDEX;
@@ -401,6 +405,7 @@ static void find_cells(arrangement *arr, qm_layout_cells *out)
     for (uint32_t dart = 0; dart < arr->dart_count; dart++)
         if (out->of_dart[dart] == out->of_dart[dart ^ 1])
             out->cells[out->of_dart[dart]].is_on_both_sides = true;
+    return QM_OK;
 }
 
 static bool alloc_cells(qm_context *ctx, size_t darts, size_t nodes, qm_layout_cells *out)
@@ -444,7 +449,7 @@ qm_status qm_layout_find_cells(qm_context *ctx, const qm_ref_surface *surface, c
     arr.at = out->at;
     if (has_cells && arr.queue && arr.angle && arr.next) {
         list_darts(layout, out);
-        find_cells(&arr, out);
+        status = find_cells(ctx, &arr, out);
     } else {
         status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the arrangement of the layout");
     }
