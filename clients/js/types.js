@@ -171,7 +171,7 @@
 /** @typedef {{ mesh: string, quads: string, patches?: number, features?: { angle_deg?: number }, crease_angle?: number,
  *   deadline_ms?: number }} QuadLayoutRequest */
 /** @typedef {{ mesh: string, auto: true, quad_count?: number, patches?: number, features?: { angle_deg?: number },
- *   crease_angle?: number, deadline_ms?: number }} AutoLayoutRequest */
+ *   crease_angle?: number, symmetry?: "found" | Mirror, deadline_ms?: number }} AutoLayoutRequest */
 /** @typedef {{ id: string, mesh: string, revision: number, can_undo: boolean, can_redo: boolean, complete: boolean,
  *   created: string }} LayoutBrief */
 /** @typedef {{ kind: "dangling_end" | "cell_sides" | "apart" | "crossing", curve: number, other_curve?: number, node?: number,

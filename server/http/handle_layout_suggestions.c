@@ -10,8 +10,6 @@
 #include "qm/symmetry.h"
 
 #define MOST_SUGGESTIONS 100
-#define SYMMETRY_SHARE                                                                                       \
-    0.01 /* of the diagonal: the distance to the mirror image at a plane that is accepted */
 
 /** Finds something for a layout, and adds it to the reply. */
 typedef qm_status find_fn(qm_layout_session *s, qm_text *out);
@@ -55,7 +53,7 @@ static qm_status find_symmetry(qm_layout_session *s, qm_text *out)
 {
     qm_symmetry_plane plane[QM_SYMMETRY_PLANES];
     size_t count;
-    qm_status status = qm_symmetry_find(&s->ctx, &s->source, SYMMETRY_SHARE, plane, &count);
+    qm_status status = qm_symmetry_find(&s->ctx, &s->source, QM_SYMMETRY_SHARE, plane, &count);
     if (status != QM_OK) return status;
     qm_json_open(out, "planes", "[");
     for (size_t i = 0; i < count; i++) {

@@ -2,7 +2,6 @@
  * json_layout_edits.c: the bodies of edits of layouts and of reconstructions.
  */
 #include <cjson/cJSON.h>
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -41,36 +40,13 @@ static bool read_array(const cJSON *object, const char *name, int count, double 
     return qm_json_reject(problem, message, pointer, 0, 0);
 }
 
-static bool is_direction(const double normal[3])
-{
-    return normal[0] != 0.0 || normal[1] != 0.0 || normal[2] != 0.0;
-}
-
 /** Reads the plane of a mirror. */
 static bool read_plane(const cJSON *object, double point[3], double normal[3], qm_problem *problem)
 {
     if (!read_array(object, "point", 3, point, problem) || !read_array(object, "normal", 3, normal, problem))
         return false;
-    return is_direction(normal) || qm_json_reject(problem, "must not be 0 0 0", "/normal", 0, 0);
-}
-
-bool qm_json_read_mirror_query(const char *text, qm_layout_edit *out, qm_problem *problem)
-{
-    bool is_read = true;
-    const char *at = text;
-    for (int k = 0; k < 6 && is_read; k++) {
-        char *end;
-        double value = strtod(at, &end);
-        (k < 3 ? out->mirror_point : out->mirror_normal)[k % 3] = value;
-        is_read = end != at && isfinite(value) && *end == (k < 5 ? ',' : '\0');
-        at = end + 1;
-    }
-    out->has_mirror = is_read && is_direction(out->mirror_normal);
-    if (!out->has_mirror)
-        *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
-                                   "mirror must be six numbers between commas: a point and a normal of a "
-                                   "plane, which is not 0,0,0");
-    return out->has_mirror;
+    if (normal[0] != 0.0 || normal[1] != 0.0 || normal[2] != 0.0) return true;
+    return qm_json_reject(problem, "must not be 0 0 0", "/normal", 0, 0);
 }
 
 /** Reads the member "mirror" of an edit, which may be absent. */

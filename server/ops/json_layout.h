@@ -10,8 +10,8 @@
 #include "qm/layout_edit.h"
 #include "qm/layout_suggest.h"
 #include "qm/pick.h"
-#include "qm/quad_layout.h"
 #include "qm/reconstruct.h"
+#include "symmetric_layout.h"
 
 struct cJSON;
 
@@ -42,11 +42,12 @@ typedef struct qm_json_quad_layout {
     char quads[QM_ID_SIZE];      /* of QM_LAYOUT_QUADS */
     qm_quads_options make_quads; /* of QM_LAYOUT_SURFACE */
     qm_quad_layout_options options;
-    double deadline_ms; /* from the start of the request on; 0: none */
+    qm_symmetry_wish symmetry; /* of QM_LAYOUT_SURFACE */
+    double deadline_ms;        /* from the start of the request on; 0: none */
 } qm_json_quad_layout;
 
 /**
- * Reads {mesh, quads, patches, features, deadline_ms} or {mesh, auto, quad_count, patches, features, deadline_ms}, where
+ * Reads {mesh, quads, patches, features, deadline_ms} or {mesh, auto, quad_count, patches, features, symmetry, deadline_ms}, where
  * crease_angle may stand for features. A request with neither quads nor auto gives a layout, and has no problem here.
  *
  * False with a problem (400).
@@ -135,8 +136,8 @@ bool qm_json_read_layout_edit(const char *text, size_t size, qm_layout_edit_kind
                               qm_problem *problem);
 void qm_layout_edit_reset(qm_layout_edit *edit);
 
-/** Reads the plane of a query: six numbers between commas, the point and the normal. False with a problem. */
-bool qm_json_read_mirror_query(const char *text, qm_layout_edit *out, qm_problem *problem);
+/** Reads a plane: six numbers between commas, its point and its normal, which is not 0. False for another text. */
+bool qm_json_read_plane_text(const char *text, double point[3], double normal[3]);
 
 /** The request of POST /v1/reconstructions. */
 typedef struct qm_json_reconstruction {

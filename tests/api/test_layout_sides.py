@@ -4,6 +4,7 @@ import time
 
 import pytest
 
+import shapes
 from conftest import check_problem
 from test_layouts import camera, edit, window
 
@@ -52,12 +53,12 @@ def off(point, points):
     return best
 
 
-def check_symmetric(layout, mirrored=True):
+def check_symmetric(layout, mirrored=True, tolerance=4e-3):
     """Each curve has an image: one that runs along it both ways."""
     assert layout["mirrored"] is mirrored
     for curve in layout["curves"]:
         image = [[-x, y, z] for x, y, z in curve["points"]]
-        assert any(max(off(p, other["points"]) for p in image) < 4e-3 and max(off(p, image) for p in other["points"]) < 4e-3
+        assert any(max(off(p, other["points"]) for p in image) < tolerance and max(off(p, image) for p in other["points"]) < tolerance
                    for other in layout["curves"]), curve
 
 
@@ -141,6 +142,48 @@ def test_bad_planes_name_the_place(client, layout, mirror, pointer):
     for query in ("", "0,0,0,1,0", "0,0,0,0,0,0", "0,0,0,1,0,x", "0,0,0,1,0,0,", "0,0,0,1,0,nan"):
         check_problem(client.delete(f"/v1/layouts/{layout['id']}/curves/0", params={"mirror": query}), 400, "invalid_parameter")
     assert client.get(f"/v1/layouts/{layout['id']}").json()["revision"] == 0
+
+
+def bean(n=24):
+    """A closed surface with one plane of symmetry, x = 0: a cube's grid on a sphere that is dented."""
+    vertices, faces = shapes.gridded_cube(n)
+    moved = []
+    for x, y, z in vertices:
+        length = math.sqrt(x * x + y * y + z * z)
+        x, y, z = x / length, y / length, z / length
+        size = 1 + 0.5 * math.exp(-6 * ((x * x) ** 2 + (y - 0.8) ** 2 + (z - 0.5) ** 2)) + 0.3 * z * y
+        moved.append([1.3 * size * x, size * y, 0.8 * size * z])
+    return shapes.obj((moved, faces))
+
+
+@pytest.mark.parametrize("symmetry", ["found", PLANE, {"point": [0, 1, 2], "normal": [-2, 0, 0]}])
+def test_automatic_layouts_are_symmetric(client, symmetry):
+    mesh = client.upload(bean(), name="bean", format="obj")["id"]
+    reply = client.post("/v1/layouts", json={"mesh": mesh, "auto": True, "quad_count": 1200, "symmetry": symmetry})
+    assert reply.status_code == 201, reply.text
+    layout = reply.json()
+    assert layout["complete"], layout["issues"]
+    check_symmetric({**layout, "mirrored": True}, tolerance=0.02)
+    on_plane = [curve for curve in layout["curves"] if all(abs(p[0]) < 0.01 for p in curve["points"])]
+    assert sum(math.dist(a, b) for curve in on_plane for a, b in zip(curve["points"], curve["points"][1:])) > 5
+    assert not any("mark" in curve for curve in on_plane)
+    made = client.post("/v1/reconstructions", json={"layout": layout["id"]})
+    assert made.status_code == 201, made.text
+
+
+def test_what_has_no_plane_of_symmetry_is_told(client, dish):
+    crooked = b"v 0 0 0\nv 1 0 0\nv 0 1.7 0\nv 0.2 0.3 2.9\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    mesh = client.upload(crooked, name="crooked", format="obj")["id"]
+    reply = client.post("/v1/layouts", json={"mesh": mesh, "auto": True, "symmetry": "found"})
+    assert "not its own mirror image" in check_problem(reply, 422, "invalid_layout")["detail"]
+    away = {"point": [9, 0, 0], "normal": [1, 0, 0]}
+    reply = client.post("/v1/layouts", json={"mesh": mesh, "auto": True, "symmetry": away})
+    assert "no part of the surface" in check_problem(reply, 422, "invalid_layout")["detail"]
+    for wrong in ("x", 1, {"point": [0, 0, 0]}, {"point": [0, 0, 0], "normal": [0, 0, 0]}):
+        reply = client.post("/v1/layouts", json={"mesh": mesh, "auto": True, "symmetry": wrong})
+        assert check_problem(reply, 400, "invalid_field")["errors"][0]["pointer"] == "/symmetry"
+    reply = client.post("/v1/layouts", json={"mesh": mesh, "quads": dish, "symmetry": "found"})
+    check_problem(reply, 400, "invalid_field")
 
 
 def test_an_edit_ends_at_its_deadline_and_changes_nothing(client):

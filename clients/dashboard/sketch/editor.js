@@ -66,7 +66,7 @@ export class Editor {
 
   /**
    * Makes a layout of the whole surface, as a new one beside those that are there.
-   * @param {{ quad_count?: number, patches?: number }} wanted
+   * @param {{ quad_count?: number, patches?: number, symmetry?: "found" | Mirror }} wanted
    */
   async make(wanted) {
     const { mesh } = this;
@@ -74,7 +74,7 @@ export class Editor {
     const made = await client.layouts.create({ mesh, auto: true, ...wanted }, { signal: this.leaving.signal });
     if (this.mesh !== mesh) return;
     this.layouts.push(made);
-    this.take(made, made.issues.length === 0 ? "" : "Some curves cross: correct them, or make another layout.");
+    this.take(made, made.issues.length === 0 ? "" : "Not all cells are patches: correct them, or make another layout.");
   }
 
   /** @param {string} id */

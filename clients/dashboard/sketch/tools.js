@@ -80,6 +80,11 @@ export class Tools {
     return stage && normal ? { point: /** @type {Point} */ ([...stage.frame.centre]), normal } : undefined;
   }
 
+  /** What an automatic layout is to be its own mirror image at. @returns {"found" | Mirror | undefined} */
+  get symmetry() {
+    return this.axis.value === "found" ? "found" : this.mirror;
+  }
+
   /** Finds the plane of symmetry of the mesh. */
   async findPlane() {
     const { mesh } = this.editor;
