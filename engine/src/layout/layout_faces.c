@@ -8,19 +8,26 @@
  */
 #include "bvh/bvh_tree.h"
 #include "layout_internal.h"
+#include "qm/features.h"
 #include "qm/project.h"
 
 #include <string.h>
 
 #define TANGENT_LENGTH                                                                                       \
-    0.25                /* of the shortest curve at a node: the secants that give curves' directions there */
-#define NODES_A_POLL 64 /* of the cancel flag */
+    0.25 /* of the shortest curve at a node: the secants that give curves' directions there */
+#define RING_STEP                                                                                            \
+    0.02 /* of the middle segment of a curve: places round it, that tell whether a mesh ends there */
+#define RING_TURN (FULL_TURN / 16.0)
+#define SHORTEST_BOUNDARY 1e-9 /* of the diagonal */
+#define CLEAR 0.8              /* of a place's distance from one sheet alone */
+#define NODES_A_POLL 64        /* of the cancel flag */
 #define FULL_TURN 6.283185307179586
 #define TRANSPORT_STEPS 4 /* samples of the normal on each segment of a curve, as it is transported along */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
 
 typedef struct arrangement {
+    qm_context *ctx;
     const qm_ref_surface *surface;
     const qm_layout *layout;
     size_t dart_count;
@@ -190,6 +197,70 @@ static double dart_turning(const arrangement *arr, uint32_t dart)
     return sum;
 }
 
+/** The distance of the surface from a place, in steps. */
+static double clearance(const arrangement *arr, qm_vec from, qm_vec way, double step)
+{
+    double at[3];
+    qm_ref_surface_point nearest;
+    qm_vec_store(at, qm_vec_axpy(from, step, way));
+    qm_ref_surface_project(arr->surface, at, &nearest);
+    return nearest.distance / step;
+}
+
+/** True if the mesh has a boundary within a step of a place. A thin rim looks like one, but its edges have two faces. */
+static bool is_at_boundary(const arrangement *arr, qm_vec at, double step)
+{
+    double box[6];
+    qm_vec_store(box, qm_vec_sub(at, (qm_vec){step, step, step}));
+    qm_vec_store(box + 3, qm_vec_add(at, (qm_vec){step, step, step}));
+    const qm_features_options options = {
+        .angle = 180.0, .shortest = SHORTEST_BOUNDARY * arr->surface->diagonal, .box = box};
+    qm_features found;
+    /* Without memory a cell stays one. */
+    if (qm_features_find(arr->ctx, &arr->surface->bvh->mesh, &options, &found) != QM_OK) return false;
+    bool has_boundary = found.edge_count > 0;
+    qm_features_reset(arr->ctx, &found);
+    return has_boundary;
+}
+
+/**
+ * True if a mesh ends at the middle of a dart: round the dart it has one sheet alone, on its right. At an angle from the sheet a place one
+ * step away is the sine of that away from it; another sheet would be nearer to one of the places, which are RING_TURN apart.
+ */
+static bool has_nothing_on_left(const arrangement *arr, uint32_t dart)
+{
+    const qm_curve *curve = &arr->layout->curves[dart / 2];
+    size_t k = (curve->point_count - 1) / 2;
+    qm_vec a = qm_vec_load(dart_point(curve, dart, k)), b = qm_vec_load(dart_point(curve, dart, k + 1));
+    double at[3], length = qm_vec_distance(a, b), step = RING_STEP * length;
+    qm_vec middle = qm_vec_mix(a, b, 0.5);
+    qm_vec_store(at, middle);
+    if (!(length > 0.0)) return false;
+    qm_vec along = qm_vec_scale(1.0 / length, qm_vec_sub(b, a)), up = surface_normal(arr->surface, at),
+           left = qm_vec_cross(up, along);
+    double norm = qm_vec_norm(left);
+    if (!(norm > 0.0)) return false;
+    left = qm_vec_scale(1.0 / norm, left);
+    up = qm_vec_cross(along, left);
+    if (clearance(arr, middle, left, step) < CLEAR || clearance(arr, middle, left, -step) > 1.0 - CLEAR)
+        return false;
+    for (double turn = RING_TURN; turn < 0.5 * FULL_TURN - 0.5 * RING_TURN; turn += RING_TURN)
+        for (int side = -1; side <= 1; side += 2) {
+            qm_vec way = qm_vec_axpy(qm_vec_scale(cos(turn), left), side * sin(turn), up);
+            double free = turn <= 0.25 * FULL_TURN ? 1.0 : sin(turn);
+            if (clearance(arr, middle, way, step) < CLEAR * free) return false;
+        }
+    return is_at_boundary(arr, middle, step);
+}
+
+/** True if a cell lies beyond the boundary of an open mesh: some side of it has the surface on its right alone. */
+static bool is_beyond(const arrangement *arr, const uint32_t *dart, uint32_t sides)
+{
+    for (uint32_t k = 0; k < sides; k++)
+        if (has_nothing_on_left(arr, dart[k])) return true;
+    return false;
+}
+
 /**
  * True if a cell encloses a drawing from outside. By Gauss and Bonnet the curvature of a cell is the sum of its corners
  * and a full turn, less a straight angle a side and what the sides turn towards it: about 0 in a flat cell, half of that of
@@ -224,7 +295,8 @@ static void trace_cell(const arrangement *arr, uint32_t first, qm_layout_cells *
         out->corner[next] = angle;
         dart = next;
     } while (dart != first);
-    cell->is_outside = is_outside(arr, out->dart + cell->first, cell->sides, sum);
+    cell->is_outside = is_outside(arr, out->dart + cell->first, cell->sides, sum) ||
+                       (!arr->surface->is_cloud && is_beyond(arr, out->dart + cell->first, cell->sides));
     out->count++;
 }
 
@@ -438,7 +510,7 @@ qm_status qm_layout_find_cells(qm_context *ctx, const qm_ref_surface *surface, c
 {
     QM_ASSERT(ctx && surface && layout && out && layout->curve_count > 0);
     size_t nodes = layout->node_count, darts = 2 * layout->curve_count;
-    arrangement arr = {.surface = surface, .layout = layout, .dart_count = darts};
+    arrangement arr = {.ctx = ctx, .surface = surface, .layout = layout, .dart_count = darts};
     arr.queue = qm_context_alloc(ctx, nodes, sizeof *arr.queue);
     arr.angle = qm_context_alloc(ctx, darts, sizeof *arr.angle);
     arr.next = qm_context_alloc(ctx, darts, sizeof *arr.next);

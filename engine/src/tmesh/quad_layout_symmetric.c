@@ -15,6 +15,9 @@
     0.1 /* of the shortest edge of a vertex: when nearer to the plane it is moved there, else slivers are cut off */
 #define ON_PLANE 1e-3 /* of the diagonal: curves and nodes that near to the plane belong to both sides */
 
+#define STRAIGHT_COSINE                                                                                      \
+    -0.8 /* of the angle between two sides on the plane: with less a corner of a patch is straight */
+
 enum { POINT_SIZE = 3 * sizeof(double) };
 
 /** The triangles of the surface, with the heights of its vertices above the plane, and the half that is being made. */
@@ -223,6 +226,14 @@ static void free_half(half_maker *m)
     qm_context_free(m->ctx, m->half.faces, m->most_faces, 4 * sizeof *m->half.faces);
 }
 
+static bool is_on_plane(const half_maker *m, const qm_curve *curve, double reach)
+{
+    for (size_t k = 0; k < curve->point_count; k++)
+        if (fabs(qm_vec_dot(qm_vec_sub(qm_vec_load(curve->points + 3 * k), m->point), m->normal)) > reach)
+            return false;
+    return true;
+}
+
 /** Lets go of the boundary of the half as a feature: the surface runs on across the plane, unless it bends there by more than the angle. */
 static qm_status smooth_plane(const half_maker *m, const qm_ref_surface *surface, double crease_angle,
                               qm_layout *layout)
@@ -230,11 +241,7 @@ static qm_status smooth_plane(const half_maker *m, const qm_ref_surface *surface
     double reach = ON_PLANE * surface->diagonal;
     for (size_t i = 0; i < layout->curve_count; i++) {
         qm_curve *curve = &layout->curves[i];
-        bool is_on = curve->mark == QM_CURVE_SHARP;
-        for (size_t k = 0; k < curve->point_count && is_on; k++)
-            is_on = fabs(qm_vec_dot(qm_vec_sub(qm_vec_load(curve->points + 3 * k), m->point), m->normal)) <=
-                    reach;
-        if (!is_on) continue;
+        if (curve->mark != QM_CURVE_SHARP || !is_on_plane(m, curve, reach)) continue;
         qm_ref_surface_point middle;
         qm_ref_surface_project(surface, curve->points + 3 * (curve->point_count / 2), &middle);
         /* A surface that is its own image bends by twice the angle between it and what is perpendicular to the plane. */
@@ -249,7 +256,106 @@ static qm_status smooth_plane(const half_maker *m, const qm_ref_surface *surface
     return status;
 }
 
-/** Makes the layout of the half, and adds its image on the whole surface. */
+/** A corner of a patch that is straight: the boundary runs on there, so that two patches would share two sides once the image is added. */
+typedef struct flat_corner {
+    uint32_t curve[2]; /* ids: both on the plane */
+} flat_corner;
+
+/** Finds the straight corners of a patch; at most two of its four may go. */
+static size_t find_flat(const half_maker *m, const qm_layout *layout, const qm_layout_patch *patch,
+                        double reach, flat_corner out[2])
+{
+    size_t count = 0;
+    for (int k = 0; k < 4 && count < 2; k++) {
+        int before = (k + 3) % 4;
+        const qm_curve *one = &layout->curves[patch->side[before]], *other = &layout->curves[patch->side[k]];
+        qm_vec in = qm_layout_leaving_direction(one, !patch->against[before]),
+               on = qm_layout_leaving_direction(other, patch->against[k]);
+        if (one == other || !is_on_plane(m, one, reach) || !is_on_plane(m, other, reach) ||
+            qm_layout_node_degree(layout, qm_layout_corner(layout, patch, k)) != 2 ||
+            qm_vec_dot(in, on) > STRAIGHT_COSINE)
+            continue;
+        out[count++] = (flat_corner){{one->id, other->id}};
+        k++; /* two that follow each other would leave a side without ends */
+    }
+    return count;
+}
+
+/** Joins the sides at some straight corners, and fills the cells that have fewer sides then by patterns, if that leaves only patches. */
+static qm_status try_straight(const half_maker *m, const qm_ref_surface *half, const flat_corner *corners,
+                              size_t count, qm_layout *layout, bool *is_done)
+{
+    qm_context *ctx = m->ctx;
+    qm_layout better;
+    qm_layout_issues left = {0};
+    size_t filled;
+    *is_done = false;
+    qm_status status = qm_layout_copy(ctx, layout, &better);
+    if (status != QM_OK) return status;
+    for (size_t i = 0; i < count && status == QM_OK; i++)
+        status = qm_layout_merge_curves(ctx, &better, corners[i].curve[0], corners[i].curve[1]);
+    if (status == QM_OK) status = qm_layout_fill(ctx, &better, half, NULL, &filled);
+    if (status == QM_OK) status = qm_layout_find_patches(ctx, half, &better, &left);
+    *is_done = status == QM_OK && left.count == 0;
+    if (*is_done) {
+        qm_layout worse = *layout;
+        *layout = better;
+        better = worse;
+    }
+    qm_layout_issues_reset(ctx, &left);
+    qm_layout_reset(ctx, &better);
+    return status == QM_E_ARGUMENT ? QM_OK
+                                   : status; /* curves that cannot be joined, cells without a pattern */
+}
+
+/** Straightens all such corners at once, as cells share their cuts then, else those that can be one after the other. */
+static qm_status straighten(const half_maker *m, const qm_ref_surface *half, qm_layout *layout)
+{
+    double reach = ON_PLANE * half->diagonal;
+    size_t count = 0, patches = layout->patch_count;
+    flat_corner *corners = qm_context_alloc(m->ctx, 2 * patches, sizeof *corners);
+    if (!corners) return no_memory(m->ctx);
+    for (size_t p = 0; p < patches; p++)
+        count += find_flat(m, layout, &layout->patches[p], reach, corners + count);
+    bool is_done = count == 0;
+    qm_status status = is_done ? QM_OK : try_straight(m, half, corners, count, layout, &is_done);
+    bool is_one = false;
+    for (size_t i = 0; i < count && !is_done && status == QM_OK; i++)
+        status = try_straight(m, half, corners + i, 1, layout, &is_one);
+    qm_context_free(m->ctx, corners, 2 * patches, sizeof *corners);
+    return status;
+}
+
+/** Makes the layout of the half. */
+static qm_status make_of_half(const half_maker *m, const qm_ref_surface *surface, const qm_ref_surface *half,
+                              const qm_quads_options *quads, const qm_quad_layout_options *options,
+                              qm_layout *layout, qm_layout_issues *issues, qm_quad_layout_facts *facts)
+{
+    qm_quads_options own = *quads;
+    qm_quad_layout_options how = *options;
+    own.quads = (quads->quads + 1) / 2;
+    how.patches = (options->patches + 1) / 2;
+    qm_status status =
+        qm_quad_layout_make_of_surface(m->ctx, half, &own, NULL, &how, layout, issues, facts, NULL);
+    qm_layout_issues_reset(m->ctx, issues);
+    return status == QM_OK ? smooth_plane(m, surface, quads->crease_angle, layout) : status;
+}
+
+/** Adds the image of the half, and finds what is left. */
+static qm_status add_image(const half_maker *m, const qm_ref_surface *surface, qm_layout *layout,
+                           qm_layout_issues *issues)
+{
+    double point[3], normal[3];
+    qm_vec_store(point, m->point);
+    qm_vec_store(normal, m->normal);
+    qm_status status = qm_layout_mirror(m->ctx, layout, surface, point, normal, ON_PLANE * surface->diagonal);
+    if (status == QM_OK) status = qm_layout_find_crossings(m->ctx, layout, surface, issues);
+    if (status == QM_OK) status = qm_creases_settle_curves(m->ctx, layout, surface, issues);
+    qm_layout_issues_reset(m->ctx, issues);
+    return status == QM_OK ? qm_layout_find_patches(m->ctx, surface, layout, issues) : status;
+}
+
+/** Makes the layout of the half, and adds its image on the whole surface: without straight corners, unless that leaves more issues. */
 static qm_status make_both(half_maker *m, const qm_ref_surface *surface, const qm_quads_options *quads,
                            const qm_quad_layout_options *options, qm_layout *layout, qm_layout_issues *issues,
                            qm_quad_layout_facts *facts)
@@ -257,27 +363,28 @@ static qm_status make_both(half_maker *m, const qm_ref_surface *surface, const q
     qm_context *ctx = m->ctx;
     qm_bvh *bvh = NULL;
     qm_ref_surface half;
-    qm_quads_options own = *quads;
-    qm_quad_layout_options how = *options;
-    own.quads = (quads->quads + 1) / 2;
-    how.patches = (options->patches + 1) / 2;
+    qm_layout plain = {0};
+    qm_layout_issues of_plain = {0};
     qm_status status = qm_bvh_build(ctx, &m->half, QM_BVH_TARGET, quads->thread_count, &bvh);
     if (status == QM_OK) status = qm_ref_surface_init(ctx, bvh, &half);
-    if (status == QM_OK)
-        status = qm_quad_layout_make_of_surface(ctx, &half, &own, NULL, &how, layout, issues, facts, NULL);
+    if (status == QM_OK) status = make_of_half(m, surface, &half, quads, options, layout, issues, facts);
+    if (status == QM_OK) status = qm_layout_copy(ctx, layout, &plain);
+    if (status == QM_OK) status = straighten(m, &half, layout);
     qm_bvh_destroy(ctx, bvh);
-    qm_layout_issues_reset(ctx, issues);
-    if (status == QM_OK) status = smooth_plane(m, surface, quads->crease_angle, layout);
-    if (status == QM_OK) {
-        double point[3], normal[3];
-        qm_vec_store(point, m->point);
-        qm_vec_store(normal, m->normal);
-        status = qm_layout_mirror(ctx, layout, surface, point, normal, ON_PLANE * surface->diagonal);
+    if (status == QM_OK) status = add_image(m, surface, layout, issues);
+    if (status == QM_OK && issues->count > 0) {
+        status = add_image(m, surface, &plain, &of_plain);
+        if (status == QM_OK && of_plain.count < issues->count) {
+            qm_layout spare = *layout;
+            *layout = plain;
+            plain = spare;
+            qm_layout_issues left = *issues;
+            *issues = of_plain;
+            of_plain = left;
+        }
     }
-    if (status == QM_OK) status = qm_layout_find_crossings(ctx, layout, surface, issues);
-    if (status == QM_OK) status = qm_creases_settle_curves(ctx, layout, surface, issues);
-    qm_layout_issues_reset(ctx, issues);
-    if (status == QM_OK) status = qm_layout_find_patches(ctx, surface, layout, issues);
+    qm_layout_reset(ctx, &plain);
+    qm_layout_issues_reset(ctx, &of_plain);
     if (status == QM_OK && facts) facts->patches = layout->patch_count;
     return status;
 }
