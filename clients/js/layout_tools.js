@@ -7,6 +7,9 @@
 /** @import { Layouts, Options } from "./layouts.js" */
 /** @typedef {Options & { mirror?: Mirror }} MirrorOptions an edit with `mirror` is made on both sides of that plane */
 
+/** @param {Mirror} [mirror] */
+const queryOf = (mirror) => (mirror ? `?mirror=${[...mirror.point, ...mirror.normal].join(",")}` : "");
+
 export class LayoutTools {
   /** @param {Layouts} layouts */
   constructor(layouts) {
@@ -65,8 +68,7 @@ export class LayoutTools {
    * @returns {Promise<EditedLayout>}
    */
   deleteCurve(id, curve, { mirror, signal } = {}) {
-    const plane = mirror ? `?mirror=${[...mirror.point, ...mirror.normal].join(",")}` : "";
-    return this.layouts.transport.json(`/v1/layouts/${encodeURIComponent(id)}/curves/${curve}${plane}`, { method: "DELETE", signal });
+    return this.layouts.transport.json(`/v1/layouts/${encodeURIComponent(id)}/curves/${curve}${queryOf(mirror)}`, { method: "DELETE", signal });
   }
 
   /**
@@ -154,11 +156,11 @@ export class LayoutTools {
   /**
    * Curves that would bring the layout nearer to completion, for addCurve.
    * @param {string} id
-   * @param {Options} [options]
+   * @param {MirrorOptions} [options]
    * @returns {Promise<LayoutSuggestion[]>}
    */
-  async suggestions(id, { signal } = {}) {
-    const found = await this.layouts.transport.json(`/v1/layouts/${encodeURIComponent(id)}/suggestions`, { signal });
+  async suggestions(id, { mirror, signal } = {}) {
+    const found = await this.layouts.transport.json(`/v1/layouts/${encodeURIComponent(id)}/suggestions${queryOf(mirror)}`, { signal });
     return found.suggestions;
   }
 

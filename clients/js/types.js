@@ -180,7 +180,7 @@
  *   issues: LayoutIssue[] }} Layout */
 /** @typedef {Layout & { changed: { added_curves: number[], changed_curves: number[], removed_curves: number[] },
  *   filled_cells?: number, added_features?: number, mirrored?: boolean, stroke?: { curve: number, points: number, missed_points: number } }} EditedLayout */
-/** @typedef {{ kind: "feature" | "end" | "join" | "divide", points: Point[], mark?: CurveMark, detail: string }} LayoutSuggestion */
+/** @typedef {{ kind: "feature" | "end" | "join" | "divide" | "image", points: Point[], mark?: CurveMark, detail: string }} LayoutSuggestion */
 /** @typedef {{ angle_deg?: number, reach?: number }} FeatureSnap */
 /** @typedef {{ point: Point, normal: Point }} Mirror a plane */
 /** @typedef {Mirror & { distance: { lower: number, upper: number } }} SymmetryPlane */

@@ -420,16 +420,7 @@ void qm_handle_curve_redraw(qm_request *request)
 void qm_handle_curve_delete(qm_request *request)
 {
     qm_layout_edit edit = {0};
-    qm_problem problem;
-    const char *mirror = qm_request_query(request, "mirror");
-    edit.has_mirror = mirror && qm_json_read_plane_text(mirror, edit.mirror_point, edit.mirror_normal);
-    if (mirror && !edit.has_mirror) {
-        problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
-                                  "`mirror` must be six numbers between commas: a point and a normal of a "
-                                  "plane, which is not 0,0,0");
-        qm_reply_problem(request, &problem);
-        return;
-    }
+    if (!qm_layout_image_read_plane(request, &edit)) return;
     make_edit(request, &edit, &(edit_call){QM_EDIT_DELETE, QM_OF_CURVE, apply_delete});
 }
 

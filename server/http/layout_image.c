@@ -8,13 +8,23 @@
 
 #include "qm/layout_edit.h"
 
-#define IMAGE_SHARE 0.02 /* of the diagonal: how far a curve may be from the image of another one */
+bool qm_layout_image_read_plane(qm_request *request, qm_layout_edit *out)
+{
+    const char *mirror = qm_request_query(request, "mirror");
+    out->has_mirror = mirror && qm_json_read_plane_text(mirror, out->mirror_point, out->mirror_normal);
+    if (!mirror || out->has_mirror) return true;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                                         "`mirror` must be six numbers between commas: a point and a normal "
+                                         "of a plane, which is not 0,0,0");
+    qm_reply_problem(request, &problem);
+    return false;
+}
 
 static uint32_t image_of_node(const qm_layout_session *s, const qm_layout_edit *edit, uint32_t node)
 {
     if (node >= s->layout.node_count) return QM_NO_INDEX; /* the edit itself tells of it */
     return qm_layout_find_image_node(&s->layout, &s->source, edit->mirror_point, edit->mirror_normal, node,
-                                     IMAGE_SHARE * s->source.diagonal);
+                                     QM_IMAGE_SHARE * s->source.diagonal);
 }
 
 static uint32_t image_of_curve(const qm_layout_session *s, const qm_layout_edit *edit, uint32_t id)
@@ -22,7 +32,7 @@ static uint32_t image_of_curve(const qm_layout_session *s, const qm_layout_edit 
     bool is_reversed;
     if (qm_layout_find_curve(&s->layout, id) == QM_NO_INDEX) return QM_NO_INDEX;
     return qm_layout_find_image_curve(&s->layout, &s->source, edit->mirror_point, edit->mirror_normal, id,
-                                      IMAGE_SHARE * s->source.diagonal, &is_reversed);
+                                      QM_IMAGE_SHARE * s->source.diagonal, &is_reversed);
 }
 
 /** The images of a list; those that have none are left out. False: out of memory. */

@@ -10,6 +10,8 @@
 /** What the second name in the path of an edit is. */
 typedef enum qm_edit_subject { QM_OF_LAYOUT, QM_OF_CURVE, QM_OF_NODE } qm_edit_subject;
 
+#define QM_IMAGE_SHARE 0.02 /* of the diagonal: how far a curve may be from the image of another one */
+
 /** An edit of the other side. */
 typedef struct qm_layout_image {
     qm_layout_edit edit; /* with arrays of its own, for qm_layout_edit_reset */
@@ -17,6 +19,9 @@ typedef struct qm_layout_image {
     bool is_found; /* what the edit is about has an image */
     bool is_own;   /* which is itself */
 } qm_layout_image;
+
+/** Reads `mirror` of the query, if it is there, into the plane of an edit. False after a reply. */
+bool qm_layout_image_read_plane(qm_request *request, qm_layout_edit *out);
 
 /**
  * Finds the image of an edit by places in space, before it is made. Of an edit of its own image the places are moved such that it stays

@@ -110,7 +110,7 @@ static const qm_route routes[] = {
     {"POST", "/v1/layouts/{id}/features", QM_SCOPE_WRITE, qm_handle_layout_features, json, QM_BODY_MEMORY,
      QM_LANE_EDIT, deadline_query},
     {"GET", "/v1/layouts/{id}/suggestions", QM_SCOPE_READ, qm_handle_layout_suggestions, json, QM_BODY_NONE,
-     QM_LANE_EDIT, deadline_query},
+     QM_LANE_EDIT, mirror_query},
     {"GET", "/v1/layouts/{id}/symmetry", QM_SCOPE_READ, qm_handle_layout_symmetry, json, QM_BODY_NONE,
      QM_LANE_EDIT, deadline_query},
     {"POST", "/v1/layouts/{id}/curves", QM_SCOPE_WRITE, qm_handle_curve_add, json, QM_BODY_MEMORY,

@@ -444,7 +444,7 @@ void qm_json_add_layout_issues(qm_text *out, const qm_layout_issues *issues)
 
 void qm_json_add_suggestions(qm_text *out, const qm_layout_suggestions *suggestions)
 {
-    static const char *const names[] = {"feature", "end", "join", "divide"};
+    static const char *const names[] = {"feature", "end", "join", "divide", "image"};
     _Static_assert(sizeof names / sizeof names[0] == QM_SUGGEST_KIND_COUNT, "a name for each kind");
     qm_json_open(out, "suggestions", "[");
     for (size_t i = 0; i < suggestions->count; i++) {
@@ -456,6 +456,8 @@ void qm_json_add_suggestions(qm_text *out, const qm_layout_suggestions *suggesti
             snprintf(detail, sizeof detail, "goes on from an end where no other curve begins");
         else if (one->kind == QM_SUGGEST_JOIN)
             snprintf(detail, sizeof detail, "joins two parts that no curve connects");
+        else if (one->kind == QM_SUGGEST_IMAGE)
+            snprintf(detail, sizeof detail, "the mirror image of a curve that has none");
         else
             snprintf(detail, sizeof detail, "divides a cell of %u sides", one->sides);
         qm_json_add_comma(out);

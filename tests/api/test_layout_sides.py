@@ -130,6 +130,24 @@ def test_without_an_image_one_side_is_edited(client, layout):
     assert math.dist(moved["nodes"][node_at(moved, 0.95, 0.9)], bowl(0.95, 0.9)) < 1e-3
 
 
+def test_images_are_suggested_and_taken(client, layout):
+    path = f"/v1/layouts/{layout['id']}"
+    assert all(one["kind"] != "image" for one in client.get(f"{path}/suggestions", params={"mirror": QUERY}).json()["suggestions"])
+    now = edit(client, layout, "curves", points=line((0.4, 0.5), (0.4, 0.9)))
+    now = edit(client, now, "curves", points=line((0.4, 0.9), (0.8, 0.5)), mark="fixed")
+    for count in (2, 1):
+        found = client.get(f"{path}/suggestions", params={"mirror": QUERY}).json()["suggestions"]
+        assert [one["kind"] for one in found] == ["image"] * count and all(one["detail"] for one in found)
+        assert client.get(f"{path}/suggestions").json()["suggestions"] != found
+        one = found[0]
+        assert one["points"][0] in now["nodes"]
+        now = edit(client, now, "curves", **{name: one[name] for name in ("points", "mark") if name in one}, snap=1e-4)
+    check_symmetric({**now, "mirrored": True})
+    assert sum(curve.get("mark") == "fixed" for curve in now["curves"]) == 2
+    assert all(one["kind"] != "image" for one in client.get(f"{path}/suggestions", params={"mirror": QUERY}).json()["suggestions"])
+    check_problem(client.get(f"{path}/suggestions", params={"mirror": "1,2"}), 400, "invalid_parameter")
+
+
 @pytest.mark.parametrize("mirror, pointer", [
     (1, "/mirror"), ({"point": [0, 0, 0]}, "/normal"), ({"point": [0, 0], "normal": [1, 0, 0]}, "/point"),
     ({"point": [0, 0, 0], "normal": [0, 0, 0]}, "/normal"), ({**PLANE, "side": 1}, "/side")])

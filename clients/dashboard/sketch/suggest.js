@@ -43,7 +43,7 @@ export class Suggestions {
   async find() {
     const { layout } = this.editor;
     if (!layout) return;
-    this.all = await this.calls.suggestions(layout.id, { signal: this.editor.leaving.signal });
+    this.all = await this.calls.suggestions(layout.id, { mirror: this.editor.plane(), signal: this.editor.leaving.signal });
     this.of = layout;
     this.editor.words = this.all.length === 0 ? "There is nothing to suggest." : `${count(this.all.length)} suggested; a click on one draws it.`;
     this.onChange();

@@ -281,6 +281,21 @@ static size_t find_flat(const half_maker *m, const qm_layout *layout, const qm_l
     return count;
 }
 
+/** Puts what patterns have drawn onto the surface; ends of curves stay at their nodes, bit for bit. */
+static void project_all(const qm_ref_surface *surface, qm_layout *layout)
+{
+    qm_ref_surface_point on;
+    for (size_t i = 0; i < layout->node_count; i++) {
+        qm_ref_surface_project(surface, layout->nodes + 3 * i, &on);
+        memcpy(layout->nodes + 3 * i, on.position, POINT_SIZE);
+    }
+    for (size_t c = 0; c < layout->curve_count; c++)
+        for (size_t k = 0; k < layout->curves[c].point_count; k++) {
+            qm_ref_surface_project(surface, layout->curves[c].points + 3 * k, &on);
+            memcpy(layout->curves[c].points + 3 * k, on.position, POINT_SIZE);
+        }
+}
+
 /** Joins the sides at some straight corners, and fills the cells that have fewer sides then by patterns, if that leaves only patches. */
 static qm_status try_straight(const half_maker *m, const qm_ref_surface *half, const flat_corner *corners,
                               size_t count, qm_layout *layout, bool *is_done)
@@ -295,7 +310,10 @@ static qm_status try_straight(const half_maker *m, const qm_ref_surface *half, c
     for (size_t i = 0; i < count && status == QM_OK; i++)
         status = qm_layout_merge_curves(ctx, &better, corners[i].curve[0], corners[i].curve[1]);
     if (status == QM_OK) status = qm_layout_fill(ctx, &better, half, NULL, &filled);
-    if (status == QM_OK) status = qm_layout_find_patches(ctx, half, &better, &left);
+    if (status == QM_OK) {
+        project_all(half, &better);
+        status = qm_layout_find_patches(ctx, half, &better, &left);
+    }
     *is_done = status == QM_OK && left.count == 0;
     if (*is_done) {
         qm_layout worse = *layout;
