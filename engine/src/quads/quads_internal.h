@@ -186,6 +186,10 @@ qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r, size_t *irregular);
 qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool spreads,
                           int thread_count);
 
+/** Centres the vertices that are marked among their neighbours, with equal weights, in some rounds; the others stay. */
+qm_status qm_quads_centre(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, const uint8_t *moves,
+                          int rounds, int thread_count);
+
 /** How many moves of vertices are usual to untangle a mesh: hopeless ones would take minutes. */
 size_t qm_quads_untangle_moves(const qm_quads_result *r);
 
