@@ -19,6 +19,7 @@
     0.02 /* of the middle segment of a curve: places round it, that tell whether a mesh ends there */
 #define RING_TURN (FULL_TURN / 16.0)
 #define SHORTEST_BOUNDARY 1e-9 /* of the diagonal */
+#define BEYOND 0.75            /* of the length round a cell */
 #define CLEAR 0.8              /* of a place's distance from one sheet alone */
 #define NODES_A_POLL 64        /* of the cancel flag */
 #define FULL_TURN 6.283185307179586
@@ -225,9 +226,10 @@ static bool is_at_boundary(const arrangement *arr, qm_vec at, double step)
 
 /**
  * True if a mesh ends at the middle of a dart: round the dart it has one sheet alone, on its right. At an angle from the sheet a place one
- * step away is the sine of that away from it; another sheet would be nearer to one of the places, which are RING_TURN apart.
+ * step away is the sine of that away from it; another sheet would be nearer to one of the places, which are RING_TURN apart. A thin rim
+ * looks so, too: with looks_it_up the mesh tells.
  */
-static bool has_nothing_on_left(const arrangement *arr, uint32_t dart)
+static bool has_nothing_on_left(const arrangement *arr, uint32_t dart, bool looks_it_up)
 {
     const qm_curve *curve = &arr->layout->curves[dart / 2];
     size_t k = (curve->point_count - 1) / 2;
@@ -250,15 +252,24 @@ static bool has_nothing_on_left(const arrangement *arr, uint32_t dart)
             double free = turn <= 0.25 * FULL_TURN ? 1.0 : sin(turn);
             if (clearance(arr, middle, way, step) < CLEAR * free) return false;
         }
-    return is_at_boundary(arr, middle, step);
+    return !looks_it_up || is_at_boundary(arr, middle, step);
 }
 
-/** True if a cell lies beyond the boundary of an open mesh: some side of it has the surface on its right alone. */
+/** True if a cell lies beyond the boundary of an open mesh: most of what is round it has the surface on its right alone. The mesh is
+ * asked last, as that takes long. */
 static bool is_beyond(const arrangement *arr, const uint32_t *dart, uint32_t sides)
 {
-    for (uint32_t k = 0; k < sides; k++)
-        if (has_nothing_on_left(arr, dart[k])) return true;
-    return false;
+    for (int looks_it_up = 0; looks_it_up < 2; looks_it_up++) {
+        double open = 0.0, closed = 0.0, around = 0.0;
+        for (uint32_t k = 0; k < sides; k++)
+            around += qm_layout_curve_length(&arr->layout->curves[dart[k] / 2]);
+        for (uint32_t k = 0; k < sides && open < BEYOND * around; k++) {
+            double length = qm_layout_curve_length(&arr->layout->curves[dart[k] / 2]);
+            *(has_nothing_on_left(arr, dart[k], looks_it_up) ? &open : &closed) += length;
+            if (closed > (1.0 - BEYOND) * around) return false;
+        }
+    }
+    return true;
 }
 
 /**
