@@ -1,5 +1,5 @@
 /**
- * reconstruct_noise.c: how far the points of a surface are off it, and which of them belong to it.
+ * cloud_noise.c: how far the points of a surface are off it, and which of them belong to it.
  *
  * A surface of noise s looks the same from near and from twice as far: of a polynomial of second order that is fitted to a
  * neighbourhood the points are off by s, however wide it is. A surface without noise does not: its parts of higher order grow with
@@ -15,13 +15,13 @@
  *
  * Source: M. Breunig, H.-P. Kriegel, R. Ng, J. Sander, LOF: identifying density-based local outliers, 2000.
  */
-#include "reconstruct_internal.h"
+#include "cloud_points.h"
 
 #include <string.h>
 
 #include "bvh/bvh_tree.h"
+#include "bvh/nearest.h"
 #include "core/linear.h"
-#include "reconstruct_points.h"
 
 #define MIN_POINTS 1600   /* in which four levels of detail cannot be told from noise */
 #define PROBES 600        /* neighbourhoods that are fitted */
@@ -38,6 +38,9 @@
 #define MIN_TURN 0.02     /* radians: that of normals in files of few digits, or of a surface that bends */
 #define LEVELS 4          /* of thinning */
 #define OUTLIER_RATIO 3.0 /* of the distance to the neighbours to theirs */
+#define SPACING_POINTS 7  /* a point and its neighbours, whose distance is the spacing there */
+#define GAP_RATIO 2.0     /* spacings: what is farther from all points is in a hole */
+#define MIN_AGREEING 0.75 /* of neighbours, whose normals must agree for normals to be used */
 #define OUTLIER_NEIGHBOURS 8
 #define OUTLIER_HEIGHT 1.0 /* above the neighbours' plane, in their distances */
 #define MIN_ROUND 0.08     /* of the variance along the normal: those neighbours are no surface */
@@ -83,12 +86,55 @@ qm_status qm_noise_points_thin(qm_context *ctx, const double *positions, const f
     return QM_OK;
 }
 
+void qm_noise_points_drop(qm_noise_points *points, const bool *is_marked)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < points->count; i++) {
+        if (is_marked[i]) continue;
+        memmove(points->positions + 3 * kept, points->positions + 3 * i, POINT_SIZE);
+        if (points->normals)
+            memmove(points->normals + 3 * kept, points->normals + 3 * i, 3 * sizeof *points->normals);
+        kept++;
+    }
+    points->count = kept;
+}
+
 qm_status qm_noise_points_build_tree(qm_context *ctx, const qm_noise_points *points, int thread_count,
                                      qm_bvh **out)
 {
     const qm_mesh cloud = {
         .positions = points->positions, .vertex_count = points->count, .normals = points->normals};
     return qm_bvh_build(ctx, &cloud, QM_BVH_TARGET, thread_count, out);
+}
+
+bool qm_cloud_is_in_gap(const qm_bvh *tree, const double position[3])
+{
+    qm_nearest_points near, around;
+    qm_nearest_points_find(tree, qm_frame_local(&tree->frame, position), 1, &near);
+    qm_nearest_points_find(tree, near.position[0], SPACING_POINTS, &around);
+    return near.d2[0] > GAP_RATIO * GAP_RATIO * around.d2[around.count - 1];
+}
+
+static qm_vec normal_at(const float *normals, size_t i)
+{
+    const float *row = normals + 3 * i;
+    return (qm_vec){(double)row[0], (double)row[1], (double)row[2]};
+}
+
+bool qm_noise_points_have_sides(const qm_noise_points *points, const qm_bvh *tree)
+{
+    size_t along = 0, against = 0, step = points->count / 2000 + 1;
+    for (size_t i = 0; i < points->count; i += step) {
+        qm_nearest_points near;
+        qm_nearest_points_find(tree, qm_frame_local(&tree->frame, points->positions + 3 * i), NEIGHBOURS,
+                               &near);
+        for (int k = 0; k < near.count; k++) {
+            double dot = qm_vec_dot(normal_at(points->normals, i), normal_at(points->normals, near.index[k]));
+            along += dot > 0.0;
+            against += dot < 0.0;
+        }
+    }
+    return (double)along > MIN_AGREEING * (double)(along + against);
 }
 
 /** What a polynomial over a neighbourhood leaves: the standard deviation of its points, as it is and to the radius, and their kurtosis. */
@@ -366,7 +412,8 @@ qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points,
         if (search.marks) search.usual = usual_reach(search.reach, points->count);
         qm_context_parallel_for(ctx, thread_count, (points->count + BLOCK - 1) / BLOCK, search_block,
                                 &search);
-        if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "reconstruction canceled");
+        if (qm_context_canceled(ctx))
+            status = qm_context_fail(ctx, QM_E_CANCELED, "smoothing of points canceled");
     }
     for (size_t i = 0; i < points->count && status == QM_OK; i++)
         *count += is_outlier[i];
