@@ -244,8 +244,8 @@ static qm_status make_guide(qm_context *ctx, const qm_ref_surface *surface, int 
     size_t outliers, capacity = guide->data.count;
     if (status == QM_OK && surface->is_cloud) {
         is_outlier = qm_context_alloc(ctx, capacity, sizeof *is_outlier);
-        status = is_outlier ? qm_noise_find_outliers(ctx, &guide->data, guide->sigma, thread_count,
-                                                     is_outlier, &outliers)
+        status = is_outlier ? qm_noise_find_outliers(ctx, &guide->data, guide->sigma, QM_OUTLIER_RATIO,
+                                                     thread_count, is_outlier, &outliers)
                             : no_memory(ctx);
         if (status == QM_OK) qm_noise_points_drop(&guide->data, is_outlier);
         qm_context_free(ctx, is_outlier, capacity, sizeof *is_outlier);
@@ -273,7 +273,8 @@ static qm_status study(qm_context *ctx, const qm_ref_surface *surface, double sh
     if (status == QM_OK && surface->is_cloud) {
         bool *is_outlier = qm_context_alloc(ctx, points.count, sizeof *is_outlier);
         size_t count = 0;
-        status = is_outlier ? qm_noise_find_outliers(ctx, &points, *sigma, thread_count, is_outlier, &count)
+        status = is_outlier ? qm_noise_find_outliers(ctx, &points, *sigma, QM_OUTLIER_RATIO, thread_count,
+                                                     is_outlier, &count)
                             : no_memory(ctx);
         qm_context_free(ctx, is_outlier, points.count, sizeof *is_outlier);
         *outliers = (double)count / (double)points.count;

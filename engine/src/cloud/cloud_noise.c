@@ -37,7 +37,6 @@
 #define MIN_SIGMA 1e-4    /* of the diagonal: less is exact */
 #define MIN_TURN 0.02     /* radians: that of normals in files of few digits, or of a surface that bends */
 #define LEVELS 4          /* of thinning */
-#define OUTLIER_RATIO 3.0 /* of the distance to the neighbours to theirs */
 #define SPACING_POINTS 7  /* a point and its neighbours, whose distance is the spacing there */
 #define GAP_RATIO 2.0     /* spacings: what is farther from all points is in a hole */
 #define MIN_AGREEING 0.75 /* of neighbours, whose normals must agree for normals to be used */
@@ -348,6 +347,7 @@ typedef struct outlier_search {
     const qm_noise_points *points;
     double sigma; /* local */
     float *reach; /* local */
+    double ratio; /* of the distance to the neighbours to theirs */
     double usual; /* the median of it */
     bool *is_outlier;
     bool marks;
@@ -381,18 +381,16 @@ static void search_block(void *user, int worker, size_t block)
         }
         double theirs = dense_reach(s->reach, &near), value[3], own = (double)s->reach[i];
         s->is_outlier[i] = false;
-        if (own <= OUTLIER_RATIO * fmin(theirs, s->usual)) continue;
+        if (own <= s->ratio * fmin(theirs, s->usual)) continue;
         qm_vec centroid = find_axes(&near, value, axis);
         double height = fabs(qm_vec_dot(axis[0], qm_vec_sub(at, centroid)));
-        bool is_off =
-            own > OUTLIER_RATIO * theirs && height > OUTLIER_HEIGHT * theirs + MAX_DEVIATIONS * s->sigma;
-        bool is_loose =
-            own > OUTLIER_RATIO * s->usual && value[0] > MIN_ROUND * (value[0] + value[1] + value[2]);
+        bool is_off = own > s->ratio * theirs && height > OUTLIER_HEIGHT * theirs + MAX_DEVIATIONS * s->sigma;
+        bool is_loose = own > s->ratio * s->usual && value[0] > MIN_ROUND * (value[0] + value[1] + value[2]);
         s->is_outlier[i] = is_off || is_loose;
     }
 }
 
-qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points, double sigma,
+qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points, double sigma, double ratio,
                                  int thread_count, bool *is_outlier, size_t *count)
 {
     *count = 0;
@@ -403,6 +401,7 @@ qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points,
     if (status != QM_OK) return status;
     outlier_search search = {.tree = tree,
                              .points = points,
+                             .ratio = ratio,
                              .sigma = sigma * tree->frame.scale,
                              .reach = qm_context_alloc(ctx, points->count, sizeof(float)),
                              .is_outlier = is_outlier};

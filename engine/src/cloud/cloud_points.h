@@ -42,9 +42,12 @@ qm_status qm_noise_estimate(qm_context *ctx, const qm_noise_points *points, doub
 qm_status qm_noise_estimate_turn(qm_context *ctx, const qm_noise_points *points, int thread_count,
                                  double *turn);
 
+/** Of the distance of an outlier from its neighbours to theirs: so sure that the points that are left out can be told. */
+#define QM_OUTLIER_RATIO 3.0
+
 /** Marks the points that do not belong to the surface of the others, which have noise sigma. QM_OK; QM_E_NO_MEMORY;
  * QM_E_CANCELED. */
-qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points, double sigma,
+qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points, double sigma, double ratio,
                                  int thread_count, bool *is_outlier, size_t *count);
 
 /** True if a position is farther from all points of a tree than these are from each other there. */

@@ -15,12 +15,15 @@
 #define MOST_POINTS 1048576 /* more are thinned */
 #define MIN_POINTS 16       /* fewer are no surface */
 #define CELL 1.5            /* side of the finest cells, in spacings of the points */
-#define SPACING 0.7236   /* of the distance to the sixth neighbour: sqrt(pi / 6), where points lie evenly */
-#define NEIGHBOURS 7     /* a point and six others */
-#define PROBES 2000      /* points of which the spacing is the median */
-#define HOLE 0.15        /* of the diagonal: larger holes are ends of the surface */
-#define FADING 0.5       /* of the distance in which vertices at holes are drawn to points less and less */
-#define MAX_MOVE 1.0     /* cells by which a vertex moves at most to come onto the points */
+#define SPACING 0.7236    /* of the distance to the sixth neighbour: sqrt(pi / 6), where points lie evenly */
+#define NEIGHBOURS 7      /* a point and six others */
+#define PROBES 2000       /* points of which the spacing is the median */
+#define OUTLIER_RATIO 2.0 /* of the distance to the neighbours to theirs */
+#define OUTLIER_ROUNDS 2  /* where outliers had outliers for neighbours */
+#define MOST_REACH 5.0 /* medians of the distance to the sixth neighbour: sparser points vouch for no more */
+#define HOLE 0.15      /* of the diagonal: larger holes are ends of the surface */
+#define FADING 0.5     /* of the distance in which vertices at holes are drawn to points less and less */
+#define MAX_MOVE 1.0   /* cells by which a vertex moves at most to come onto the points */
 #define MIN_AGREEING 0.5 /* cosine between a vertex's normal and that of the points */
 
 enum { POINT_SIZE = 3 * sizeof(double), NORMAL_SIZE = 3 * sizeof(float), BLOCK = 512 };
@@ -124,15 +127,19 @@ static qm_status take_guide(qm_context *ctx, cloud_work *w, const qm_guide *guid
     return QM_OK;
 }
 
+/** Drops points off the surface of the others, with less doubt than is told of: without a few points of it the surface is the same. */
 static qm_status drop_outliers(qm_context *ctx, cloud_work *w, int thread_count)
 {
-    size_t count = w->points.count, outliers;
-    bool *is_outlier = qm_context_alloc(ctx, count, sizeof *is_outlier);
-    qm_status status = is_outlier
-                           ? qm_noise_find_outliers(ctx, &w->points, 0.0, thread_count, is_outlier, &outliers)
-                           : no_memory(ctx);
-    if (status == QM_OK) qm_noise_points_drop(&w->points, is_outlier);
-    qm_context_free(ctx, is_outlier, count, sizeof *is_outlier);
+    qm_status status = QM_OK;
+    for (int round = 0; round < OUTLIER_ROUNDS && status == QM_OK; round++) {
+        size_t count = w->points.count, outliers;
+        bool *is_outlier = qm_context_alloc(ctx, count, sizeof *is_outlier);
+        status = is_outlier ? qm_noise_find_outliers(ctx, &w->points, 0.0, OUTLIER_RATIO, thread_count,
+                                                     is_outlier, &outliers)
+                            : no_memory(ctx);
+        if (status == QM_OK) qm_noise_points_drop(&w->points, is_outlier);
+        qm_context_free(ctx, is_outlier, count, sizeof *is_outlier);
+    }
     return status;
 }
 
@@ -256,6 +263,9 @@ static qm_status measure_spacing(qm_context *ctx, cloud_work *w, int thread_coun
         sorted[found++] = (double)w->reach[i];
     qsort(sorted, found, sizeof *sorted, compare_doubles);
     double spacing = SPACING * sorted[found / 2];
+    float most = (float)(MOST_REACH * sorted[found / 2]);
+    for (size_t i = 0; i < w->points.count; i++)
+        if (w->reach[i] > most) w->reach[i] = most;
     record->spacing = spacing * w->tree->frame.inverse_scale;
     w->cell = CELL * spacing;
     return canceled(ctx);
