@@ -16,7 +16,9 @@ typedef struct qm_cloud_sample {
 /** Oriented points, local. */
 typedef struct qm_cloud_points {
     size_t count;
-    const qm_vec *position, *normal; /* normals of length 1; 0 where unknown: such points do not count */
+    const qm_vec *position;
+    qm_vec *normal; /* of length 1; 0 where unknown: such points do not count */
+    bool is_sure;   /* normals are known: else they may be turned round */
 } qm_cloud_points;
 
 /**

@@ -12,6 +12,9 @@
 #define MARGIN 3.0    /* coarsest cells round the box */
 #define MOST_OCCUPIED 400000 /* cells with points: about 12 times as many nodes of 100 bytes each */
 
+#define MIN_SLOPE 0.3 /* of the function against a normal, which has the slope 1, to turn it */
+#define TURNS 2       /* of normals on the finest grid, each with another solution */
+
 static qm_status no_memory(qm_context *ctx)
 {
     return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the cells round points");
@@ -161,6 +164,37 @@ static qm_status solve(qm_context *ctx, const qm_cloud_points *points, qm_cloud_
     return status;
 }
 
+/** The slope of the function at a point; 0 outside the grid. */
+static qm_vec slope_at(const qm_cloud_level *level, qm_vec p)
+{
+    const qm_cloud_grid *grid = &level->grid;
+    uint64_t key = qm_cloud_grid_key_at(grid, p);
+    size_t cell = qm_cloud_keys_find(grid->cells, grid->cell_count, key);
+    qm_vec sum = {0, 0, 0};
+    if (cell == SIZE_MAX) return sum;
+    uint32_t corner[8];
+    double value[8], slope[3][8];
+    qm_cloud_grid_corners(grid, cell, corner);
+    qm_cloud_grid_weights(qm_cloud_grid_within(grid, key, p), value, slope);
+    for (int i = 0; i < 8; i++) {
+        double f = level->field[corner[i]];
+        sum = qm_vec_add(sum, (qm_vec){f * slope[0][i], f * slope[1][i], f * slope[2][i]});
+    }
+    return sum;
+}
+
+/** Turns normals round that the function contradicts, to which all points near them contributed. Returns how many. */
+static size_t turn_normals(const qm_cloud_level *level, const qm_cloud_points *points)
+{
+    size_t turned = 0;
+    for (size_t i = 0; i < points->count && !points->is_sure; i++) {
+        if (!(qm_vec_dot(points->normal[i], slope_at(level, points->position[i])) < -MIN_SLOPE)) continue;
+        points->normal[i] = qm_vec_scale(-1.0, points->normal[i]);
+        turned++;
+    }
+    return turned;
+}
+
 /** Makes the grid of the cells, which it takes over, and room for its values. */
 static qm_status make_level(qm_context *ctx, qm_vec origin, double side, key_list *cells, qm_cloud_level *out)
 {
@@ -246,8 +280,12 @@ qm_status qm_cloud_levels_solve(qm_context *ctx, const qm_cloud_points *points, 
         count[k] = (uint64_t)(size[k] / side) + 1 + (uint64_t)(2.0 * MARGIN);
     qm_vec origin = {low.x - MARGIN * side, low.y - MARGIN * side, low.z - MARGIN * side};
     if (status == QM_OK) status = start(ctx, points, origin, side, count, out);
-    for (int k = 0; k < levels && status == QM_OK; k++)
+    for (int k = 0; k < levels && status == QM_OK; k++) {
+        turn_normals(out, points);
         status = refine(ctx, points, out);
+    }
+    for (int k = 0; k < TURNS && status == QM_OK && turn_normals(out, points) > 0; k++)
+        status = solve(ctx, points, out);
     if (status != QM_OK) qm_cloud_level_reset(ctx, out);
     return status;
 }

@@ -379,6 +379,18 @@ static qm_status make_mesh(qm_context *ctx, const cloud_work *w, bool is_turned,
     return QM_OK;
 }
 
+/** Gives the points the normals as they were turned, and takes the side of the cells as it was chosen. The tree only reads them. */
+static void keep_normals(cloud_work *w)
+{
+    w->cell = w->level.grid.side;
+    for (size_t i = 0; i < w->oriented_count; i++) {
+        float *row = w->points.normals + 3 * i;
+        row[0] = (float)w->normal[i].x;
+        row[1] = (float)w->normal[i].y;
+        row[2] = (float)w->normal[i].z;
+    }
+}
+
 static qm_status make(qm_context *ctx, const qm_ref_surface *cloud, const qm_cloud_options *options,
                       cloud_work *w, qm_mesh *out, qm_cloud_record *record)
 {
@@ -386,9 +398,9 @@ static qm_status make(qm_context *ctx, const qm_ref_surface *cloud, const qm_clo
     qm_status status = choose_points(ctx, cloud, options, w, record);
     if (status == QM_OK) status = orient(ctx, w, threads, record);
     if (status == QM_OK) status = measure_spacing(ctx, w, threads, record);
-    const qm_cloud_points points = {w->oriented_count, w->position, w->normal};
+    const qm_cloud_points points = {w->oriented_count, w->position, w->normal, record->has_own_normals};
     if (status == QM_OK) status = qm_cloud_levels_solve(ctx, &points, w->cell, &w->level);
-    if (status == QM_OK) w->cell = w->level.grid.side;
+    if (status == QM_OK) keep_normals(w);
     if (status == QM_OK) status = qm_cloud_isosurface(ctx, &w->level.grid, w->level.field, &w->triangles);
     qm_cloud_level_reset(ctx, &w->level);
     if (status == QM_OK) status = move_vertices(ctx, w, threads);
