@@ -346,14 +346,19 @@ static qm_status move_vertices(qm_context *ctx, cloud_work *w, int thread_count)
 
 /* ---- the mesh ---- */
 
-/** Six times the volume inside. */
+/** Six times the volume inside; of an open surface that between it and the mean of its vertices, so that it looks away from there. */
 static double enclosed_volume(const qm_cloud_triangles *triangles)
 {
     double sum = 0.0;
+    qm_vec mean = {0, 0, 0};
+    for (size_t v = 0; v < triangles->vertex_count; v++)
+        mean = qm_vec_axpy(mean, 1.0 / (double)triangles->vertex_count, triangles->position[v]);
     for (size_t i = 0; i < triangles->count; i++) {
         const uint32_t *c = triangles->corner[i];
-        sum += qm_vec_dot(triangles->position[c[0]],
-                          qm_vec_cross(triangles->position[c[1]], triangles->position[c[2]]));
+        qm_vec corner[3];
+        for (int k = 0; k < 3; k++)
+            corner[k] = qm_vec_sub(triangles->position[c[k]], mean);
+        sum += qm_vec_dot(corner[0], qm_vec_cross(corner[1], corner[2]));
     }
     return sum;
 }
@@ -407,8 +412,8 @@ static qm_status make(qm_context *ctx, const qm_ref_surface *cloud, const qm_clo
     double hole = HOLE * cloud->diagonal * w->tree->frame.scale;
     if (status == QM_OK)
         status = qm_cloud_trim(ctx, &w->triangles, w->place, w->oriented_count, hole, record);
-    bool is_turned = status == QM_OK && !record->has_own_normals && record->borders == 0 &&
-                     enclosed_volume(&w->triangles) < 0.0;
+    if (status == QM_OK) status = qm_cloud_close(ctx, &w->triangles, hole, record);
+    bool is_turned = status == QM_OK && !record->has_own_normals && enclosed_volume(&w->triangles) < 0.0;
     return status == QM_OK ? make_mesh(ctx, w, is_turned, out) : status;
 }
 

@@ -17,7 +17,6 @@ static qm_status no_memory(qm_context *ctx)
     return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a surface of points");
 }
 
-/** The side of a triangle that starts at one of its corners, as seen from the neighbour. */
 typedef struct trimmer {
     qm_cloud_triangles *all;
     const qm_cloud_place *place;
@@ -34,10 +33,9 @@ static bool is_far(const trimmer *t, size_t triangle, double limit)
     return true;
 }
 
-/** Finds the other side of each edge, by lists of the sides that start at each vertex. */
-static qm_status link_sides(qm_context *ctx, trimmer *t)
+qm_status qm_cloud_link_sides(qm_context *ctx, const qm_cloud_triangles *triangles, uint32_t *next)
 {
-    size_t sides = 3 * t->all->count, vertices = t->all->vertex_count;
+    size_t sides = 3 * triangles->count, vertices = triangles->vertex_count;
     uint32_t *first = qm_context_alloc(ctx, vertices, sizeof *first),
              *list = qm_context_alloc(ctx, sides, sizeof *list);
     qm_status status = first && list ? QM_OK : no_memory(ctx);
@@ -45,16 +43,16 @@ static qm_status link_sides(qm_context *ctx, trimmer *t)
         for (size_t v = 0; v < vertices; v++)
             first[v] = QM_NO_INDEX;
         for (uint32_t s = 0; s < sides; s++) {
-            uint32_t from = t->all->corner[s / 3][s % 3];
+            uint32_t from = triangles->corner[s / 3][s % 3];
             list[s] = first[from];
             first[from] = s;
         }
         for (uint32_t s = 0; s < sides; s++) {
-            uint32_t from = t->all->corner[s / 3][s % 3], to = t->all->corner[s / 3][(s + 1) % 3],
+            uint32_t from = triangles->corner[s / 3][s % 3], to = triangles->corner[s / 3][(s + 1) % 3],
                      other = first[to];
-            while (other != QM_NO_INDEX && t->all->corner[other / 3][(other + 1) % 3] != from)
+            while (other != QM_NO_INDEX && triangles->corner[other / 3][(other + 1) % 3] != from)
                 other = list[other];
-            t->next[s] = other;
+            next[s] = other;
         }
     }
     qm_context_free(ctx, first, vertices, sizeof *first);
@@ -265,7 +263,8 @@ qm_status qm_cloud_trim(qm_context *ctx, qm_cloud_triangles *triangles, const qm
     t.is_dropped = qm_context_alloc(ctx, count, sizeof *t.is_dropped);
     t.next = qm_context_alloc(ctx, 3 * count, sizeof *t.next);
     t.class = qm_context_alloc(ctx, t.class_capacity, sizeof *t.class);
-    qm_status status = t.is_dropped && t.next && t.class ? link_sides(ctx, &t) : no_memory(ctx);
+    qm_status status =
+        t.is_dropped && t.next && t.class ? qm_cloud_link_sides(ctx, triangles, t.next) : no_memory(ctx);
     if (status == QM_OK) {
         memset(t.is_dropped, 0, count * sizeof *t.is_dropped);
         status = drop_gaps(ctx, &t, hole);
