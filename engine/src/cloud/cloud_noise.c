@@ -40,6 +40,8 @@
 #define SPACING_POINTS 7  /* a point and its neighbours, whose distance is the spacing there */
 #define GAP_RATIO 2.0     /* spacings: what is farther from all points is in a hole */
 #define MIN_AGREEING 0.75 /* of neighbours, whose normals must agree for normals to be used */
+#define MIN_BREADTH                                                                                          \
+    1e-3 /* of the variances of neighbours along their first two axes: below it they lie on a line */
 #define OUTLIER_NEIGHBOURS 8
 #define OUTLIER_HEIGHT 1.0 /* above the neighbours' plane, in their distances */
 #define MIN_ROUND 0.08     /* of the variance along the normal: those neighbours are no surface */
@@ -160,7 +162,7 @@ static bool fit_probe(const qm_nearest_points *near, probe *out)
     qm_vec centroid = find_axes(near, value, axis);
     /* Of a disc, the variances along two axes are a quarter of the square of the radius each. */
     double radius = sqrt(2.0 * (value[1] + value[2]) / near->count), sum = 0.0, fourth = 0.0;
-    if (!(radius > 0.0) || !(value[1] > 1e-3 * value[2])) return false;
+    if (!(radius > 0.0) || !(value[1] > MIN_BREADTH * value[2])) return false;
     qm_least_squares sums = {.count = UNKNOWNS};
     double row[NEIGHBOURS][UNKNOWNS], height[NEIGHBOURS];
     for (int i = 0; i < near->count; i++) {
@@ -232,6 +234,30 @@ static bool probe_level(const qm_bvh *tree, const qm_noise_points *points, probe
     return true;
 }
 
+bool qm_noise_are_lines(const qm_noise_points *points, const qm_bvh *tree)
+{
+    size_t lines = 0, count = 0, step = points->count / PROBES + 1;
+    for (size_t i = 0; i < points->count; i += step, count++) {
+        qm_nearest_points near;
+        qm_vec axis[3];
+        double value[3];
+        qm_nearest_points_find(tree, qm_frame_local(&tree->frame, points->positions + 3 * i), NEIGHBOURS,
+                               &near);
+        find_axes(&near, value, axis);
+        lines += !(value[1] > MIN_BREADTH * value[2]);
+    }
+    return 2 * lines > count;
+}
+
+bool qm_noise_probe(const qm_noise_points *points, const qm_bvh *tree, double *residual, double *flatness)
+{
+    probe found;
+    if (!probe_level(tree, points, &found)) return false;
+    *residual = found.residual;
+    *flatness = found.flatness;
+    return true;
+}
+
 qm_status qm_noise_estimate(qm_context *ctx, const qm_noise_points *points, double diagonal, int thread_count,
                             double *sigma)
 {
@@ -269,7 +295,7 @@ static bool fit_normals(const float *normals, const qm_nearest_points *near, dou
     qm_vec axis[3];
     double value[3], x[3][QM_LEAST_SQUARES_MAX], sum = 0.0;
     qm_vec centroid = find_axes(near, value, axis);
-    if (!(value[1] > 1e-3 * value[2])) return false;
+    if (!(value[1] > MIN_BREADTH * value[2])) return false;
     qm_least_squares sums[3] = {{.count = 3}, {.count = 3}, {.count = 3}};
     double radius = sqrt(2.0 * (value[1] + value[2]) / near->count);
     for (int pass = 0; pass < 2; pass++) {

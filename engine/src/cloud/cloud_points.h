@@ -37,6 +37,13 @@ bool qm_noise_points_have_sides(const qm_noise_points *points, const qm_bvh *tre
 qm_status qm_noise_estimate(qm_context *ctx, const qm_noise_points *points, double diagonal, int thread_count,
                             double *sigma);
 
+/** True if the neighbours of most points lie on a line. */
+bool qm_noise_are_lines(const qm_noise_points *points, const qm_bvh *tree);
+
+/** The median distance of points from polynomials over their neighbours, in their unit and to the radius: with noise as wide as their
+ * spacing, or for points that fill space, 0.4. False where most neighbours define no plane. */
+bool qm_noise_probe(const qm_noise_points *points, const qm_bvh *tree, double *residual, double *flatness);
+
 /** The standard deviation of the points' normals, in radians along each tangent; their signs do not matter. QM_OK; QM_E_NO_MEMORY;
  * QM_E_CANCELED. */
 qm_status qm_noise_estimate_turn(qm_context *ctx, const qm_noise_points *points, int thread_count,

@@ -21,10 +21,11 @@
 #define OUTLIER_RATIO 2.0 /* of the distance to the neighbours to theirs */
 #define OUTLIER_ROUNDS 2  /* where outliers had outliers for neighbours */
 #define MOST_REACH 5.0 /* medians of the distance to the sixth neighbour: sparser points vouch for no more */
-#define HOLE 0.15      /* of the diagonal: larger holes are ends of the surface */
-#define FADING 0.5     /* of the distance in which vertices at holes are drawn to points less and less */
-#define MAX_MOVE 1.0   /* cells by which a vertex moves at most to come onto the points */
-#define MIN_AGREEING 0.5 /* cosine between a vertex's normal and that of the points */
+#define MAX_FLATNESS 0.22 /* of the distance of points from the surface of 20 neighbours to its radius */
+#define HOLE 0.15         /* of the diagonal: larger holes are ends of the surface */
+#define FADING 0.5        /* of the distance in which vertices at holes are drawn to points less and less */
+#define MAX_MOVE 1.0      /* cells by which a vertex moves at most to come onto the points */
+#define MIN_AGREEING 0.5  /* cosine between a vertex's normal and that of the points */
 
 enum { POINT_SIZE = 3 * sizeof(double), NORMAL_SIZE = 3 * sizeof(float), BLOCK = 512 };
 
@@ -143,33 +144,58 @@ static qm_status drop_outliers(qm_context *ctx, cloud_work *w, int thread_count)
     return status;
 }
 
-/** Takes the points without copies, outliers and noise. */
+/** Takes the smooth points of a guide, or drops outliers where the points are exact. */
+static qm_status clean_points(qm_context *ctx, cloud_work *w, double noise_share, int thread_count,
+                              qm_cloud_record *record)
+{
+    qm_guide *guide = NULL;
+    double outliers, turn;
+    qm_ref_surface given;
+    size_t count = w->points.count;
+    qm_status status = qm_ref_surface_init(ctx, w->tree, &given);
+    if (status == QM_OK) status = qm_guide_create(ctx, &given, noise_share, thread_count, &guide, &outliers);
+    if (status == QM_OK && guide) {
+        qm_guide_points(guide, &record->noise, &turn);
+        record->outliers += (size_t)(outliers * (double)count + 0.5);
+        status = take_guide(ctx, w, guide);
+    } else if (status == QM_OK) {
+        status = drop_outliers(ctx, w, thread_count);
+        record->outliers += count - w->points.count;
+    }
+    qm_guide_release(ctx, guide);
+    return status == QM_OK ? build_tree(ctx, w, thread_count) : status;
+}
+
+/** True if most points lie beside the surfaces of their neighbours as much as along them. */
+static bool are_scattered(const cloud_work *w, double *residual)
+{
+    double flatness;
+    return qm_noise_probe(&w->points, w->tree, residual, &flatness) && flatness > MAX_FLATNESS;
+}
+
+/** Takes the points without copies, outliers and noise. Noise as wide as the spacing of the points is not found, as it cannot be told from
+ * shape: without normals it is taken for noise, and if no surface comes of it then the points fill space. */
 static qm_status choose_points(qm_context *ctx, const qm_ref_surface *cloud, const qm_cloud_options *options,
                                cloud_work *w, qm_cloud_record *record)
 {
     const qm_mesh *mesh = qm_bvh_mesh(cloud->bvh);
-    qm_guide *guide = NULL;
-    double outliers, turn;
-    qm_ref_surface given;
+    double residual;
     qm_status status = qm_noise_points_thin(ctx, mesh->positions, mesh->normals, mesh->vertex_count,
                                             MOST_POINTS, &w->points);
     if (status == QM_OK) status = drop_copies(ctx, w, options->thread_count);
     if (status == QM_OK && w->points.count < MIN_POINTS)
         status = qm_context_fail(ctx, QM_E_EMPTY, "%zu points at different places are too few for a surface",
                                  w->points.count);
-    if (status == QM_OK) status = qm_ref_surface_init(ctx, w->tree, &given);
+    if (status == QM_OK && qm_noise_are_lines(&w->points, w->tree))
+        status = qm_context_fail(ctx, QM_E_EMPTY, "the points lie along lines: no surface runs through them");
     size_t count = w->points.count;
-    if (status == QM_OK)
-        status = qm_guide_create(ctx, &given, options->noise_share, options->thread_count, &guide, &outliers);
-    if (status == QM_OK && guide) {
-        qm_guide_points(guide, &record->noise, &turn);
-        record->outliers = (size_t)(outliers * (double)count + 0.5);
-        status = take_guide(ctx, w, guide);
-    } else if (status == QM_OK) {
-        status = drop_outliers(ctx, w, options->thread_count);
-        record->outliers = count - w->points.count;
+    if (status == QM_OK) status = clean_points(ctx, w, options->noise_share, options->thread_count, record);
+    bool has_normals = w->points.normals && qm_noise_points_have_sides(&w->points, w->tree);
+    if (status == QM_OK && !has_normals && options->noise_share < 0.0 && are_scattered(w, &residual)) {
+        status = clean_points(ctx, w, residual / cloud->diagonal, options->thread_count, record);
+        if (status == QM_OK && are_scattered(w, &residual))
+            status = qm_context_fail(ctx, QM_E_EMPTY, "the points fill space: no surface runs through them");
     }
-    qm_guide_release(ctx, guide);
     record->points = count - record->outliers;
     return status;
 }
@@ -216,8 +242,7 @@ static qm_status copy_points(qm_context *ctx, cloud_work *w)
 /** Sees to it that all points have normals that agree. */
 static qm_status orient(qm_context *ctx, cloud_work *w, int thread_count, qm_cloud_record *record)
 {
-    qm_status status = build_tree(ctx, w, thread_count);
-    if (status != QM_OK) return status;
+    qm_status status = QM_OK;
     record->has_own_normals = w->points.normals && qm_noise_points_have_sides(&w->points, w->tree);
     if (!record->has_own_normals) {
         drop_normals(ctx, &w->points);
