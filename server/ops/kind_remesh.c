@@ -35,6 +35,8 @@ static qm_status run(const qm_job_call *call, qm_job_result *out)
     if (status != QM_OK) return status;
     options.distance = call->request->distance_relative * given.diagonal;
     qm_faced_surface faced;
+    const qm_remesh_stage stage = {.work = QM_REMESH_SURFACE};
+    if (given.is_cloud && options.on_stage) options.on_stage(options.user, &stage);
     status = qm_faced_surface_make(call->ctx, &given, call->threads, &faced);
     if (status == QM_OK) status = qm_remesh(call->ctx, &faced.surface, &options, &out->remesh);
     if (status == QM_OK && faced.is_made) status = measure_points(call, &given, &faced, &options, out);

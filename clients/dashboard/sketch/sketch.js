@@ -130,9 +130,7 @@ export function showSketch(panel) {
   }
 
   function drawMake() {
-    const mesh = meshOf(state.a);
-    make.disabled = isMaking || !mesh || mesh.kind === "points";
-    make.title = mesh?.kind === "points" ? "Quads are made of surfaces with faces; this is a point set." : "";
+    make.disabled = isMaking || !meshOf(state.a);
   }
 
   function drawCurves() {
