@@ -125,7 +125,7 @@ def test_what_is_no_surface_fails(client):
 
 
 def test_quads_of_points(client):
-    points = [p for p in torus(90, 40)[0] if math.dist(p, (1.3, 0, 0)) > 0.12]
+    points = [p for p in torus(90, 40)[0] if math.dist(p, (1.3, 0, 0)) > 0.32]
     cloud = client.upload(shapes.xyz((points + [(0, 0, 1), (3, 1, 2)], [])), format="xyz", name="points")["id"]
     for fields in ({"quads": 900}, {"quads": 2000, "semi_regular": True}):
         result = remesh(client, cloud, **fields)["result"]
