@@ -138,7 +138,7 @@ def test_quads_of_points(client):
         assert result["from_surface"]["lower"] > 1 and told["hausdorff"]["upper_relative"] < 0.01
         again = client.hausdorff(cloud, result["mesh"])["result"]
         assert result["hausdorff"]["lower"] <= again["upper"] and again["lower"] <= result["hausdorff"]["upper"]
-    events = ndjson(client.post("/v1/jobs", headers={"Accept": "application/x-ndjson"}, json={"type": "remesh", "mesh": cloud}))
+    events = ndjson(client.post("/v1/jobs", headers={"Accept": "application/x-ndjson"}, json={"type": "remesh", "mesh": cloud}).text)
     assert [event["stage"] for event in events if event["event"] == "stage"] == ["surface", "quads", "measure"]
 
 

@@ -190,7 +190,8 @@ static qm_status choose_points(qm_context *ctx, const qm_ref_surface *cloud, con
         status = qm_context_fail(ctx, QM_E_EMPTY, "the points lie along lines: no surface runs through them");
     size_t count = w->points.count;
     if (status == QM_OK) status = clean_points(ctx, w, options->noise_share, options->thread_count, record);
-    bool has_normals = w->points.normals && qm_noise_points_have_sides(&w->points, w->tree);
+    bool has_normals =
+        status == QM_OK && w->points.normals && qm_noise_points_have_sides(&w->points, w->tree);
     if (status == QM_OK && !has_normals && options->noise_share < 0.0 && are_scattered(w, &residual)) {
         status = clean_points(ctx, w, residual / cloud->diagonal, options->thread_count, record);
         if (status == QM_OK && are_scattered(w, &residual))
@@ -326,12 +327,14 @@ static void move_vertex(const mover *m, size_t v)
     qm_nearest_points near;
     qm_nearest_points_find(w->tree, p, 1, &near);
     double away = sqrt(near.d2[0]) / fmax((double)w->reach[near.index[0]], 1e-30);
-    w->place[v] = (qm_cloud_place){near.index[0], (float)away};
+    w->place[v] = (qm_cloud_place){near.index[0], (float)away, 1.0F};
     double share = qm_clamp((QM_CLOUD_GAP - away) / FADING, 0.0, 1.0), length = qm_vec_norm(m->normal[v]);
     if (!(share > 0.0) || !(length > 0.0)) return;
     qm_vec normal = qm_vec_scale(1.0 / length, m->normal[v]);
     qm_nearest_points_find_toward(w->tree, p, QM_FIT_POINTS, normal, 4.0, &near);
     if (near.count < QM_FIT_POINTS / 2) return;
+    double lean = qm_vec_distance(qm_vec_centroid(near.position, near.count), p);
+    w->place[v].lean = (float)(lean / sqrt(near.d2[near.count - 1]));
     qm_ref_surface_point projection;
     qm_ref_surface_project_to_points(m->surface, p, &near, &projection);
     qm_vec to = qm_frame_local(&w->tree->frame, projection.position), found = qm_vec_load(projection.normal);

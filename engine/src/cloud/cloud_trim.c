@@ -8,7 +8,8 @@
 
 #include "core/union_find.h"
 
-#define EDGE 0.8       /* of `away`: farther triangles beside such that go are beyond the end of the points */
+#define LEAN                                                                                                 \
+    0.42 /* of `lean`: triangles beside such that go, and that lean more, are beyond the end of the points */
 #define MIN_SUPPORT 20 /* points of a sheet: fewer are outliers */
 #define SMOOTHING 6    /* rounds of averaging along the ends of the surface, which run in steps */
 
@@ -26,10 +27,11 @@ typedef struct trimmer {
     size_t class_capacity;
 } trimmer;
 
-static bool is_far(const trimmer *t, size_t triangle, double limit)
+/** True if a triangle lies beyond the points at all corners. */
+static bool is_beyond(const trimmer *t, size_t triangle)
 {
     for (int k = 0; k < 3; k++)
-        if (!((double)t->place[t->all->corner[triangle][k]].away > limit)) return false;
+        if (!((double)t->place[t->all->corner[triangle][k]].lean > LEAN)) return false;
     return true;
 }
 
@@ -74,7 +76,9 @@ static void join(trimmer *t, bool (*chosen)(const trimmer *t, size_t triangle))
 
 static bool is_in_gap(const trimmer *t, size_t triangle)
 {
-    return is_far(t, triangle, QM_CLOUD_GAP);
+    for (int k = 0; k < 3; k++)
+        if (!((double)t->place[t->all->corner[triangle][k]].away > QM_CLOUD_GAP)) return false;
+    return true;
 }
 
 static bool is_kept(const trimmer *t, size_t triangle)
@@ -131,7 +135,7 @@ static qm_status drop_edges(qm_context *ctx, trimmer *t)
     for (; done < filled; done++)
         for (uint32_t k = 0; k < 3; k++) {
             uint32_t other = t->next[3 * queue[done] + k];
-            if (other == QM_NO_INDEX || t->is_dropped[other / 3] || !is_far(t, other / 3, EDGE)) continue;
+            if (other == QM_NO_INDEX || t->is_dropped[other / 3] || !is_beyond(t, other / 3)) continue;
             t->is_dropped[other / 3] = true;
             queue[filled++] = other / 3;
         }

@@ -11,6 +11,9 @@
 typedef struct qm_cloud_place {
     uint32_t point; /* the nearest one */
     float away;     /* the distance from it, in distances from there to its sixth neighbour */
+    float
+        lean; /* the distance from the mean of the nearest points, in their radius: 0.42 where they end along a line, as the mean
+                       of half a disc */
 } qm_cloud_place;
 
 #define QM_CLOUD_GAP 2.0 /* the least of `away` in a hole */
