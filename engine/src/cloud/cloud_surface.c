@@ -12,14 +12,14 @@
 #include "cloud_trim.h"
 #include "layout/ref_points.h"
 
-#define MOST_POINTS 1048576 /* more are thinned */
-#define MIN_POINTS 16       /* fewer are no surface */
-#define CELL 1.5            /* side of the finest cells, in spacings of the points */
-#define SPACING 0.7236    /* of the distance to the sixth neighbour: sqrt(pi / 6), where points lie evenly */
-#define NEIGHBOURS 7      /* a point and six others */
-#define PROBES 2000       /* points of which the spacing is the median */
-#define OUTLIER_RATIO 2.0 /* of the distance to the neighbours to theirs */
-#define OUTLIER_ROUNDS 2  /* where outliers had outliers for neighbours */
+#define MOST_POINTS 262144 /* more are thinned: the quads are coarser than these */
+#define MIN_POINTS 16      /* fewer are no surface */
+#define CELL 1.5           /* side of the finest cells, in spacings of the points */
+#define SPACING 0.7236     /* of the distance to the sixth neighbour: sqrt(pi / 6), where points lie evenly */
+#define NEIGHBOURS 7       /* a point and six others */
+#define PROBES 2000        /* points of which the spacing is the median */
+#define OUTLIER_RATIO 2.0  /* of the distance to the neighbours to theirs */
+#define OUTLIER_ROUNDS 2   /* where outliers had outliers for neighbours */
 #define MOST_REACH 5.0 /* medians of the distance to the sixth neighbour: sparser points vouch for no more */
 #define MAX_FLATNESS 0.22 /* of the distance of points from the surface of 20 neighbours to its radius */
 #define HOLE 0.15         /* of the diagonal: larger holes are ends of the surface */
@@ -323,18 +323,21 @@ typedef struct mover {
 static void move_vertex(const mover *m, size_t v)
 {
     cloud_work *w = m->work;
-    qm_vec p = w->triangles.position[v];
-    qm_nearest_points near;
-    qm_nearest_points_find(w->tree, p, 1, &near);
-    double away = sqrt(near.d2[0]) / fmax((double)w->reach[near.index[0]], 1e-30);
-    w->place[v] = (qm_cloud_place){near.index[0], (float)away, 1.0F};
-    double share = qm_clamp((QM_CLOUD_GAP - away) / FADING, 0.0, 1.0), length = qm_vec_norm(m->normal[v]);
-    if (!(share > 0.0) || !(length > 0.0)) return;
-    qm_vec normal = qm_vec_scale(1.0 / length, m->normal[v]);
-    qm_nearest_points_find_toward(w->tree, p, QM_FIT_POINTS, normal, 4.0, &near);
-    if (near.count < QM_FIT_POINTS / 2) return;
-    double lean = qm_vec_distance(qm_vec_centroid(near.position, near.count), p);
-    w->place[v].lean = (float)(lean / sqrt(near.d2[near.count - 1]));
+    qm_vec p = w->triangles.position[v], normal = m->normal[v];
+    qm_nearest_points near = {0};
+    double length = qm_vec_norm(normal);
+    if (length > 0.0) {
+        normal = qm_vec_scale(1.0 / length, normal);
+        qm_nearest_points_find_toward(w->tree, p, QM_FIT_POINTS, normal, 4.0, &near);
+    }
+    bool has_wall = near.count >= QM_FIT_POINTS / 2;
+    if (!has_wall) qm_nearest_points_find(w->tree, p, 1, &near);
+    double away = sqrt(near.d2[0]) / fmax((double)w->reach[near.index[0]], 1e-30), lean = 1.0;
+    if (has_wall)
+        lean = qm_vec_distance(qm_vec_centroid(near.position, near.count), p) / sqrt(near.d2[near.count - 1]);
+    w->place[v] = (qm_cloud_place){near.index[0], (float)away, (float)lean};
+    double share = qm_clamp((QM_CLOUD_GAP - away) / FADING, 0.0, 1.0);
+    if (!has_wall || !(share > 0.0)) return;
     qm_ref_surface_point projection;
     qm_ref_surface_project_to_points(m->surface, p, &near, &projection);
     qm_vec to = qm_frame_local(&w->tree->frame, projection.position), found = qm_vec_load(projection.normal);
