@@ -31,6 +31,10 @@ static void print_points(FILE *file, const qm_json *result)
             100.0 * qm_json_get_number(result, "points.noise_relative"),
             qm_json_get_string(result, "points.normals"), qm_json_get_number(result, "points.holes_filled"),
             qm_json_get_number(result, "points.borders"));
+    double thin = qm_json_get_number(result, "points.thin_share");
+    if (thin > 0.001)
+        fprintf(file, "%.1f %% of them on parts too thin for their density, which may be lost; ",
+                100.0 * thin);
     fprintf(file, "distance from the surface of the points at most %s of the diagonal\n",
             cli_format_bound(qm_json_get_number(result, "points.hausdorff.upper_relative"), true, bound));
 }

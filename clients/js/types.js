@@ -157,7 +157,7 @@
  *   least_scaled_jacobian: number, hausdorff: LengthInterval, from_surface: LengthInterval, from_quads: LengthInterval,
  *   reached?: boolean, points?: SurfaceOfPoints, rounds: number, prepare_ms: number, elapsed_ms: number }} RemeshResult */
 /** @typedef {{ used: number, outliers: number, noise_relative: number, spacing_relative: number, normals: "given" | "estimated",
- *   holes_filled: number, filled_share: number, borders: number, hausdorff: LengthInterval }} SurfaceOfPoints */
+ *   holes_filled: number, filled_share: number, thin_share: number, borders: number, hausdorff: LengthInterval }} SurfaceOfPoints */
 /** @typedef {{ transform: Transform, rms: number, scale: number, mirrored: boolean, floor: number | null,
  *   certainty: { runner_up_rms: number | null }, hausdorff: LengthInterval & { converged: boolean },
  *   fit: "least_squares" | "min_max", quads: QuadReading, gap: number, iterations: number, rounds: number,

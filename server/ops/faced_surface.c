@@ -39,6 +39,7 @@ void qm_faced_surface_describe(qm_text *out, const qm_faced_points *points, doub
     qm_json_add_string(out, "normals", record->has_own_normals ? "given" : "estimated");
     qm_json_add_count(out, "holes_filled", record->holes_filled);
     qm_json_add_number(out, "filled_share", record->filled_share);
+    qm_json_add_number(out, "thin_share", record->thin_share);
     qm_json_add_count(out, "borders", record->borders);
     qm_json_add_interval(out, "hausdorff", points->hausdorff, diagonal);
     qm_text_add_string(out, "}");

@@ -218,6 +218,54 @@ static void open_surfaces_end_where_the_points_do(void **state)
     }
 }
 
+/** Points of both walls of a sheet that is bent along a parabola, with normals. */
+static qm_mesh make_walls(double thickness)
+{
+    qm_random random = qm_random_make(qm_check_seed(), 45);
+    qm_mesh points = qm_shape_make(16000, 0);
+    points.normals = malloc(points.vertex_count * 3 * sizeof *points.normals);
+    assert_non_null(points.normals);
+    for (size_t i = 0; i < points.vertex_count; i++) {
+        double x = qm_random_range(&random, -1.0, 1.0), y = qm_random_range(&random, -1.0, 1.0),
+               side = i % 2 ? 1.0 : -1.0;
+        double length = hypot(0.6 * x, 1.0), normal[3] = {-0.6 * x / length, 0.0, 1.0 / length};
+        const double middle[3] = {x, y, 0.3 * x * x};
+        for (size_t k = 0; k < 3; k++) {
+            points.positions[3 * i + k] = middle[k] + 0.5 * thickness * side * normal[k];
+            points.normals[3 * i + k] = (float)(side * normal[k]);
+        }
+    }
+    return points;
+}
+
+static void thin_parts_are_told_where_they_are_not_kept(void **state)
+{
+    (void)state;
+    static const double thicknesses[] = {0.2, 0.1, 0.05, 0.02, 0.004};
+    for (int k = 0; k < 5; k++) {
+        qm_ground g;
+        qm_mesh made;
+        qm_cloud_record record;
+        double sum = 0.0, t = thicknesses[k];
+        qm_status status = make_surface(&g, make_walls(t), &made, &record);
+        for (size_t v = 0; v < made.vertex_count; v++) {
+            const double *p = made.positions + 3 * v;
+            double off = fabs(fabs(p[2] - 0.3 * p[0] * p[0]) / hypot(0.6 * p[0], 1.0) - 0.5 * t);
+            sum += off * off;
+        }
+        double rms = sqrt(sum / (double)made.vertex_count);
+        printf("walls %g apart, points %g: status %d, normals %d, thin share %g, rms %g, %zu components, %zu "
+               "borders\n",
+               t, record.spacing, status, record.has_own_normals, record.thin_share, rms, record.components,
+               record.borders);
+        assert_true(status == QM_OK || (status == QM_E_EMPTY && strstr(g.ctx.message, "walls")));
+        if (t >= 0.1) assert_true(record.thin_share < 0.01 && rms < 1e-3);
+        assert_true(rms < 0.1 * t || record.thin_share > 0.01);
+        if (status == QM_OK) qm_mesh_reset(&g.ctx, &made);
+        free_ground(&g);
+    }
+}
+
 /** Points that are no surface, by number. */
 static qm_mesh make_no_surface(int which)
 {
@@ -407,6 +455,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(worse_and_worse_points_of_a_torus_become_one),
                                        cmocka_unit_test(open_surfaces_end_where_the_points_do),
+                                       cmocka_unit_test(thin_parts_are_told_where_they_are_not_kept),
                                        cmocka_unit_test(points_that_are_no_surface_are_refused),
                                        cmocka_unit_test(place_unit_and_copies_do_not_matter),
                                        cmocka_unit_test(zeros_are_closed_surfaces_between_the_signs),

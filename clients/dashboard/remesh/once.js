@@ -110,8 +110,8 @@ function wordsOf({ quads, patches, hausdorff, reached, points }) {
 }
 
 /** What was found of points. @param {SurfaceOfPoints} points */
-function wordsOfPoints({ used, outliers, noise_relative: noise, normals, holes_filled: holes, borders }) {
+function wordsOfPoints({ used, outliers, noise_relative: noise, normals, holes_filled: holes, thin_share: thin, borders }) {
   return [`of ${count(used)} points`, outliers > 0 ? `${count(outliers)} outliers left out` : "", noise > 0 ? `noise of ${percent(noise)}` : "",
-    normals === "estimated" ? "normals estimated" : "", holes > 0 ? `${count(holes)} holes filled` : "", borders > 0 ? `${count(borders)} borders` : ""]
+    normals === "estimated" ? "normals estimated" : "", holes > 0 ? `${count(holes)} holes filled` : "", borders > 0 ? `${count(borders)} borders` : "", thin > 0.001 ? `${percent(thin)} of them on parts too thin for their density, which may be lost` : ""]
     .filter((words) => words !== "").join(", ");
 }

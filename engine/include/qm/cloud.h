@@ -25,7 +25,9 @@ typedef struct qm_cloud_record {
     size_t components;
     size_t holes_filled; /* places without points that the surface spans */
     double filled_share; /* of the area, that is there */
-    size_t borders;      /* closed lines at which the surface ends, as the points do */
+    double
+        thin_share; /* of the points, whose normals the surface does not have: their walls are too near, and may be lost */
+    size_t borders; /* closed lines at which the surface ends, as the points do */
 } qm_cloud_record;
 
 /**

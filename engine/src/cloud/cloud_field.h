@@ -18,6 +18,7 @@ typedef struct qm_cloud_points {
     size_t count;
     const qm_vec *position;
     qm_vec *normal; /* of length 1; 0 where unknown: such points do not count */
+    uint64_t rings; /* of cells round each point, that belong to the finer grids: 1 or more */
     bool is_sure;   /* normals are known: else they may be turned round */
 } qm_cloud_points;
 

@@ -105,7 +105,7 @@ static qm_status list_cells(qm_context *ctx, const qm_cloud_level *coarse, const
     qm_status status = find_occupied(ctx, points, coarse->grid.origin, 0.5 * coarse->grid.side, &occupied);
     for (size_t i = 0; i < occupied.count && status == QM_OK; i++) {
         split_key(occupied.keys[i], at);
-        status = add_block(ctx, out, at, 1, 1);
+        status = add_block(ctx, out, at, points->rings, points->rings);
     }
     free_keys(ctx, &occupied);
     for (size_t c = 0; c < coarse->grid.cell_count && status == QM_OK; c++) {
@@ -193,6 +193,15 @@ static size_t turn_normals(const qm_cloud_level *level, const qm_cloud_points *p
         turned++;
     }
     return turned;
+}
+
+/** Counts the points along whose normals the function grows by less than a third of what it should. */
+static size_t count_thin(const qm_cloud_level *level, const qm_cloud_points *points)
+{
+    size_t count = 0;
+    for (size_t i = 0; i < points->count; i++)
+        count += !(qm_vec_dot(points->normal[i], slope_at(level, points->position[i])) > MIN_SLOPE);
+    return count;
 }
 
 /** Makes the grid of the cells, which it takes over, and room for its values. */
@@ -286,6 +295,9 @@ qm_status qm_cloud_levels_solve(qm_context *ctx, const qm_cloud_points *points, 
     }
     for (int k = 0; k < TURNS && status == QM_OK && turn_normals(out, points) > 0; k++)
         status = solve(ctx, points, out);
-    if (status != QM_OK) qm_cloud_level_reset(ctx, out);
+    if (status == QM_OK)
+        out->thin = count_thin(out, points);
+    else
+        qm_cloud_level_reset(ctx, out);
     return status;
 }

@@ -124,18 +124,22 @@ static qm_vec normal_at(const float *normals, size_t i)
 
 bool qm_noise_points_have_sides(const qm_noise_points *points, const qm_bvh *tree)
 {
-    size_t along = 0, against = 0, step = points->count / 2000 + 1;
+    size_t along = 0, inside = 0, outside = 0, step = points->count / 2000 + 1;
     for (size_t i = 0; i < points->count; i += step) {
         qm_nearest_points near;
-        qm_nearest_points_find(tree, qm_frame_local(&tree->frame, points->positions + 3 * i), NEIGHBOURS,
-                               &near);
+        qm_vec at = qm_frame_local(&tree->frame, points->positions + 3 * i),
+               normal = normal_at(points->normals, i);
+        qm_nearest_points_find(tree, at, NEIGHBOURS, &near);
         for (int k = 0; k < near.count; k++) {
-            double dot = qm_vec_dot(normal_at(points->normals, i), normal_at(points->normals, near.index[k]));
+            double dot = qm_vec_dot(normal, normal_at(points->normals, near.index[k])),
+                   height = qm_vec_dot(normal, qm_vec_sub(near.position[k], at));
             along += dot > 0.0;
-            against += dot < 0.0;
+            inside += dot < 0.0 && height < 0.0;
+            outside += dot < 0.0 && height >= 0.0;
         }
     }
-    return (double)along > MIN_AGREEING * (double)(along + against);
+    size_t against = inside + outside, walls = inside > outside ? inside - outside : outside - inside;
+    return (double)(along + walls) > MIN_AGREEING * (double)(along + against);
 }
 
 /** What a polynomial over a neighbourhood leaves: the standard deviation of its points, as it is and to the radius, and their kurtosis. */

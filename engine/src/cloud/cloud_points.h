@@ -29,7 +29,8 @@ void qm_noise_points_drop(qm_noise_points *points, const bool *is_marked);
 qm_status qm_noise_points_build_tree(qm_context *ctx, const qm_noise_points *points, int thread_count,
                                      qm_bvh **out);
 
-/** True if the normals of most neighbours agree, so that they tell sides. */
+/** True if the normals of most neighbours agree, so that they tell sides. Those that are opposed do where they lie behind each other as the
+ * two walls of a sheet, or of a gap, do, and not beside each other as normals of random signs. */
 bool qm_noise_points_have_sides(const qm_noise_points *points, const qm_bvh *tree);
 
 /** The standard deviation of the points from their surface, in their unit; 0 where they are exact, or where noise cannot be told

@@ -21,6 +21,8 @@
 #define OUTLIER_RATIO 2.0  /* of the distance to the neighbours to theirs */
 #define OUTLIER_ROUNDS 2   /* where outliers had outliers for neighbours */
 #define MOST_REACH 5.0 /* medians of the distance to the sixth neighbour: sparser points vouch for no more */
+#define FINER 2        /* times that cells are halved where walls are near to each other */
+#define MOST_THIN 0.01 /* of the points, on walls that cells do not tell apart */
 #define MAX_FLATNESS 0.22 /* of the distance of points from the surface of 20 neighbours to its radius */
 #define HOLE 0.15         /* of the diagonal: larger holes are ends of the surface */
 #define FADING 0.5        /* of the distance in which vertices at holes are drawn to points less and less */
@@ -358,7 +360,6 @@ static void move_block(void *user, int worker, size_t block)
 static qm_status move_vertices(qm_context *ctx, cloud_work *w, int thread_count)
 {
     size_t count = w->triangles.vertex_count;
-    if (count == 0) return qm_context_fail(ctx, QM_E_EMPTY, "no surface runs through the points");
     qm_ref_surface surface;
     w->place_capacity = count;
     w->place = qm_context_alloc(ctx, count, sizeof *w->place);
@@ -397,7 +398,6 @@ static double enclosed_volume(const qm_cloud_triangles *triangles)
 static qm_status make_mesh(qm_context *ctx, const cloud_work *w, bool is_turned, qm_mesh *out)
 {
     const qm_cloud_triangles *all = &w->triangles;
-    if (all->count == 0) return qm_context_fail(ctx, QM_E_EMPTY, "no surface runs through the points");
     *out = (qm_mesh){.vertex_count = all->vertex_count, .face_count = all->count};
     out->positions = qm_context_alloc(ctx, all->vertex_count, POINT_SIZE);
     out->faces = qm_context_alloc(ctx, all->count, 4 * sizeof *out->faces);
@@ -416,15 +416,42 @@ static qm_status make_mesh(qm_context *ctx, const cloud_work *w, bool is_turned,
 }
 
 /** Gives the points the normals as they were turned, and takes the side of the cells as it was chosen. The tree only reads them. */
-static void keep_normals(cloud_work *w)
+static void keep_normals(cloud_work *w, qm_cloud_record *record)
 {
     w->cell = w->level.grid.side;
+    record->thin_share = (double)w->level.thin / (double)w->oriented_count;
     for (size_t i = 0; i < w->oriented_count; i++) {
         float *row = w->points.normals + 3 * i;
         row[0] = (float)w->normal[i].x;
         row[1] = (float)w->normal[i].y;
         row[2] = (float)w->normal[i].z;
     }
+}
+
+/** Finds the function of the points: where known normals cancel in cells, as those of two walls do, in cells of half the side, and again. */
+static qm_status solve_field(qm_context *ctx, cloud_work *w, qm_cloud_record *record)
+{
+    static const uint64_t rings[FINER + 1] = {1, 1, 2};
+    qm_status status = QM_OK;
+    for (int k = 0; k <= FINER && status == QM_OK; k++, w->cell *= 0.5) {
+        const qm_cloud_points points = {w->oriented_count, w->position, w->normal, rings[k],
+                                        record->has_own_normals};
+        qm_cloud_level_reset(ctx, &w->level);
+        status = qm_cloud_levels_solve(ctx, &points, w->cell, &w->level);
+        if (status == QM_OK) keep_normals(w, record);
+        if (!record->has_own_normals || record->thin_share <= MOST_THIN) break;
+    }
+    return status;
+}
+
+/** QM_OK while there are triangles. */
+static qm_status check_surface(qm_context *ctx, const cloud_work *w, const qm_cloud_record *record)
+{
+    if (w->triangles.count > 0) return QM_OK;
+    if (record->thin_share > 0.5)
+        return qm_context_fail(ctx, QM_E_EMPTY,
+                               "the points lie on walls that are nearer to each other than the points");
+    return qm_context_fail(ctx, QM_E_EMPTY, "no surface runs through the points");
 }
 
 static qm_status make(qm_context *ctx, const qm_ref_surface *cloud, const qm_cloud_options *options,
@@ -434,11 +461,10 @@ static qm_status make(qm_context *ctx, const qm_ref_surface *cloud, const qm_clo
     qm_status status = choose_points(ctx, cloud, options, w, record);
     if (status == QM_OK) status = orient(ctx, w, threads, record);
     if (status == QM_OK) status = measure_spacing(ctx, w, threads, record);
-    const qm_cloud_points points = {w->oriented_count, w->position, w->normal, record->has_own_normals};
-    if (status == QM_OK) status = qm_cloud_levels_solve(ctx, &points, w->cell, &w->level);
-    if (status == QM_OK) keep_normals(w);
+    if (status == QM_OK) status = solve_field(ctx, w, record);
     if (status == QM_OK) status = qm_cloud_isosurface(ctx, &w->level.grid, w->level.field, &w->triangles);
     qm_cloud_level_reset(ctx, &w->level);
+    if (status == QM_OK) status = check_surface(ctx, w, record);
     if (status == QM_OK) status = move_vertices(ctx, w, threads);
     double hole = HOLE * cloud->diagonal * w->tree->frame.scale;
     if (status == QM_OK)
