@@ -27,6 +27,7 @@
 #define HOLE 0.15         /* of the diagonal: larger holes are ends of the surface */
 #define FADING 0.5        /* of the distance in which vertices at holes are drawn to points less and less */
 #define MAX_MOVE 1.0      /* cells by which a vertex moves at most to come onto the points */
+#define NORMAL_POINTS 32  /* of which estimated normals become those of the polynomial */
 #define MIN_AGREEING 0.5  /* cosine between a vertex's normal and that of the points */
 
 enum { POINT_SIZE = 3 * sizeof(double), NORMAL_SIZE = 3 * sizeof(float), BLOCK = 512 };
@@ -221,6 +222,53 @@ static qm_status estimate_normals(qm_context *ctx, cloud_work *w)
     return status;
 }
 
+/** What becomes of estimated normals: those of the polynomial through more points of the same wall. */
+typedef struct normal_work {
+    const cloud_work *work;
+    const qm_ref_surface *surface;
+    float *to;
+} normal_work;
+
+static void smooth_normals(void *user, int worker, size_t block)
+{
+    (void)worker;
+    const normal_work *n = user;
+    const cloud_work *w = n->work;
+    size_t end = (block + 1) * BLOCK < w->points.count ? (block + 1) * BLOCK : w->points.count;
+    for (size_t i = block * BLOCK; i < end; i++) {
+        const float *row = w->points.normals + 3 * i;
+        qm_vec normal = {(double)row[0], (double)row[1], (double)row[2]};
+        qm_vec at = qm_frame_local(&w->tree->frame, w->points.positions + 3 * i);
+        qm_nearest_points near = {0};
+        if (qm_vec_norm2(normal) > 0.0)
+            qm_nearest_points_find_toward(w->tree, at, NORMAL_POINTS, normal, 4.0, &near);
+        if (near.count == NORMAL_POINTS) {
+            qm_ref_surface_point projection;
+            qm_ref_surface_project_to_points(n->surface, at, &near, &projection);
+            qm_vec found = qm_vec_load(projection.normal);
+            double cosine = qm_vec_dot(found, normal);
+            if (fabs(cosine) > MIN_AGREEING) normal = qm_vec_scale(cosine > 0.0 ? 1.0 : -1.0, found);
+        }
+        n->to[3 * i] = (float)normal.x;
+        n->to[3 * i + 1] = (float)normal.y;
+        n->to[3 * i + 2] = (float)normal.z;
+    }
+}
+
+/** Replaces estimated normals by smoother ones. */
+static qm_status improve_normals(qm_context *ctx, cloud_work *w, int thread_count)
+{
+    size_t count = w->points.count;
+    qm_ref_surface surface;
+    normal_work n = {w, &surface, qm_context_alloc(ctx, w->points.capacity, NORMAL_SIZE)};
+    qm_status status = n.to ? qm_ref_surface_init(ctx, w->tree, &surface) : no_memory(ctx);
+    if (status == QM_OK)
+        qm_context_parallel_for(ctx, thread_count, (count + BLOCK - 1) / BLOCK, smooth_normals, &n);
+    if (status == QM_OK) memcpy(w->points.normals, n.to, count * NORMAL_SIZE);
+    qm_context_free(ctx, n.to, w->points.capacity, NORMAL_SIZE);
+    return status;
+}
+
 /** Fills the local copies of points and unit normals. */
 static qm_status copy_points(qm_context *ctx, cloud_work *w)
 {
@@ -251,6 +299,7 @@ static qm_status orient(qm_context *ctx, cloud_work *w, int thread_count, qm_clo
         drop_normals(ctx, &w->points);
         status = estimate_normals(ctx, w);
         if (status == QM_OK) status = build_tree(ctx, w, thread_count);
+        if (status == QM_OK) status = improve_normals(ctx, w, thread_count);
     }
     return status == QM_OK ? copy_points(ctx, w) : status;
 }
