@@ -20,6 +20,14 @@
 #define MOST_PATCHES 1000
 #define QUADS_A_PATCH 6
 #define PLAIN_RATIO 2.0
+/* A mesh that is filled from the grids of a layout at once is taken as it is if it is no farther than FILLED_RATIO times that plain
+ * one, and no quad has a scaled Jacobian below FILLED_SINE: else one that is made by steps is tried beside it. */
+#define FILLED_RATIO 1.0
+#define FILLED_SINE 0.2
+#define WORTH_RATIO 1.25 /* of the distance, by which it may be greater for that */
+/* Of the plain mesh's distance: if parts of the surface are farther from the filled mesh before it is settled, its layout's grids
+ * miss tips, which settling does not bring back. */
+#define FILLED_START 6.0
 
 static qm_refine_goal goal_of(const qm_remesh_options *options)
 {
@@ -111,6 +119,40 @@ static qm_status make_quads(qm_context *ctx, const qm_ref_surface *surface, cons
     }
 }
 
+/** A mesh by a layout, and what is known of it besides its distance. Where curves of its layout cross, its vertices started where
+ * their quads were, and may be folded for want of room. */
+typedef struct trial {
+    qm_remesh_result made;
+    bool has_crossings, is_folded;
+    bool is_poor; /* a quad has a scaled Jacobian below FILLED_SINE */
+    bool is_near; /* as near as was wanted */
+} trial;
+
+static bool is_better(const trial *now, const trial *best)
+{
+    if (best->made.mesh.face_count == 0) return true;
+    if (now->is_folded != best->is_folded) return best->is_folded;
+    if (now->is_near != best->is_near) return now->is_near;
+    if (now->has_crossings != best->has_crossings) return best->has_crossings;
+    if (now->is_near) return now->made.mesh.face_count < best->made.mesh.face_count;
+    if (now->is_poor != best->is_poor)
+        return best->is_poor ? now->made.upper <= WORTH_RATIO * best->made.upper
+                             : WORTH_RATIO * now->made.upper < best->made.upper;
+    return now->made.upper < best->made.upper;
+}
+
+/** Takes over a trial if it is the better one, and frees the other. */
+static void keep_better(qm_context *ctx, trial *now, trial *best)
+{
+    if (now->made.mesh.face_count > 0 && is_better(now, best)) {
+        trial worse = *best;
+        *best = *now;
+        *now = worse;
+    }
+    qm_mesh_reset(ctx, &now->made.mesh);
+    *now = (trial){0};
+}
+
 /** Counts the steps, and tells of each. */
 typedef struct step_counter {
     const qm_remesh_options *options;
@@ -126,31 +168,63 @@ static void count_step(void *user, const qm_refine_record *record)
     begin(counter->options, QM_REMESH_STEPS, record->step.quads, out);
 }
 
+/** Settles the mesh, measures it, and tells how good it is. */
+static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
+                        trial *t)
+{
+    const qm_settle_goal goal = settle_goal_of(options);
+    qm_settled settled;
+    begin(options, QM_REMESH_MEASURE, t->made.mesh.face_count, &t->made);
+    qm_status status = qm_settle(ctx, surface, &goal, &t->made.mesh, &settled);
+    if (status != QM_OK) return status;
+    take_distance(&t->made, &settled.distance);
+    t->is_folded = settled.quality.folded > 0;
+    t->is_poor = settled.quality.least_jacobian < FILLED_SINE;
+    t->is_near = options->distance > 0.0 && t->made.upper <= options->distance;
+    return QM_OK;
+}
+
+/** Makes the mesh from the grids at once; none if it misses parts of the surface and need not be made. */
+static qm_status fill_grids(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
+                            const qm_layout *layout, const double *grids, double plain_distance, trial *t)
+{
+    qm_reconstruction_options how = qm_reconstruction_options_default();
+    const qm_settle_goal goal = settle_goal_of(options);
+    qm_settle_distance start;
+    how.thread_count = options->quads.thread_count;
+    how.grids = grids;
+    begin(options, QM_REMESH_STEPS, layout->patch_count, &t->made);
+    qm_status status =
+        qm_reconstruction_fill_grids(ctx, surface, layout, &how, options->quads.quads, &t->made.mesh);
+    t->made.rounds = 1;
+    if (status == QM_OK) status = qm_settle_measure(ctx, surface, &goal, &t->made.mesh, &start);
+    if (status == QM_OK && start.from_surface.upper > FILLED_START * plain_distance) {
+        qm_mesh_reset(ctx, &t->made.mesh);
+        return QM_OK;
+    }
+    return status == QM_OK ? settle(ctx, surface, options, t) : status;
+}
+
+/** Makes the mesh by steps, from the curves or from the grids. */
 static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                            const qm_layout *layout, const double *grids, qm_remesh_result *out)
+                            const qm_layout *layout, const double *grids, trial *t)
 {
     qm_reconstruction_options how = qm_reconstruction_options_default();
     how.thread_count = options->quads.thread_count;
     how.grids = grids;
     qm_reconstruction *r;
-    begin(options, QM_REMESH_STEPS, layout->patch_count, out);
+    begin(options, QM_REMESH_STEPS, layout->patch_count, &t->made);
     qm_status status = qm_reconstruction_create(ctx, surface, layout, &how, &r);
     if (status != QM_OK) return status;
     const qm_refine_goal goal = goal_of(options);
     qm_refine_stop stop;
-    step_counter counter = {options, out};
+    step_counter counter = {options, &t->made};
     status = qm_refine(ctx, r, surface, &goal, count_step, &counter, &stop);
     if (status == QM_OK && stop == QM_REFINE_CANCELED)
         status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
-    if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &out->mesh);
+    if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &t->made.mesh);
     qm_reconstruction_destroy(ctx, r);
-    if (status != QM_OK) return status;
-    begin(options, QM_REMESH_MEASURE, out->mesh.face_count, out);
-    const qm_settle_goal settle_goal = settle_goal_of(options);
-    qm_settled settled;
-    status = qm_settle(ctx, surface, &settle_goal, &out->mesh, &settled);
-    if (status == QM_OK) take_distance(out, &settled.distance);
-    return status;
+    return status == QM_OK ? settle(ctx, surface, options, t) : status;
 }
 
 /** The quads of which a layout is made. */
@@ -191,10 +265,20 @@ static qm_status make_plain(qm_context *ctx, const qm_ref_surface *surface, cons
     return status;
 }
 
-/** Makes the mesh by a layout of about so many patches. */
+/** True if a mesh without folds is near enough: poor quads alone are worth only a trial that is fast. */
+static bool is_usable_by(const trial *best, const plain_quads *plain)
+{
+    return best->made.mesh.face_count > 0 && !best->has_crossings && !best->is_folded &&
+           (best->is_near || best->made.upper <= PLAIN_RATIO * plain->distance);
+}
+
+/**
+ * Makes meshes by a layout of about so many patches, and keeps the best. From its grids, one comes fast, and also where curves cross;
+ * from its curves, it is nearer over ears and tips that the grids leave out.
+ */
 static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
                                  const qm_remesh_options *options, const plain_quads *plain, size_t patches,
-                                 qm_remesh_result *out, bool *has_crossings)
+                                 trial *best, size_t *made_patches)
 {
     const qm_quads_options quads = quads_of_layout(options);
     qm_quad_layout_options how = qm_quad_layout_options_default();
@@ -202,36 +286,29 @@ static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
     how.creases = plain->creases;
     qm_layout layout;
     qm_layout_issues issues;
-    begin(options, QM_REMESH_LAYOUT, quads.quads, out);
+    trial now = {0};
+    begin(options, QM_REMESH_LAYOUT, quads.quads, &best->made);
     double *grids;
     qm_status status = qm_quad_layout_make_of_surface(ctx, surface, &quads, &plain->mesh, &how, &layout,
                                                       &issues, NULL, &grids);
     if (status != QM_OK) return status;
-    out->patches = layout.patch_count;
-    /* Lattices that are found from the curves come out a little better, but curves that cross give none. */
-    *has_crossings = issues.count > 0;
-    status = take_steps(ctx, surface, options, &layout, *has_crossings ? grids : NULL, out);
+    *made_patches = layout.patch_count;
+    bool has_crossings = issues.count > 0, has_goal = options->distance > 0.0;
+    bool is_enough = false, is_usable = is_usable_by(best, plain);
+    for (int by_steps = has_goal; by_steps < 2 && !is_enough && status == QM_OK; by_steps++) {
+        now.made.patches = layout.patch_count;
+        now.has_crossings = has_crossings;
+        status = by_steps ? take_steps(ctx, surface, options, &layout, has_crossings ? grids : NULL, &now)
+                          : fill_grids(ctx, surface, options, &layout, grids, plain->distance, &now);
+        is_enough = is_usable || (now.made.mesh.face_count > 0 && !now.is_folded && !now.is_poor &&
+                                  now.made.upper <= FILLED_RATIO * plain->distance);
+        if (status == QM_OK) keep_better(ctx, &now, best);
+    }
+    qm_mesh_reset(ctx, &now.made.mesh);
     qm_quad_layout_free_grids(ctx, &layout, grids);
     qm_layout_reset(ctx, &layout);
     qm_layout_issues_reset(ctx, &issues);
     return status;
-}
-
-/** What is known of a mesh besides its distance. Where curves of its layout cross, its vertices started where their quads
- * were, and may be folded for want of room. */
-typedef struct trial_state {
-    bool has_crossings, is_folded;
-    bool is_near; /* as near as was wanted */
-} trial_state;
-
-static bool is_better(const trial_state *now, const qm_remesh_result *made, const trial_state *best,
-                      const qm_remesh_result *best_made)
-{
-    if (now->is_folded != best->is_folded) return best->is_folded;
-    if (now->is_near != best->is_near) return now->is_near;
-    if (now->has_crossings != best->has_crossings) return best->has_crossings;
-    if (now->is_near) return made->mesh.face_count < best_made->mesh.face_count;
-    return made->upper < best_made->upper;
 }
 
 /** Tries more and more patches until the mesh is about as near as one without a layout: large patches may miss an ear. */
@@ -241,29 +318,19 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
     plain_quads plain = {0};
     qm_status status = make_plain(ctx, surface, options, &plain), last = status;
     size_t most = options->quads.quads / QUADS_A_PATCH;
-    trial_state best = {0};
+    trial best = {0};
     for (size_t patches = LAYOUT_PATCHES; status == QM_OK; patches *= MORE_PATCHES) {
-        qm_remesh_result now = {0};
-        trial_state state = {0};
-        bool is_last = patches >= most || patches >= MOST_PATCHES;
-        last = make_by_patches(ctx, surface, options, &plain, patches < most ? patches : most, &now,
-                               &state.has_crossings);
+        size_t made = 0;
+        last = make_by_patches(ctx, surface, options, &plain, patches < most ? patches : most, &best, &made);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
-        qm_quality quality = {0};
-        if (last == QM_OK) qm_quality_measure(&now.mesh, &quality);
-        state.is_folded = quality.folded > 0;
-        state.is_near = last == QM_OK && options->distance > 0.0 && now.upper <= options->distance;
-        if (last == QM_OK && (out->mesh.face_count == 0 || is_better(&state, &now, &best, out))) {
-            best = state;
-            qm_remesh_result worse = *out;
-            *out = now;
-            now = worse;
-        }
-        qm_mesh_reset(ctx, &now.mesh);
-        bool is_good = out->mesh.face_count > 0 && !best.has_crossings && !best.is_folded;
-        if (is_last || (is_good && (best.is_near || out->upper <= PLAIN_RATIO * plain.distance))) break;
+        if (is_usable_by(&best, &plain) && (!best.is_poor || options->distance > 0.0)) break;
+        /* A layout that cannot have fewer patches is the same for all smaller numbers. */
+        while (patches * MORE_PATCHES <= made)
+            patches *= MORE_PATCHES;
+        if (patches >= most || patches >= MOST_PATCHES) break;
     }
     plain_quads_reset(ctx, &plain);
+    *out = best.made;
     return out->mesh.face_count > 0 || status != QM_OK ? status : last;
 }
 

@@ -14,6 +14,7 @@ import tables
 
 COUNTS = (2000, 8000, 32000)
 SEMI_REGULAR = "semi-regular"
+MANY = 32000  # of so many quads one run is made, and no median
 LIMIT_S = 2100  # of all: what is left then is told
 QUADMESH = catalogue.ROOT / "build" / "quadmesh"
 FOLDER = catalogue.OUT / "remesh"
@@ -82,7 +83,7 @@ def describe(model, name, row):
 
 def compare(settings, programs, model, surface, quads, seconds):
     rows = {}
-    ours = {"ours": ([], 3), SEMI_REGULAR: (["--semi-regular"], 1)}
+    ours = {"ours": ([], 1 if quads >= MANY else 3), SEMI_REGULAR: (["--semi-regular"], 1)}
     for name, (options, most_runs) in ours.items():
         try:
             rows[name] = make_ours(settings, surface, quads, *options, most_runs=most_runs)

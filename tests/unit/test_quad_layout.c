@@ -14,6 +14,7 @@
 #include "qm/quality.h"
 #include "qm/reconstruct.h"
 #include "tmesh/tmesh.h"
+#include "tmesh/tmesh_route.h"
 
 #define SIZE 6 /* of a block of voxels */
 
@@ -636,6 +637,177 @@ static void bad_input_is_a_status(void **state)
     qm_ground_free(&g);
 }
 
+/** What a layout is laid anew from: grids between the corners of its patches, and its curves, off by chance inside. */
+typedef struct route_input {
+    double *grids;
+    qm_tmesh_guides guides;
+    bool *is_still; /* by node and by curve: none is */
+} route_input;
+
+static route_input route_input_of(const qm_layout *layout, qm_random *random, double jitter)
+{
+    size_t total = 0, most = layout->node_count + layout->curve_count;
+    for (size_t c = 0; c < layout->curve_count; c++)
+        total += layout->curves[c].point_count;
+    route_input out = {.grids = calloc(layout->patch_count, 3 * QM_LAYOUT_GRID_POINTS * sizeof(double)),
+                       .guides = {.count = layout->curve_count},
+                       .is_still = calloc(most, sizeof(bool))};
+    out.guides.first = calloc(layout->curve_count + 1, sizeof *out.guides.first);
+    out.guides.points = calloc(total, sizeof *out.guides.points);
+    assert_true(out.grids && out.is_still && out.guides.first && out.guides.points);
+    for (size_t p = 0; p < layout->patch_count; p++)
+        for (int i = 0; i < QM_LAYOUT_GRID_POINTS; i++) {
+            qm_vec at[4];
+            for (int k = 0; k < 4; k++)
+                at[k] =
+                    qm_vec_load(layout->nodes + 3 * (size_t)qm_layout_corner(layout, &layout->patches[p], k));
+            double u = (double)(i % (QM_LAYOUT_GRID + 1)) / QM_LAYOUT_GRID,
+                   v = (double)(i / (QM_LAYOUT_GRID + 1)) / QM_LAYOUT_GRID;
+            qm_vec_store(out.grids + 3 * (QM_LAYOUT_GRID_POINTS * p + (size_t)i),
+                         qm_vec_mix(qm_vec_mix(at[0], at[1], u), qm_vec_mix(at[3], at[2], u), v));
+        }
+    total = 0;
+    for (size_t c = 0; c < layout->curve_count; c++) {
+        const qm_curve *curve = &layout->curves[c];
+        for (size_t i = 0; i < curve->point_count; i++) {
+            qm_vec *at = &out.guides.points[total++];
+            *at = qm_vec_load(curve->points + 3 * i);
+            if (i == 0 || i + 1 == curve->point_count) continue;
+            at->x += jitter * qm_random_range(random, -0.5, 0.5);
+            at->y += jitter * qm_random_range(random, -0.5, 0.5);
+            at->z += jitter * qm_random_range(random, -0.5, 0.5);
+        }
+        out.guides.first[c + 1] = total;
+    }
+    return out;
+}
+
+static void free_route_input(route_input *input)
+{
+    free(input->grids);
+    free(input->is_still);
+    free(input->guides.first);
+    free(input->guides.points);
+}
+
+/** Lays the curves of a layout anew; no two may cross, and the patches must be those that they were. */
+static void check_routed(const char *name, const qm_ground *g, const qm_layout *layout, qm_random *random,
+                         double jitter)
+{
+    qm_context ctx = qm_context_make();
+    qm_arena arena = qm_arena_make(&ctx);
+    qm_tmesh_triangles triangles;
+    assert_int_equal(qm_tmesh_triangles_make(&ctx, &g->source, &triangles), QM_OK);
+    route_input input = route_input_of(layout, random, jitter);
+    qm_layout routed = {0};
+    qm_layout_issues issues = {0};
+    bool is_made = false;
+    assert_int_equal(qm_tmesh_route(&arena, &triangles, layout, input.is_still, input.is_still, &input.guides,
+                                    input.grids, &routed, &is_made),
+                     QM_OK);
+    QM_CHECK(is_made, "%s, off by %g: a curve found no way", name, jitter);
+    assert_int_equal(qm_layout_find_crossings(&ctx, &routed, &g->source, &issues), QM_OK);
+    QM_CHECK(issues.count == 0, "%s, off by %g: %zu curves cross", name, jitter, issues.count);
+    QM_CHECK(routed.node_count == layout->node_count && routed.curve_count == layout->curve_count &&
+                 routed.patch_count == layout->patch_count,
+             "%s: other counts", name);
+    for (size_t c = 0; c < layout->curve_count; c++)
+        QM_CHECK(routed.curves[c].from == layout->curves[c].from &&
+                     routed.curves[c].to == layout->curves[c].to,
+                 "%s: curve %zu has other ends", name, c);
+    for (size_t p = 0; p < layout->patch_count; p++) {
+        QM_CHECK(!memcmp(&routed.patches[p], &layout->patches[p], sizeof *routed.patches), "%s: patch %zu",
+                 name, p);
+        const double *grid = input.grids + 3 * QM_LAYOUT_GRID_POINTS * p;
+        for (int k = 0; k < 4; k++) {
+            const int corner[4] = {0, QM_LAYOUT_GRID, QM_LAYOUT_GRID_POINTS - 1,
+                                   QM_LAYOUT_GRID_POINTS - 1 - QM_LAYOUT_GRID};
+            const double *node = routed.nodes + 3 * (size_t)qm_layout_corner(&routed, &routed.patches[p], k);
+            QM_CHECK(!memcmp(grid + 3 * corner[k], node, 3 * sizeof *node), "%s: corner %d of grid %zu", name,
+                     k, p);
+        }
+        for (int i = 0; i < QM_LAYOUT_GRID_POINTS; i++) {
+            qm_ref_surface_point on;
+            qm_ref_surface_project(&g->source, grid + 3 * i, &on);
+            QM_CHECK(qm_vec_distance(qm_vec_load(on.position), qm_vec_load(grid + 3 * i)) <
+                         1e-6 * g->source.diagonal,
+                     "%s: point %d of grid %zu is off the surface", name, i, p);
+        }
+    }
+    qm_layout_reset(&ctx, &routed);
+    qm_layout_issues_reset(&ctx, &issues);
+    free_route_input(&input);
+    qm_tmesh_triangles_reset(&triangles);
+    qm_arena_reset(&arena);
+}
+
+static void curves_that_are_laid_anew_cannot_cross(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(7, 0);
+    voxels cube = {0}, ring = {0};
+    fill(&cube, 0, 0, 0, 2, 2, 2, true);
+    fill(&ring, 0, 0, 0, 3, 3, 1, true);
+    fill(&ring, 1, 1, 0, 2, 2, 1, false);
+    const voxels *shape[] = {&cube, &ring};
+    const char *name[] = {"a cube", "a ring"};
+    for (int s = 0; s < 3; s++) {
+        qm_context ctx = qm_context_make();
+        qm_mesh mesh = boundary_of(shape[s % 2], 4);
+        if (s == 2) mesh.face_count -= 16; /* a hole in the cube's last side */
+        qm_ground g;
+        qm_ground_make(&g, mesh);
+        qm_quad_layout_options options = {.crease_angle = 0, .effort = 50};
+        qm_layout layout;
+        qm_layout_issues issues;
+        assert_int_equal(qm_quad_layout_make(&ctx, &g.mesh, &g.source, &options, &layout, &issues, NULL),
+                         QM_OK);
+        for (int trial = 0; trial < 3; trial++)
+            check_routed(s == 2 ? "an open cube" : name[s % 2], &g, &layout, &random, 0.3 * trial);
+        qm_layout_reset(&ctx, &layout);
+        qm_layout_issues_reset(&ctx, &issues);
+        qm_ground_free(&g);
+    }
+}
+
+static void laying_out_of_memory_is_a_status(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(3, 0);
+    qm_context plain = qm_context_make();
+    voxels cube = {0};
+    fill(&cube, 0, 0, 0, 1, 1, 1, true);
+    qm_ground g;
+    qm_ground_make(&g, boundary_of(&cube, 2));
+    qm_quad_layout_options options = {.crease_angle = 0, .effort = 4};
+    qm_layout layout;
+    qm_layout_issues issues;
+    qm_tmesh_triangles triangles;
+    assert_int_equal(qm_quad_layout_make(&plain, &g.mesh, &g.source, &options, &layout, &issues, NULL),
+                     QM_OK);
+    assert_int_equal(qm_tmesh_triangles_make(&plain, &g.source, &triangles), QM_OK);
+    qm_status status = QM_E_NO_MEMORY;
+    for (size_t fail_at = 0; status != QM_OK; fail_at++) {
+        qm_failing_allocator memory = {.fail_at = fail_at};
+        qm_context ctx = {.allocator = qm_failing_allocator_hook(&memory)};
+        qm_arena arena = qm_arena_make(&ctx);
+        route_input input = route_input_of(&layout, &random, 0);
+        qm_layout routed = {0};
+        bool is_made;
+        status = qm_tmesh_route(&arena, &triangles, &layout, input.is_still, input.is_still, &input.guides,
+                                input.grids, &routed, &is_made);
+        QM_CHECK(status == QM_OK || status == QM_E_NO_MEMORY, "call %zu: %s", fail_at, ctx.message);
+        qm_layout_reset(&ctx, &routed);
+        free_route_input(&input);
+        qm_arena_reset(&arena);
+        assert_true(memory.live_blocks == 0 && !memory.mismatched);
+    }
+    qm_tmesh_triangles_reset(&triangles);
+    qm_layout_reset(&plain, &layout);
+    qm_layout_issues_reset(&plain, &issues);
+    qm_ground_free(&g);
+}
+
 static void running_out_of_memory_is_a_status(void **state)
 {
     (void)state;
@@ -671,6 +843,8 @@ int main(void)
         cmocka_unit_test(a_layout_is_divided_as_wanted),
         cmocka_unit_test(lengths_are_the_best_of_all),
         cmocka_unit_test(bad_input_is_a_status),
+        cmocka_unit_test(curves_that_are_laid_anew_cannot_cross),
+        cmocka_unit_test(laying_out_of_memory_is_a_status),
         cmocka_unit_test(running_out_of_memory_is_a_status),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -100,6 +100,52 @@ static void shaken_quads_open(void **state)
     qm_shape_free(&smooth);
 }
 
+/** Vertices within a reach of a place change sides, as in a mirror: they lie in the wrong order over a part that is wider than what
+ * opens bad quads. */
+static void mirror_part(qm_mesh *m, const double middle[3], double reach)
+{
+    const qm_mesh before = qm_shape_copy(m);
+    for (size_t v = 0; v < m->vertex_count; v++) {
+        const double *p = before.positions + 3 * v;
+        double away[3], image[3], best = INFINITY;
+        for (int k = 0; k < 3; k++)
+            away[k] = p[k] - middle[k];
+        if (sqrt(away[0] * away[0] + away[1] * away[1] + away[2] * away[2]) > reach) continue;
+        for (int k = 0; k < 3; k++)
+            image[k] = middle[k] + (k == 0 ? -away[k] : away[k]);
+        for (size_t u = 0; u < m->vertex_count; u++) {
+            const double *q = before.positions + 3 * u;
+            double off = fabs(q[0] - image[0]) + fabs(q[1] - image[1]) + fabs(q[2] - image[2]);
+            if (off < best) best = off, memcpy(m->positions + 3 * v, q, 3 * sizeof(double));
+        }
+    }
+    qm_mesh copy = before;
+    qm_shape_free(&copy);
+}
+
+static void parts_in_the_wrong_order_open(void **state)
+{
+    (void)state;
+    qm_mesh surface = make_shape(48, to_sphere), smooth = make_shape(16, to_sphere);
+    double own = distance_between(&surface, &smooth);
+    const double middle[2][3] = {{0, 0, 1}, {0, 0.6, 0.8}};
+    for (int i = 0; i < 2; i++)
+        for (int rings = 2; rings <= 6; rings++) {
+            qm_mesh mesh = qm_shape_copy(&smooth);
+            mirror_part(&mesh, middle[i], 0.11 * rings);
+            size_t before = qm_topology_count_folded(&mesh);
+            settle(&surface, &mesh, 1);
+            double least = qm_topology_least_sine(&mesh), distance = distance_between(&surface, &mesh);
+            QM_CHECK(before > 0 && qm_topology_count_folded(&mesh) == 0 && least >= 0.3,
+                     "%d, %d rings: %zu folded before, least sine %.3f", i, rings, before, least);
+            QM_CHECK(distance <= 1.5 * own, "%d, %d rings: distance %.4f, without it %.4f", i, rings,
+                     distance, own);
+            qm_shape_free(&mesh);
+        }
+    qm_shape_free(&surface);
+    qm_shape_free(&smooth);
+}
+
 static void vertices_are_drawn_along_fingers(void **state)
 {
     (void)state;
@@ -245,6 +291,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(shaken_quads_open),
+        cmocka_unit_test(parts_in_the_wrong_order_open),
         cmocka_unit_test(vertices_are_drawn_along_fingers),
         cmocka_unit_test(creases_hold_their_vertices),
         cmocka_unit_test(boundaries_within_the_surface_stay),

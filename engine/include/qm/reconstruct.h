@@ -63,6 +63,19 @@ qm_status qm_reconstruction_create(qm_context *ctx, const qm_ref_surface *source
                                    const qm_reconstruction_options *options, qm_reconstruction **out);
 void qm_reconstruction_destroy(qm_context *ctx, qm_reconstruction *reconstruction);
 
+/**
+ * Makes the mesh of a layout with options.grids at once, without steps: of at most max_quads quads, and nearly as many, more where the
+ * surface bends more. Its vertices are fitted to the surface as those of a step, but not to noise.
+ *
+ * surface  of a mesh
+ *
+ * Returns: QM_OK, and *out is the caller's; QM_E_LAYOUT as qm_reconstruction_create; QM_E_ARGUMENT (a point set; more patches than
+ *          max_quads); QM_E_TOO_LARGE; QM_E_NO_MEMORY; QM_E_CANCELED.
+ */
+qm_status qm_reconstruction_fill_grids(qm_context *ctx, const qm_ref_surface *surface,
+                                       const qm_layout *layout, const qm_reconstruction_options *options,
+                                       size_t max_quads, qm_mesh *out);
+
 /** The results of a step. */
 typedef struct qm_reconstruction_record {
     size_t quads;          /* of the mesh after the step */

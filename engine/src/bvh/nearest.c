@@ -54,78 +54,20 @@ qm_tie qm_nearest_face(const qm_kernel *kernel, const qm_locator *locator, qm_qu
     return lowest;
 }
 
-/* ---- the nearest points of a point set ---- */
+/* ---- a visit of the parts near a point ---- */
 
-typedef struct point_search {
+typedef struct near_search near_search;
+
+/** Looks at the parts of a pack, and may lower the search's reach2. */
+typedef void visit_pack(near_search *search, size_t pack);
+
+struct near_search {
     const qm_bvh *bvh;
     qm_vec p;
-    int wanted;
-    double reach2;        /* squared distance of the farthest points that count */
-    const qm_vec *toward; /* NULL, or only points count whose normals lie within 78 degrees of it */
-    qm_nearest_points *out;
-} point_search;
-
-/** The squared distance that a point must not exceed to enter the list. */
-static double max_d2(const point_search *search)
-{
-    const qm_nearest_points *out = search->out;
-    return out->count < search->wanted ? search->reach2 : out->d2[out->count - 1];
-}
-
-/** True for a point whose normal counts. */
-static bool is_toward(const point_search *search, uint32_t vertex)
-{
-    if (!search->toward) return true;
-    const float *normal = search->bvh->mesh.normals + 3 * (size_t)vertex;
-    qm_vec n = {normal[0], normal[1], normal[2]};
-    return qm_vec_dot(n, *search->toward) > MIN_TOWARD * qm_vec_norm(n);
-}
-
-static bool comes_before(const qm_nearest_points *out, int i, double d2, uint32_t index)
-{
-    return d2 < out->d2[i] || (d2 == out->d2[i] && index < out->index[i]);
-}
-
-/** Keeps the list sorted; it is so short that moving its tail is as fast as a heap. */
-static void insert(point_search *search, double d2, uint32_t index, qm_vec position)
-{
-    qm_nearest_points *out = search->out;
-    int i = out->count;
-    if (i == search->wanted) {
-        if (!comes_before(out, i - 1, d2, index)) return;
-        i--;
-    } else {
-        out->count++;
-    }
-    for (; i > 0 && comes_before(out, i - 1, d2, index); i--) {
-        out->d2[i] = out->d2[i - 1];
-        out->index[i] = out->index[i - 1];
-        out->position[i] = out->position[i - 1];
-    }
-    out->d2[i] = d2;
-    out->index[i] = index;
-    out->position[i] = position;
-}
-
-static void visit_pack(point_search *search, size_t index)
-{
-    const qm_pack_lanes *lanes = &search->bvh->lanes[index];
-    qm_pack spare;
-    const qm_pack *pack = qm_bvh_pack(search->bvh, index, &spare);
-    double d2[QM_PACK_LANES];
-    for (int i = 0; i < QM_PACK_LANES; i++) {
-        double x = pack->row[QM_PACK_OX][i] - search->p.x, y = pack->row[QM_PACK_OY][i] - search->p.y,
-               z = pack->row[QM_PACK_OZ][i] - search->p.z;
-        d2[i] = x * x + y * y + z * z;
-    }
-    double limit = max_d2(search);
-    for (int i = 0; i < lanes->lane_count; i++) {
-        if (d2[i] > limit || !is_toward(search, lanes->face[i])) continue;
-        qm_vec at = {pack->row[QM_PACK_OX][i], pack->row[QM_PACK_OY][i], pack->row[QM_PACK_OZ][i]};
-        insert(search, d2[i], lanes->face[i], at);
-        limit = max_d2(search);
-    }
-}
+    double reach2; /* the squared distance above which no part counts */
+    visit_pack *visit;
+    void *out; /* the visit's own */
+};
 
 /**
  * Fraction of a squared distance of sort_children by which it may exceed that to the contents of the box. Let v = 2^-24.
@@ -163,115 +105,8 @@ static int sort_children(const qm_bvh *bvh, qm_vec p, int level, size_t node, fl
     return children;
 }
 
-/** Visits the children of a node, nearest box first. */
-static void visit_node(point_search *search, int level, size_t node)
-{
-    int order[QM_PACK_LANES];
-    float d2[QM_PACK_LANES];
-    int children = sort_children(search->bvh, search->p, level, node, d2, order);
-    for (int i = 0; i < children; i++) {
-        if ((double)d2[order[i]] * (1.0 - BOX_ROUNDING) > max_d2(search)) return;
-        size_t child = 8 * node + (size_t)order[i];
-        if (level > 1)
-            visit_node(search, level - 1, child);
-        else
-            visit_pack(search, child);
-    }
-}
-
-void qm_nearest_points_find(const qm_bvh *bvh, qm_vec p, int wanted, qm_nearest_points *out)
-{
-    QM_ASSERT(wanted >= 1 && wanted <= QM_NEAREST_POINTS_MAX && bvh->mesh.face_count == 0);
-    point_search search = {.bvh = bvh, .p = p, .wanted = wanted, .reach2 = INFINITY, .out = out};
-    out->count = 0;
-    visit_node(&search, bvh->boxes.level_count, 0);
-}
-
-void qm_nearest_points_find_toward(const qm_bvh *bvh, qm_vec p, int wanted, qm_vec toward, double reach,
-                                   qm_nearest_points *out)
-{
-    QM_ASSERT(wanted >= 1 && wanted <= QM_NEAREST_POINTS_MAX && bvh->mesh.face_count == 0 &&
-              bvh->mesh.normals);
-    point_search search = {
-        .bvh = bvh, .p = p, .wanted = wanted, .reach2 = reach * reach, .toward = &toward, .out = out};
-    out->count = 0;
-    visit_node(&search, bvh->boxes.level_count, 0);
-}
-
-/* ---- the nearest point of a mesh's faces that look one way ---- */
-
-typedef struct facing_search {
-    const qm_bvh *bvh;
-    qm_vec p, toward;
-    double best2;
-    qm_facing_point *out;
-} facing_search;
-
-static void visit_facing_pack(facing_search *search, size_t index)
-{
-    const qm_pack_lanes *lanes = &search->bvh->lanes[index];
-    for (uint32_t i = 0; i < lanes->lane_count; i++) {
-        qm_vec corner[3];
-        qm_bvh_load_triangle(search->bvh, (uint32_t)index, i, corner);
-        qm_vec normal = qm_vec_cross(qm_vec_sub(corner[1], corner[0]), qm_vec_sub(corner[2], corner[0]));
-        if (!(qm_vec_dot(normal, search->toward) > 0.0)) continue;
-        qm_triangle triangle = qm_triangle_make(corner[0], corner[1], corner[2]);
-        double d2 = qm_triangle_distance2(&triangle, search->p), weight[3];
-        if (d2 >= search->best2) continue;
-        qm_triangle_footpoint(&triangle, search->p, weight);
-        search->best2 = d2;
-        search->out->position = qm_triangle_at(corner, weight);
-        search->out->normal = qm_vec_scale(1.0 / qm_vec_norm(normal), normal);
-    }
-}
-
-static void visit_facing_node(facing_search *search, int level, size_t node)
-{
-    int order[QM_PACK_LANES];
-    float d2[QM_PACK_LANES];
-    int children = sort_children(search->bvh, search->p, level, node, d2, order);
-    for (int i = 0; i < children; i++) {
-        if ((double)d2[order[i]] * (1.0 - BOX_ROUNDING) > search->best2) return;
-        size_t child = 8 * node + (size_t)order[i];
-        if (level > 1)
-            visit_facing_node(search, level - 1, child);
-        else
-            visit_facing_pack(search, child);
-    }
-}
-
-bool qm_nearest_facing(const qm_bvh *bvh, qm_vec p, qm_vec toward, double reach, qm_facing_point *out)
-{
-    QM_ASSERT(bvh->mesh.face_count > 0);
-    facing_search search = {.bvh = bvh, .p = p, .toward = toward, .best2 = reach * reach, .out = out};
-    visit_facing_node(&search, bvh->boxes.level_count, 0);
-    return search.best2 < reach * reach;
-}
-
-/* ---- the triangles of a mesh near a point ---- */
-
-typedef struct near_search {
-    const qm_bvh *bvh;
-    qm_vec p;
-    double reach2;
-    qm_vec (*out)[3];
-    size_t count, capacity;
-} near_search;
-
-static void visit_near_pack(near_search *search, size_t index)
-{
-    const qm_pack_lanes *lanes = &search->bvh->lanes[index];
-    for (uint32_t i = 0; i < lanes->lane_count && search->count <= search->capacity; i++) {
-        qm_vec corner[3];
-        qm_bvh_load_triangle(search->bvh, (uint32_t)index, i, corner);
-        qm_triangle triangle = qm_triangle_make(corner[0], corner[1], corner[2]);
-        if (qm_triangle_distance2(&triangle, search->p) > search->reach2) continue;
-        if (search->count < search->capacity) memcpy(search->out[search->count], corner, sizeof corner);
-        search->count++;
-    }
-}
-
-static void visit_near_node(near_search *search, int level, size_t node)
+/** Visits the packs below a node within reach, the nearest box first. */
+static void visit_node(near_search *search, int level, size_t node)
 {
     int order[QM_PACK_LANES];
     float d2[QM_PACK_LANES];
@@ -280,16 +115,159 @@ static void visit_near_node(near_search *search, int level, size_t node)
         if ((double)d2[order[i]] * (1.0 - BOX_ROUNDING) > search->reach2) return;
         size_t child = 8 * node + (size_t)order[i];
         if (level > 1)
-            visit_near_node(search, level - 1, child);
+            visit_node(search, level - 1, child);
         else
-            visit_near_pack(search, child);
+            search->visit(search, child);
+    }
+}
+
+/** Visits the packs within a reach of a point. Returns the squared reach at the end. */
+static double visit_near(const qm_bvh *bvh, qm_vec p, double reach2, visit_pack *visit, void *out)
+{
+    near_search search = {.bvh = bvh, .p = p, .reach2 = reach2, .visit = visit, .out = out};
+    visit_node(&search, bvh->boxes.level_count, 0);
+    return search.reach2;
+}
+
+/* ---- the nearest points of a point set ---- */
+
+typedef struct point_list {
+    int wanted;
+    const qm_vec *toward; /* NULL, or only points count whose normals lie within 78 degrees of it */
+    qm_nearest_points *found;
+} point_list;
+
+/** True for a point whose normal counts. */
+static bool is_toward(const qm_bvh *bvh, const qm_vec *toward, uint32_t vertex)
+{
+    if (!toward) return true;
+    const float *normal = bvh->mesh.normals + 3 * (size_t)vertex;
+    qm_vec n = {normal[0], normal[1], normal[2]};
+    return qm_vec_dot(n, *toward) > MIN_TOWARD * qm_vec_norm(n);
+}
+
+static bool comes_before(const qm_nearest_points *out, int i, double d2, uint32_t index)
+{
+    return d2 < out->d2[i] || (d2 == out->d2[i] && index < out->index[i]);
+}
+
+/** Keeps the list sorted; it is so short that moving its tail is as fast as a heap. */
+static void insert(const point_list *list, double d2, uint32_t index, qm_vec position)
+{
+    qm_nearest_points *out = list->found;
+    int i = out->count;
+    if (i == list->wanted) {
+        if (!comes_before(out, i - 1, d2, index)) return;
+        i--;
+    } else {
+        out->count++;
+    }
+    for (; i > 0 && comes_before(out, i - 1, d2, index); i--) {
+        out->d2[i] = out->d2[i - 1];
+        out->index[i] = out->index[i - 1];
+        out->position[i] = out->position[i - 1];
+    }
+    out->d2[i] = d2;
+    out->index[i] = index;
+    out->position[i] = position;
+}
+
+static void visit_points(near_search *search, size_t index)
+{
+    const point_list *list = search->out;
+    const qm_pack_lanes *lanes = &search->bvh->lanes[index];
+    qm_pack spare;
+    const qm_pack *pack = qm_bvh_pack(search->bvh, index, &spare);
+    double d2[QM_PACK_LANES];
+    for (int i = 0; i < QM_PACK_LANES; i++) {
+        double x = pack->row[QM_PACK_OX][i] - search->p.x, y = pack->row[QM_PACK_OY][i] - search->p.y,
+               z = pack->row[QM_PACK_OZ][i] - search->p.z;
+        d2[i] = x * x + y * y + z * z;
+    }
+    for (int i = 0; i < lanes->lane_count; i++) {
+        if (d2[i] > search->reach2 || !is_toward(search->bvh, list->toward, lanes->face[i])) continue;
+        qm_vec at = {pack->row[QM_PACK_OX][i], pack->row[QM_PACK_OY][i], pack->row[QM_PACK_OZ][i]};
+        insert(list, d2[i], lanes->face[i], at);
+        if (list->found->count == list->wanted) search->reach2 = list->found->d2[list->wanted - 1];
+    }
+}
+
+void qm_nearest_points_find(const qm_bvh *bvh, qm_vec p, int wanted, qm_nearest_points *out)
+{
+    QM_ASSERT(wanted >= 1 && wanted <= QM_NEAREST_POINTS_MAX && bvh->mesh.face_count == 0);
+    point_list list = {.wanted = wanted, .found = out};
+    out->count = 0;
+    visit_near(bvh, p, INFINITY, visit_points, &list);
+}
+
+void qm_nearest_points_find_toward(const qm_bvh *bvh, qm_vec p, int wanted, qm_vec toward, double reach,
+                                   qm_nearest_points *out)
+{
+    QM_ASSERT(wanted >= 1 && wanted <= QM_NEAREST_POINTS_MAX && bvh->mesh.face_count == 0 &&
+              bvh->mesh.normals);
+    point_list list = {.wanted = wanted, .toward = &toward, .found = out};
+    out->count = 0;
+    visit_near(bvh, p, reach * reach, visit_points, &list);
+}
+
+/* ---- the nearest point of a mesh's faces that look one way ---- */
+
+typedef struct facing_list {
+    qm_vec toward;
+    qm_facing_point *nearest;
+} facing_list;
+
+static void visit_facing(near_search *search, size_t index)
+{
+    const facing_list *list = search->out;
+    const qm_pack_lanes *lanes = &search->bvh->lanes[index];
+    for (uint32_t i = 0; i < lanes->lane_count; i++) {
+        qm_vec corner[3];
+        qm_bvh_load_triangle(search->bvh, (uint32_t)index, i, corner);
+        qm_vec normal = qm_vec_cross(qm_vec_sub(corner[1], corner[0]), qm_vec_sub(corner[2], corner[0]));
+        if (!(qm_vec_dot(normal, list->toward) > 0.0)) continue;
+        qm_triangle triangle = qm_triangle_make(corner[0], corner[1], corner[2]);
+        double d2 = qm_triangle_distance2(&triangle, search->p), weight[3];
+        if (d2 >= search->reach2) continue;
+        qm_triangle_footpoint(&triangle, search->p, weight);
+        search->reach2 = d2;
+        list->nearest->position = qm_triangle_at(corner, weight);
+        list->nearest->normal = qm_vec_scale(1.0 / qm_vec_norm(normal), normal);
+    }
+}
+
+bool qm_nearest_facing(const qm_bvh *bvh, qm_vec p, qm_vec toward, double reach, qm_facing_point *out)
+{
+    QM_ASSERT(bvh->mesh.face_count > 0);
+    facing_list list = {.toward = toward, .nearest = out};
+    return visit_near(bvh, p, reach * reach, visit_facing, &list) < reach * reach;
+}
+
+/* ---- the triangles of a mesh near a point ---- */
+
+typedef struct triangle_list {
+    qm_vec (*corner)[3];
+    size_t count, capacity;
+} triangle_list;
+
+static void visit_triangles(near_search *search, size_t index)
+{
+    triangle_list *list = search->out;
+    const qm_pack_lanes *lanes = &search->bvh->lanes[index];
+    for (uint32_t i = 0; i < lanes->lane_count && list->count <= list->capacity; i++) {
+        qm_vec corner[3];
+        qm_bvh_load_triangle(search->bvh, (uint32_t)index, i, corner);
+        qm_triangle triangle = qm_triangle_make(corner[0], corner[1], corner[2]);
+        if (qm_triangle_distance2(&triangle, search->p) > search->reach2) continue;
+        if (list->count < list->capacity) memcpy(list->corner[list->count], corner, sizeof corner);
+        list->count++;
     }
 }
 
 size_t qm_near_triangles(const qm_bvh *bvh, qm_vec p, double reach, qm_vec (*out)[3], size_t capacity)
 {
     QM_ASSERT(bvh->mesh.face_count > 0);
-    near_search search = {.bvh = bvh, .p = p, .reach2 = reach * reach, .out = out, .capacity = capacity};
-    visit_near_node(&search, bvh->boxes.level_count, 0);
-    return search.count;
+    triangle_list list = {.corner = out, .capacity = capacity};
+    visit_near(bvh, p, reach * reach, visit_triangles, &list);
+    return list.count;
 }

@@ -328,8 +328,10 @@ qm_status qm_features_find(qm_context *ctx, const qm_mesh *mesh, const qm_featur
     if (has_faces && status == QM_OK)
         status = qm_trimesh_build(ctx, mesh->positions, mesh->vertex_count, (const uint32_t(*)[3])t.corner,
                                   t.count, &m);
-    if (status == QM_OK && m.face_count > 0)
+    if (status == QM_OK && m.face_count > 0) {
+        qm_quads_drop_slivers(&m);
         status = qm_quads_find_features(ctx, &m, options->angle, options->shortest / SHORTEST_SIDES);
+    }
     if (status == QM_OK) status = collect(ctx, &m, options, out);
     qm_trimesh_reset(ctx, &m);
     qm_quads_triangles_reset(ctx, &t);

@@ -134,7 +134,8 @@ static void add_record(qm_quads_record *sum, const qm_quads_record *own)
 }
 
 /** Quads of a side of size; the triangles are used up. */
-static qm_status lay_out(qm_context *ctx, qm_trimesh *m, const qm_vec *cross, double size, attempt *out)
+static qm_status lay_out(qm_context *ctx, qm_trimesh *m, const qm_vec *cross, const qm_quads_corners *corners,
+                         double size, attempt *out)
 {
     size_t vertices = m->vertex_count;
     qm_vec *grid = qm_context_alloc(ctx, 3 * vertices, sizeof *grid);
@@ -142,7 +143,7 @@ static qm_status lay_out(qm_context *ctx, qm_trimesh *m, const qm_vec *cross, do
     if (status == QM_OK) {
         qm_quads_grids grids = {grid, grid + vertices, grid + 2 * vertices};
         status = qm_quads_find_grids(ctx, m, cross, size, &grids);
-        if (status == QM_OK) status = qm_quads_find_steps(ctx, m, cross, &grids, size, &out->record);
+        if (status == QM_OK) status = qm_quads_find_steps(ctx, m, cross, &grids, corners, size, &out->record);
     }
     qm_context_free(ctx, grid, 3 * vertices, sizeof *grid);
     qm_quads_result *r = &out->quads;
@@ -160,8 +161,8 @@ static bool is_better(const attempt *a, const attempt *b)
 }
 
 /** Lays quads out until there are about as many as wanted: rows that the flow takes away or adds are made up for by their size. */
-static qm_status lay_out_counted(qm_context *ctx, const qm_trimesh *m, const qm_vec *cross, double size,
-                                 double wanted, attempt *best)
+static qm_status lay_out_counted(qm_context *ctx, const qm_trimesh *m, const qm_vec *cross,
+                                 const qm_quads_corners *corners, double size, double wanted, attempt *best)
 {
     qm_status status = QM_OK;
     int attempts = wanted < FEW_QUADS ? 2 * ATTEMPTS : ATTEMPTS, vain = 0;
@@ -169,7 +170,7 @@ static qm_status lay_out_counted(qm_context *ctx, const qm_trimesh *m, const qm_
         qm_trimesh copy;
         attempt now = {0};
         status = qm_trimesh_copy(ctx, m, &copy);
-        if (status == QM_OK) status = lay_out(ctx, &copy, cross, size, &now);
+        if (status == QM_OK) status = lay_out(ctx, &copy, cross, corners, size, &now);
         qm_trimesh_reset(ctx, &copy);
         double ratio = (double)now.quads.mesh.face_count / wanted;
         now.off = fabs(ratio - 1.0);
@@ -194,20 +195,24 @@ static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*
     const qm_mesh *surface = qm_bvh_mesh(bvh);
     qm_trimesh m;
     attempt best = {0};
+    qm_quads_corners corners = {0};
     qm_vec *cross = NULL;
     qm_status status = qm_trimesh_build(ctx, surface->positions, surface->vertex_count, corner, count, &m);
+    if (status == QM_OK) qm_quads_drop_slivers(&m);
     if (status == QM_OK) status = qm_trimesh_fill_holes(ctx, &m, SMALL_HOLE * size);
     if (status == QM_OK) status = qm_quads_find_features(ctx, &m, options->crease_angle, size);
     if (status == QM_OK) status = qm_quads_list_features(ctx, &m, &out->segments, &out->segment_count);
     if (status == QM_OK) status = qm_quads_remesh(ctx, &m, bvh, TRIANGLE_SIDE * size, options->thread_count);
     if (status == QM_OK) status = qm_quads_separate_features(ctx, &m);
+    if (status == QM_OK) status = qm_quads_open_corners(ctx, &m, size, &corners);
     size_t faces = m.face_count;
     if (status == QM_OK) {
         cross = qm_context_alloc(ctx, faces, sizeof *cross);
         status = cross ? qm_quads_find_crosses(ctx, &m, cross) : QM_E_NO_MEMORY;
     }
-    if (status == QM_OK) status = lay_out_counted(ctx, &m, cross, size, wanted, &best);
+    if (status == QM_OK) status = lay_out_counted(ctx, &m, cross, &corners, size, wanted, &best);
     qm_context_free(ctx, cross, faces, sizeof *cross);
+    qm_quads_corners_reset(ctx, &corners);
     qm_trimesh_reset(ctx, &m);
     out->quads = best.quads;
     if (status == QM_OK) add_record(record, &best.record);

@@ -2,7 +2,9 @@
  * quads_internal.h: the steps from a triangle mesh to quads.
  *
  *   quads_triangles.c  the triangles of the surface, component by component
+ *   quads_slivers.c    triangles without a height, which go
  *   quads_features.c   creases and corners of the mesh
+ *   quads_corners.c    acute corners of features, which need a quad
  *   quads_remesh.c     triangles of equal size, about half as long as the quads shall be
  *   quads_levels.c     a graph and its coarser versions, on which fields are smoothed
  *   quads_field.c      a cross in each face: the directions of the quads (orientation field)
@@ -41,6 +43,9 @@ qm_status qm_quads_close_seams(qm_context *ctx, const qm_mesh *mesh, qm_quads_tr
 qm_status qm_quads_list_triangles(qm_context *ctx, const qm_mesh *mesh, qm_quads_triangles *out);
 void qm_quads_triangles_reset(qm_context *ctx, qm_quads_triangles *t);
 
+/** Contracts or turns edges until no triangle is without a height, where the topology allows it. */
+void qm_quads_drop_slivers(qm_trimesh *m);
+
 /** Marks edges whose faces meet at an angle as features, and vertices where features bend sharply as fixed. What is
  * a crease only below the size of a quad is left out. */
 qm_status qm_quads_find_features(qm_context *ctx, qm_trimesh *m, double crease_angle, double size);
@@ -50,6 +55,22 @@ qm_status qm_quads_remesh(qm_context *ctx, qm_trimesh *m, const qm_bvh *bvh, dou
 
 /** Splits faces until none has two features. */
 qm_status qm_quads_separate_features(qm_context *ctx, qm_trimesh *m);
+
+/** Paths from acute corners between features inwards, along which the grid is turned so that the corners have a quad. */
+typedef struct qm_quads_corners {
+    uint32_t *
+        vertex; /* of each path: the corner, the ends of the first edges of both sides, the way, QM_NO_INDEX */
+    size_t count, capacity;
+} qm_quads_corners;
+
+/** Finds the paths, for quads of a side of size, and splits edges where they have no vertices. Returns QM_OK; QM_E_NO_MEMORY. *out is the caller's, for
+ * qm_quads_corners_reset, after an error too. */
+qm_status qm_quads_open_corners(qm_context *ctx, qm_trimesh *m, double size, qm_quads_corners *out);
+
+/** Turns the frames of faces (quads_steps.c) against each other along the paths of corners without a quarter turn. */
+void qm_quads_turn_corners(const qm_trimesh *m, const qm_quads_corners *corners, uint8_t *turned,
+                           const float (*target)[2]);
+void qm_quads_corners_reset(qm_context *ctx, qm_quads_corners *corners);
 
 /** A graph of nodes with normals. */
 typedef struct qm_quads_graph {
@@ -99,7 +120,8 @@ qm_status qm_quads_find_grids(qm_context *ctx, const qm_trimesh *m, const qm_vec
 
 /** Writes the steps of all half-edges, which are consistent in each face and along features. */
 qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cross,
-                              const qm_quads_grids *grids, double size, qm_quads_record *record);
+                              const qm_quads_grids *grids, const qm_quads_corners *corners, double size,
+                              qm_quads_record *record);
 
 /**
  * Contracts edges without a step and pairs the triangles that are left. m is used up; out receives quads, is_fixed a flag for
@@ -160,6 +182,10 @@ qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r, size_t *irregular);
 /** Moves vertices along the surface, those of features along these; spreads them where the surface bends, if wanted. */
 qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool spreads,
                           int thread_count);
+
+/** Centres the vertices that are marked among their neighbours, with equal weights, in some rounds; the others stay. */
+qm_status qm_quads_centre(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, const uint8_t *moves,
+                          int rounds, int thread_count);
 
 /** How many moves of vertices are usual to untangle a mesh: hopeless ones would take minutes. */
 size_t qm_quads_untangle_moves(const qm_quads_result *r);

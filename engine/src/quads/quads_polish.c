@@ -26,8 +26,11 @@ typedef struct polish {
     uint8_t *kind;            /* of each vertex, QM_TRIMESH_FREE ... */
     uint32_t (*line)[2];      /* of vertices on features: the two neighbours along them */
     double *target, *nearest;
-    qm_vec *normal;   /* of each vertex */
-    uint8_t *is_sure; /* its normal tells which wall it is on */
+    qm_vec *goal, *normal, *toward; /* of each vertex */
+    uint8_t *is_sure;               /* its normal tells which wall it is on */
+    uint32_t *active;               /* the vertices that may move */
+    size_t active_count;
+    int rounds;
     bool spreads;
     double flat; /* curvature that is added everywhere */
     double side; /* of a quad */
@@ -135,41 +138,37 @@ static qm_vec centred(const polish *p, uint32_t v)
     return qm_vec_add(here, qm_vec_axpy(move, -qm_vec_dot(move, normal), normal));
 }
 
-/** Projects p->target onto the surface, and vertices on features onto these; writes the positions. */
-static qm_status project_all(polish *p)
+/** Projects the targets of the active vertices of a kind, which go there. */
+static qm_status project_kind(polish *p, uint8_t kind, const qm_quads_target *on)
 {
-    qm_mesh *m = &p->r->mesh;
-    qm_status status = qm_quads_project(p->ctx, &p->surface, p->target, p->normal, p->side, m->vertex_count,
-                                        p->thread_count, p->nearest);
-    if (status != QM_OK) return status;
-    for (size_t v = 0; v < m->vertex_count; v++)
-        if (p->kind[v] == QM_TRIMESH_FREE)
-            memcpy(m->positions + 3 * v, p->nearest + 3 * v, 3 * sizeof(double));
-    if (!p->features.bvh) return QM_OK;
     size_t count = 0;
-    for (size_t v = 0; v < m->vertex_count; v++) {
-        if (p->kind[v] != QM_TRIMESH_ON_LINE) continue;
-        p->normal[count] = p->normal[v];
-        memmove(p->target + 3 * count++, p->target + 3 * v, 3 * sizeof(double));
+    if (!on->bvh) return QM_OK;
+    for (size_t k = 0; k < p->active_count; k++) {
+        uint32_t v = p->active[k];
+        if (p->kind[v] != kind) continue;
+        qm_vec_store(p->target + 3 * count, p->goal[v]);
+        p->toward[count++] = p->is_sure[v] ? p->normal[v] : (qm_vec){0, 0, 0};
     }
-    status = qm_quads_project(p->ctx, &p->features, p->target, p->normal, p->side, count, p->thread_count,
-                              p->nearest);
+    qm_status status =
+        qm_quads_project(p->ctx, on, p->target, p->toward, p->side, count, p->thread_count, p->nearest);
     count = 0;
-    for (size_t v = 0; v < m->vertex_count && status == QM_OK; v++)
-        if (p->kind[v] == QM_TRIMESH_ON_LINE)
-            memcpy(m->positions + 3 * v, p->nearest + 3 * count++, 3 * sizeof(double));
+    for (size_t k = 0; k < p->active_count && status == QM_OK; k++)
+        if (p->kind[p->active[k]] == kind)
+            memcpy(p->r->mesh.positions + 3 * (size_t)p->active[k], p->nearest + 3 * count++,
+                   3 * sizeof(double));
     return status;
 }
 
 static qm_status centre_all(polish *p)
 {
-    for (uint32_t v = 0; v < p->r->mesh.vertex_count; v++)
+    for (size_t k = 0; k < p->active_count; k++) {
+        uint32_t v = p->active[k];
         p->normal[v] = vertex_normal(p, v, &p->is_sure[v]);
-    for (uint32_t v = 0; v < p->r->mesh.vertex_count; v++)
-        qm_vec_store(p->target + 3 * (size_t)v, centred(p, v));
-    for (uint32_t v = 0; v < p->r->mesh.vertex_count; v++)
-        if (!p->is_sure[v]) p->normal[v] = (qm_vec){0, 0, 0};
-    return project_all(p);
+    }
+    for (size_t k = 0; k < p->active_count; k++)
+        p->goal[p->active[k]] = centred(p, p->active[k]);
+    qm_status status = project_kind(p, QM_TRIMESH_FREE, &p->surface);
+    return status == QM_OK ? project_kind(p, QM_TRIMESH_ON_LINE, &p->features) : status;
 }
 
 /** The side of a square of the mean area. */
@@ -185,21 +184,24 @@ static double mean_side(const polish *p)
     return sqrt(sum / qm_max((double)m->face_count, 1.0));
 }
 
-static qm_status run(polish *p)
+static qm_status run(polish *p, const uint8_t *moves)
 {
     list_corners(p);
     p->side = mean_side(p);
     find_kinds(p);
     const qm_box box = qm_mesh_bounding_box(&p->r->mesh);
     p->flat = FLAT_TURN / qm_max(qm_mesh_box_diagonal(&box), QM_MIN_LENGTH);
+    for (uint32_t v = 0; v < p->r->mesh.vertex_count; v++)
+        if (!moves || moves[v]) p->active[p->active_count++] = v;
     qm_status status = QM_OK;
-    for (int round = 0; round < (p->spreads ? SPREAD_ROUNDS : ROUNDS) && status == QM_OK; round++)
+    for (int round = 0; round < p->rounds && status == QM_OK; round++)
         status = centre_all(p);
     return status;
 }
 
-qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool spreads,
-                          int thread_count)
+/** Moves the vertices that are marked, or all. */
+static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, const uint8_t *moves,
+                             bool spreads, int rounds, int thread_count)
 {
     size_t vertices = r->mesh.vertex_count, corners = 4 * r->mesh.face_count;
     qm_bvh *features = NULL;
@@ -210,6 +212,7 @@ qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *sur
                 .r = r,
                 .surface = {surface, NULL},
                 .features = {features, r->feature_normal},
+                .rounds = rounds,
                 .spreads = spreads,
                 .thread_count = thread_count};
     p.start = qm_context_alloc(ctx, vertices + 1, sizeof *p.start);
@@ -218,20 +221,37 @@ qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *sur
     p.line = qm_context_alloc(ctx, vertices, sizeof *p.line);
     p.target = qm_context_alloc(ctx, vertices, 3 * sizeof *p.target);
     p.nearest = qm_context_alloc(ctx, vertices, 3 * sizeof *p.nearest);
+    p.goal = qm_context_alloc(ctx, vertices, sizeof *p.goal);
     p.normal = qm_context_alloc(ctx, vertices, sizeof *p.normal);
+    p.toward = qm_context_alloc(ctx, vertices, sizeof *p.toward);
     p.is_sure = qm_context_alloc(ctx, vertices, 1);
-    if (status == QM_OK &&
-        !(p.start && p.corner && p.kind && p.line && p.target && p.nearest && p.normal && p.is_sure))
-        status = QM_E_NO_MEMORY;
-    if (status == QM_OK) status = run(&p);
+    p.active = qm_context_alloc(ctx, vertices, sizeof *p.active);
+    bool has_memory = p.start && p.corner && p.kind && p.line && p.target && p.nearest && p.goal &&
+                      p.normal && p.toward && p.is_sure && p.active;
+    if (status == QM_OK) status = has_memory ? run(&p, moves) : QM_E_NO_MEMORY;
     qm_context_free(ctx, p.start, vertices + 1, sizeof *p.start);
     qm_context_free(ctx, p.corner, corners, sizeof *p.corner);
     qm_context_free(ctx, p.kind, vertices, 1);
     qm_context_free(ctx, p.line, vertices, sizeof *p.line);
     qm_context_free(ctx, p.target, vertices, 3 * sizeof *p.target);
     qm_context_free(ctx, p.nearest, vertices, 3 * sizeof *p.nearest);
+    qm_context_free(ctx, p.goal, vertices, sizeof *p.goal);
     qm_context_free(ctx, p.normal, vertices, sizeof *p.normal);
+    qm_context_free(ctx, p.toward, vertices, sizeof *p.toward);
     qm_context_free(ctx, p.is_sure, vertices, 1);
+    qm_context_free(ctx, p.active, vertices, sizeof *p.active);
     qm_bvh_destroy(ctx, features);
     return status;
+}
+
+qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool spreads,
+                          int thread_count)
+{
+    return polish_some(ctx, r, surface, NULL, spreads, spreads ? SPREAD_ROUNDS : ROUNDS, thread_count);
+}
+
+qm_status qm_quads_centre(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, const uint8_t *moves,
+                          int rounds, int thread_count)
+{
+    return polish_some(ctx, r, surface, moves, false, rounds, thread_count);
 }

@@ -4,6 +4,7 @@
  */
 #include <string.h>
 
+#include "core/union_find.h"
 #include "mesh/quad_shape.h"
 #include "qm/project.h"
 #include "quads/quads_sides.h"
@@ -13,7 +14,13 @@
 #define ALONG                                                                                                \
     0.2 /* of a side: its ends and its middle are no farther than this from a feature that it runs along */
 
-#define MOST_RINGS 16 /* of vertices that go back round quads that were folded */
+#define BAD_SINE 0.3 /* quads below it count as bad, */
+#define FOLDED 1.0   /* folded ones for so much more */
+#define FIRST_CENTRED                                                                                        \
+    3 /* rings of vertices round folded quads that are centred; then twice as many, and so on */
+#define LAST_CENTRED 12
+#define CENTRED_ROUNDS 5 /* for each ring */
+#define MOST_RINGS 16    /* of vertices that go back round quads that were folded */
 
 typedef struct settle {
     qm_context *ctx;
@@ -129,12 +136,17 @@ static qm_status mark_sides(settle *w, const qm_quads_sides *t)
     return status;
 }
 
-static bool is_folded(const qm_mesh *m, size_t face)
+static double face_sine(const qm_mesh *m, size_t face)
 {
     qm_vec corner[4];
     for (int k = 0; k < 4; k++)
         corner[k] = qm_vec_load(m->positions + 3 * (size_t)m->faces[4 * face + (size_t)k]);
-    return !(qm_quad_min_sine(corner) > 0.0);
+    return qm_quad_min_sine(corner);
+}
+
+static bool is_folded(const qm_mesh *m, size_t face)
+{
+    return !(face_sine(m, face) > 0.0);
 }
 
 static size_t count_folded(const qm_mesh *m)
@@ -147,10 +159,12 @@ static size_t count_folded(const qm_mesh *m)
 
 /** The mesh before it moves, and which vertices go back to it. */
 typedef struct unmoved {
-    double *positions;
+    double *positions, *before;
     uint8_t *is_feature, *is_fixed;
     uint8_t *goes_back; /* of each vertex */
     size_t folded;      /* quads */
+    uint32_t *cluster;  /* of vertices round folded quads: union-find */
+    double *badness;    /* of each cluster, by its root: after less before */
 } unmoved;
 
 static qm_status take_note(settle *w, unmoved *u)
@@ -161,7 +175,12 @@ static qm_status take_note(settle *w, unmoved *u)
     u->is_feature = qm_context_alloc(w->ctx, m->face_count, 4);
     u->is_fixed = qm_context_alloc(w->ctx, m->vertex_count, 1);
     u->goes_back = qm_context_alloc(w->ctx, m->vertex_count, 1);
-    if (!u->positions || !u->is_feature || !u->is_fixed || !u->goes_back) return QM_E_NO_MEMORY;
+    u->before = qm_context_alloc(w->ctx, size, sizeof *u->before);
+    u->cluster = qm_context_alloc(w->ctx, m->vertex_count, sizeof *u->cluster);
+    u->badness = qm_context_alloc(w->ctx, m->vertex_count, sizeof *u->badness);
+    if (!u->before || !u->cluster || !u->badness || !u->positions || !u->is_feature || !u->is_fixed ||
+        !u->goes_back)
+        return QM_E_NO_MEMORY;
     memcpy(u->positions, m->positions, size * sizeof *u->positions);
     memcpy(u->is_feature, w->r.is_feature, 4 * m->face_count);
     memcpy(u->is_fixed, w->r.is_fixed, m->vertex_count);
@@ -173,6 +192,9 @@ static void free_note(settle *w, unmoved *u)
 {
     const qm_mesh *m = &w->r.mesh;
     qm_context_free(w->ctx, u->positions, 3 * m->vertex_count, sizeof *u->positions);
+    qm_context_free(w->ctx, u->before, 3 * m->vertex_count, sizeof *u->before);
+    qm_context_free(w->ctx, u->cluster, m->vertex_count, sizeof *u->cluster);
+    qm_context_free(w->ctx, u->badness, m->vertex_count, sizeof *u->badness);
     qm_context_free(w->ctx, u->is_feature, m->face_count, 4);
     qm_context_free(w->ctx, u->is_fixed, m->vertex_count, 1);
     qm_context_free(w->ctx, u->goes_back, m->vertex_count, 1);
@@ -204,6 +226,65 @@ static void go_back(settle *w, const unmoved *u, int rings)
         if (u->goes_back[v]) memcpy(m->positions + 3 * v, u->positions + 3 * v, 3 * sizeof(double));
 }
 
+/** Marks vertices of some rings round folded quads, and joins those that marked faces connect. */
+static void find_clusters(const qm_mesh *m, const unmoved *u, int rings)
+{
+    memset(u->goes_back, 0, m->vertex_count);
+    for (size_t f = 0; f < m->face_count; f++)
+        for (int k = 0; k < 4 && is_folded(m, f); k++)
+            u->goes_back[m->faces[4 * f + (size_t)k]] = 1;
+    for (int ring = 0; ring < rings; ring++)
+        mark_faces(m, false, u->goes_back, (uint8_t)(ring + 2));
+    for (size_t v = 0; v < m->vertex_count; v++)
+        u->cluster[v] = (uint32_t)v;
+    for (size_t f = 0; f < m->face_count; f++) {
+        const uint32_t *c = m->faces + 4 * f;
+        for (int k = 0; k < 4; k++)
+            if (u->goes_back[c[k]] && u->goes_back[c[(k + 1) % 4]])
+                qm_union_find_join(u->cluster, c[k], c[(k + 1) % 4]);
+    }
+}
+
+/** Adds up for each cluster how bad its quads are, times a sign. */
+static void add_badness(const qm_mesh *m, const unmoved *u, double sign)
+{
+    for (size_t f = 0; f < m->face_count; f++) {
+        const uint32_t *c = m->faces + 4 * f;
+        double sine = face_sine(m, f), bad = sine > 0.0 ? qm_max(BAD_SINE - sine, 0.0) : FOLDED - sine;
+        for (int k = 0; k < 4 && bad > 0.0; k++)
+            if (u->goes_back[c[k]]) {
+                u->badness[qm_union_find_root(u->cluster, c[k])] += sign * bad;
+                break;
+            }
+    }
+}
+
+/**
+ * Where quads stay bad, vertices lie in the wrong order over a part that is wider than what untangling moves. There the vertices of some
+ * rings are centred with equal weights, which puts them in order, and bad quads open again. Clusters that are not better then go back.
+ */
+static qm_status centre_bad(settle *w, const unmoved *u, int rings, size_t *moves)
+{
+    qm_mesh *m = &w->r.mesh;
+    int threads = w->options->thread_count;
+    find_clusters(m, u, rings);
+    memset(u->badness, 0, m->vertex_count * sizeof *u->badness);
+    add_badness(m, u, -1.0);
+    bool is_any = false;
+    for (size_t v = 0; v < m->vertex_count; v++)
+        is_any |= u->badness[v] < 0.0;
+    if (!is_any) return QM_OK;
+    memcpy(u->before, m->positions, 3 * m->vertex_count * sizeof *m->positions);
+    qm_status status =
+        qm_quads_centre(w->ctx, &w->r, w->surface, u->goes_back, CENTRED_ROUNDS * rings, threads);
+    if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, moves, threads);
+    add_badness(m, u, 1.0);
+    for (uint32_t v = 0; v < m->vertex_count; v++)
+        if (u->goes_back[v] && u->badness[qm_union_find_root(u->cluster, v)] >= 0.0)
+            memcpy(m->positions + 3 * (size_t)v, u->before + 3 * (size_t)v, 3 * sizeof(double));
+    return status;
+}
+
 static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *u)
 {
     int threads = w->options->thread_count;
@@ -212,6 +293,8 @@ static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *
         status = qm_quads_polish(w->ctx, &w->r, w->surface, how == QM_QUADS_SPREAD, threads);
     size_t moves = qm_quads_untangle_moves(&w->r), moves_again = moves / 2; /* of all rounds together */
     if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, &moves, threads);
+    for (int rings = FIRST_CENTRED; rings <= LAST_CENTRED && status == QM_OK; rings *= 2)
+        status = centre_bad(w, u, rings, &moves);
     if (status == QM_OK) status = qm_quads_fit(w->ctx, &w->r, w->surface, threads);
     memset(u->goes_back, 0, w->r.mesh.vertex_count);
     for (int rings = 1; rings <= MOST_RINGS && status == QM_OK && count_folded(&w->r.mesh) > u->folded;

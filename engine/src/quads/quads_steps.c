@@ -781,13 +781,15 @@ static void free_work(steps_work *w, size_t faces)
 }
 
 qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cross,
-                              const qm_quads_grids *grids, double size, qm_quads_record *record)
+                              const qm_quads_grids *grids, const qm_quads_corners *corners, double size,
+                              qm_quads_record *record)
 {
     steps_work w = {.ctx = ctx, .m = m};
     size_t faces = m->face_count;
     qm_status status = alloc_work(&w) ? QM_OK : QM_E_NO_MEMORY;
     if (status == QM_OK) {
         find_turns(&w, cross, size);
+        qm_quads_turn_corners(m, corners, w.turned, (const float(*)[2])w.target);
         find_strips(&w);
         read_steps(&w, cross, grids, size);
         count_turns(&w, record);

@@ -26,6 +26,8 @@
 #define RINGS 2 /* of a patch round a bad quad */
 #define ROUNDS 3
 #define RELEASED_ROUNDS 2
+#define FIRST_LIFT 4        /* round from which vertices may leave the surface, */
+#define MOST_LIFT 0.25      /* of the mean edge at them */
 #define MOVES_EACH 20       /* of each vertex, */
 #define MOVES_BESIDES 20000 /* and for small meshes */
 #define MOST_PATCH 160      /* vertices */
@@ -44,6 +46,7 @@ typedef struct untangle {
     double area;                /* of a quad of the patch, mean */
     size_t moves_left;          /* of vertices */
     bool keeps_faces;
+    bool lifts; /* vertices off the surface where those on it do not open quads */
 } untangle;
 
 static void corners_of(const qm_quads_sides *t, uint32_t face, qm_vec out[4])
@@ -184,7 +187,15 @@ static qm_status move_vertex(untangle *u, uint32_t v, bool *has_moved)
         const qm_projection out = {.position = nearest};
         qm_status status = qm_project_points(u->ctx, onto, QM_QUADS_TRIANGLES, point, 1, 1, &out);
         if (status != QM_OK) return status;
-        if (!(cost_at(u, v, qm_vec_load(nearest)) < now * (1.0 - 1e-4))) continue;
+        bool falls = cost_at(u, v, qm_vec_load(nearest)) < now * (1.0 - 1e-4);
+        if (!falls && u->lifts && onto == u->surface) {
+            qm_vec to = qm_vec_load(nearest), off = qm_vec_sub(qm_vec_load(point), to);
+            double height = qm_vec_norm(off), most = MOST_LIFT * edge;
+            if (height > most) off = qm_vec_scale(most / height, off);
+            qm_vec_store(nearest, qm_vec_add(to, off));
+            falls = cost_at(u, v, qm_vec_load(nearest)) < now * (1.0 - 1e-4);
+        }
+        if (!falls) continue;
         memcpy(t->r->mesh.positions + 3 * (size_t)v, nearest, sizeof nearest);
         *has_moved = true;
         return QM_OK;
@@ -423,6 +434,7 @@ static qm_status improve_all(untangle *u, int round, bool *is_bad)
     qm_status status = QM_OK;
     bool releases = round >= ROUNDS;
     *is_bad = false;
+    u->lifts = round >= FIRST_LIFT;
     for (uint32_t f = 0; f < t->face_count && u->moves_left > 0 && status == QM_OK; f++) {
         double sine = t->is_gone[f] ? 1.0 : face_sine(u, f);
         if (sine >= BAD_SINE) continue;

@@ -6,6 +6,8 @@
  * at the base count, then at the count that the samples allow, then by samples projected onto the lattices.
  * A step doubles chords, and fits what that splits. An edit creates a reconstruction of the edited layout and
  * takes over all that the edit left as it was.
+ *
+ * The mesh of a layout with grids needs no steps: lattices with the numbers of edges that fill the limit start at the grids.
  */
 #include "reconstruct_internal.h"
 
@@ -23,6 +25,7 @@
 #define MAX_STRAY 0.05      /* of the mean samples of a patch: fewer may have strayed into one over a hole */
 #define EDIT_ROUNDS 2       /* fits of the lattices that an edit has changed */
 #define FILL_ROUNDS 2       /* fits of lattices that got counts that are no multiples of the old ones */
+#define GRID_ROUNDS 2       /* fits of lattices that start at grids */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
 
@@ -322,9 +325,8 @@ static qm_status find_guide(qm_context *ctx, qm_reconstruction *r, const qm_reco
     return status;
 }
 
-/** Makes chords, polylines and the first parameters of samples; old is the state before an edit, or NULL. */
-static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconstruction *old,
-                         qm_samples *samples)
+/** Makes room for chords, polylines and lattices, none of them made. QM_OK or QM_E_NO_MEMORY. */
+static qm_status allocate_parts(qm_context *ctx, qm_reconstruction *r)
 {
     size_t curves = r->layout.curve_count, patches = r->layout.patch_count;
     r->polylines = qm_context_alloc(ctx, curves, sizeof *r->polylines);
@@ -332,8 +334,15 @@ static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconst
     r->lattices = qm_context_alloc(ctx, patches, sizeof *r->lattices);
     if (r->lattices) memset(r->lattices, 0, patches * sizeof *r->lattices);
     r->chords = qm_context_alloc(ctx, curves, sizeof *r->chords);
-    if (!r->polylines || !r->lattices || !r->chords) return no_memory(ctx);
-    qm_status status = find_guide(ctx, r, old);
+    return r->polylines && r->lattices && r->chords ? QM_OK : no_memory(ctx);
+}
+
+/** Makes chords, polylines and the first parameters of samples; old is the state before an edit, or NULL. */
+static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconstruction *old,
+                         qm_samples *samples)
+{
+    qm_status status = allocate_parts(ctx, r);
+    if (status == QM_OK) status = find_guide(ctx, r, old);
     if (status == QM_OK) status = qm_samples_create(ctx, r, first_sample_count(r), samples);
     if (status == QM_OK) status = qm_samples_find_sides(ctx, r, samples);
     if (status == QM_OK) status = qm_chords_find(ctx, r);
@@ -453,6 +462,61 @@ qm_status qm_reconstruction_edit(qm_context *ctx, const qm_reconstruction *old, 
     if (status == QM_OK) return QM_OK;
     qm_reconstruction_destroy(ctx, *out);
     *out = NULL;
+    return status;
+}
+
+/** Makes chords and polylines, and lattices at the grids, oriented as the surface where its normals tell. */
+static qm_status prepare_grids(qm_context *ctx, qm_reconstruction *r)
+{
+    qm_samples samples = {0};
+    qm_status status = allocate_parts(ctx, r);
+    if (status == QM_OK) status = qm_samples_create(ctx, r, FIRST_MIN, &samples);
+    if (status == QM_OK) status = qm_samples_find_sides(ctx, r, &samples);
+    qm_samples_reset(ctx, &samples);
+    if (status == QM_OK) status = qm_chords_find(ctx, r);
+    if (status == QM_OK) status = qm_polylines_create(ctx, r);
+    if (status == QM_OK) qm_polylines_straighten(r);
+    if (status == QM_OK) status = qm_polylines_set_vertices(ctx, r);
+    if (status == QM_OK) status = qm_parameters_orient(ctx, r);
+    if (status == QM_OK && r->has_sides) qm_lattices_orient(r);
+    if (status == QM_OK) status = qm_lattices_start(ctx, r);
+    if (status == QM_OK) qm_chords_measure(r);
+    return status;
+}
+
+/** Starts lattices again with the numbers of edges that fill the limit, and fits them. */
+static qm_status fill_grids(qm_context *ctx, qm_reconstruction *r, size_t max_quads)
+{
+    qm_samples samples = {0};
+    qm_reconstruction_record record = {0};
+    qm_status status = qm_chords_fill(ctx, r, max_quads, &record);
+    for (size_t i = 0; i < r->chord_count; i++)
+        r->chords[i].lattice_edges = r->chords[i].edges;
+    if (status == QM_OK) status = qm_polylines_set_vertices(ctx, r);
+    if (status == QM_OK) status = qm_lattices_start(ctx, r);
+    if (status == QM_OK) status = create_fine_samples(ctx, r, &samples);
+    for (int round = 0; round < GRID_ROUNDS && status == QM_OK; round++)
+        status = refine_lattices(ctx, r, round == 0 ? START_FAIR : STEP_FAIR, &samples);
+    qm_samples_reset(ctx, &samples);
+    return status;
+}
+
+qm_status qm_reconstruction_fill_grids(qm_context *ctx, const qm_ref_surface *surface,
+                                       const qm_layout *layout, const qm_reconstruction_options *options,
+                                       size_t max_quads, qm_mesh *out)
+{
+    QM_ASSERT(ctx && surface && layout && options && options->grids && out);
+    qm_reconstruction *r;
+    if (surface->is_cloud)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "only meshes are filled from the grids of a layout");
+    if (layout->patch_count > max_quads)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the layout has %zu patches, the limit is %zu quads",
+                               layout->patch_count, max_quads);
+    qm_status status = create_empty(ctx, surface, layout, options, &r);
+    if (status == QM_OK) status = prepare_grids(ctx, r);
+    if (status == QM_OK) status = fill_grids(ctx, r, max_quads);
+    if (status == QM_OK) status = qm_lattices_mesh(ctx, r, false, out);
+    qm_reconstruction_destroy(ctx, r);
     return status;
 }
 

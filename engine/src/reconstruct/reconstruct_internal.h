@@ -206,6 +206,9 @@ qm_vec qm_lattice_coons(const qm_lattice *lattice, const qm_vertex_block *block,
 /** Replaces all lattices by Coons patches. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_lattices_create(qm_context *ctx, qm_reconstruction *r);
 
+/** Flips each component of patches whose grids are clockwise about the normals of the surface, a mesh. */
+void qm_lattices_orient(qm_reconstruction *r);
+
 /** Replaces all lattices by the grids that the options give, interpolated. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_lattices_start(qm_context *ctx, qm_reconstruction *r);
 
@@ -291,6 +294,15 @@ qm_status qm_samples_find_sides(qm_context *ctx, qm_reconstruction *r, const qm_
 
 /** Flips the normals of the graph to agree with the samples' own, and removes links between opposed samples. */
 void qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph);
+
+/** Reverses the orientation of a patch; its corner 0 stays. */
+void qm_parameters_flip(qm_reconstruction *r, size_t patch);
+
+/**
+ * Orients the patches of each component as its first one, breadth first: two run along a common curve in opposite directions.
+ * Numbers the components. QM_OK or QM_E_NO_MEMORY.
+ */
+qm_status qm_parameters_orient(qm_context *ctx, qm_reconstruction *r);
 
 /**
  * Orients the patches of the layout consistently, anticlockwise about the surface's normals, and, unless there are grids, sets

@@ -52,11 +52,68 @@ static double place_of(const double *share, double wanted)
     return k + (step > 0.0 ? qm_clamp((wanted - share[k]) / step, 0.0, 1.0) : 0.5);
 }
 
+static int cell_of(double place)
+{
+    return (int)qm_clamp(floor(place), 0, CELLS - 1);
+}
+
 static qm_vec interpolate(const start_grid *grid, double column, double row)
 {
-    int i = (int)qm_clamp(floor(column), 0, CELLS - 1), j = (int)qm_clamp(floor(row), 0, CELLS - 1);
+    int i = cell_of(column), j = cell_of(row);
     return qm_vec_mix(qm_vec_mix(grid->at[j][i], grid->at[j][i + 1], column - i),
                       qm_vec_mix(grid->at[j + 1][i], grid->at[j + 1][i + 1], column - i), row - j);
+}
+
+/** The nearest point of the wall that looks as a cell of the grid does there, if one is nearer than the cell is wide, else the
+ * nearest of all. */
+static void project(const qm_reconstruction *r, const start_grid *grid, double column, double row,
+                    qm_ref_surface_point *on)
+{
+    double at[3], toward[3];
+    int i = cell_of(column), j = cell_of(row);
+    qm_vec rise = qm_vec_sub(grid->at[j + 1][i + 1], grid->at[j][i]),
+           fall = qm_vec_sub(grid->at[j + 1][i], grid->at[j][i + 1]), normal = qm_vec_cross(rise, fall);
+    double length = qm_vec_norm(normal), reach = fmax(qm_vec_norm(rise), qm_vec_norm(fall));
+    qm_vec_store(at, interpolate(grid, column, row));
+    if (r->has_sides && length > 0.0) {
+        qm_vec_store(toward, qm_vec_scale(1.0 / length, normal));
+        if (qm_ref_surface_project_toward(&r->surface, at, toward, reach, on)) return;
+    }
+    qm_ref_surface_project(&r->surface, at, on);
+}
+
+/** Above 0 if the grid of a patch is anticlockwise about the surface's normals, below 0 if it is clockwise. */
+static double side_of_grid(const qm_reconstruction *r, size_t p)
+{
+    start_grid grid;
+    double sum = 0.0;
+    load_grid(r, p, &grid);
+    for (int row = 1; row < CELLS; row++)
+        for (int column = 1; column < CELLS; column++) {
+            double at[3];
+            qm_ref_surface_point on;
+            qm_vec_store(at, grid.at[row][column]);
+            qm_ref_surface_project(&r->surface, at, &on);
+            qm_vec along = qm_vec_sub(grid.at[row][column + 1], grid.at[row][column - 1]),
+                   up = qm_vec_sub(grid.at[row + 1][column], grid.at[row - 1][column]);
+            sum += qm_vec_dot(qm_vec_cross(along, up), qm_vec_load(on.normal));
+        }
+    return sum;
+}
+
+void qm_lattices_orient(qm_reconstruction *r)
+{
+    size_t patches = r->layout.patch_count;
+    uint32_t components = 0;
+    for (size_t p = 0; p < patches; p++)
+        if (r->lattices[p].component >= components) components = r->lattices[p].component + 1;
+    for (uint32_t component = 0; component < components; component++) {
+        double sum = 0.0;
+        for (size_t p = 0; p < patches; p++)
+            if (r->lattices[p].component == component) sum += side_of_grid(r, p);
+        for (size_t p = 0; p < patches && sum < 0.0; p++)
+            if (r->lattices[p].component == component) qm_parameters_flip(r, p);
+    }
 }
 
 static void start_inside(const qm_reconstruction *r, size_t p)
@@ -74,10 +131,8 @@ static void start_inside(const qm_reconstruction *r, size_t p)
                 column = low + row / CELLS * (high - low);
                 row = left + column / CELLS * (right - left);
             }
-            double at[3];
             qm_ref_surface_point on;
-            qm_vec_store(at, interpolate(&grid, column, row));
-            qm_ref_surface_project(&r->surface, at, &on);
+            project(r, &grid, column, row, &on);
             memcpy(qm_lattice_vertex(lattice, i, j), on.position, sizeof on.position);
         }
     }

@@ -116,7 +116,7 @@ static qm_status create_nodes(qm_context *ctx, const qm_reconstruction *r, const
  */
 
 /** Reverses the orientation of a patch; its corner 0 stays. */
-static void flip_patch(qm_reconstruction *r, size_t p)
+void qm_parameters_flip(qm_reconstruction *r, size_t p)
 {
     qm_layout_patch *patch = &r->layout.patches[p], old = *patch;
     r->lattices[p].is_flipped = !r->lattices[p].is_flipped;
@@ -144,7 +144,7 @@ static size_t orient_neighbours(qm_reconstruction *r, const curve_owners *owners
             if (is_oriented[other]) continue;
             for (int m = 0; m < 4; m++) {
                 if (patches[other].side[m] != patches[p].side[k]) continue;
-                if (patches[other].against[m] == patches[p].against[k]) flip_patch(r, other);
+                if (patches[other].against[m] == patches[p].against[k]) qm_parameters_flip(r, other);
                 break;
             }
             is_oriented[other] = true;
@@ -159,7 +159,7 @@ static size_t orient_neighbours(qm_reconstruction *r, const curve_owners *owners
  * Orients the patches of each component as its first one, breadth first: two run along a common curve in
  * opposite directions.
  */
-static qm_status orient_consistently(qm_context *ctx, qm_reconstruction *r)
+qm_status qm_parameters_orient(qm_context *ctx, qm_reconstruction *r)
 {
     size_t patches = r->layout.patch_count, curves = r->layout.curve_count;
     curve_owners *owners = qm_context_alloc(ctx, curves, sizeof *owners);
@@ -272,7 +272,7 @@ static qm_status orient_by_normals(qm_context *ctx, qm_reconstruction *r, const 
         }
         if (side == 0 && sum >= 0.0) continue;
         for (size_t p = 0; p < r->layout.patch_count; p++)
-            if (r->lattices[p].component == component) flip_patch(r, p);
+            if (r->lattices[p].component == component) qm_parameters_flip(r, p);
     }
     qm_context_free(ctx, curve_normal, curves, sizeof *curve_normal);
     return status;
@@ -591,7 +591,7 @@ qm_status qm_parameters_find(qm_context *ctx, qm_reconstruction *r, qm_samples *
 {
     QM_ASSERT(ctx && r && samples);
     graph_nodes nodes = {0};
-    qm_status status = orient_consistently(ctx, r);
+    qm_status status = qm_parameters_orient(ctx, r);
     if (status == QM_OK) status = create_nodes(ctx, r, samples, &nodes);
     if (status == QM_OK) status = locate_samples(ctx, r, &nodes, samples);
     free_nodes(ctx, &nodes);

@@ -1,11 +1,16 @@
 #include "qm/quad_layout.h"
 
 #include <math.h>
+#include <string.h>
 
 #include "tmesh/tmesh.h"
+#include "tmesh/tmesh_route.h"
 
-#define ROUNDS 32           /* drawings */
+#define ROUNDS 32           /* drawings without crossings */
+#define CROSSED 6           /* drawings with crossings: after that curves are laid */
 #define PATIENCE 6          /* drawings that are no better than the best */
+#define UNCROSSED 2         /* of these with crossings */
+#define HOPELESS 32         /* crossings that two trials leave: there is no third */
 #define MOST_PATCHES 5      /* for each required vertex, where fewer do */
 #define FOLDS_A_CROSSING 64 /* crossings count more than folds: a reconstruction refuses them */
 
@@ -47,8 +52,21 @@ typedef struct layout_work {
     bool *is_held;
 } layout_work;
 
+static void free_marks(qm_context *ctx, qm_drawing *drawing)
+{
+    qm_context_free(ctx, drawing->is_fixed, drawing->layout.node_count, sizeof *drawing->is_fixed);
+    qm_context_free(ctx, drawing->is_line, drawing->layout.curve_count, sizeof *drawing->is_line);
+    qm_tmesh_guides *guides = &drawing->guides;
+    qm_context_free(ctx, guides->points, guides->first ? guides->first[guides->count] : 0,
+                    sizeof *guides->points);
+    qm_context_free(ctx, guides->first, guides->count + 1, sizeof *guides->first);
+    drawing->is_fixed = drawing->is_line = NULL;
+    *guides = (qm_tmesh_guides){0};
+}
+
 static void free_drawing(qm_context *ctx, qm_drawing *drawing)
 {
+    free_marks(ctx, drawing);
     qm_layout_reset(ctx, &drawing->layout);
     qm_layout_issues_reset(ctx, &drawing->issues);
     qm_context_free(ctx, drawing->grids, drawing->grid_count, GRID_SIZE);
@@ -62,12 +80,73 @@ static void swap(qm_drawing *a, qm_drawing *b)
     *b = spare;
 }
 
+/** The drawn curves themselves as guides, in the scratch arena. False when out of memory. */
+static bool guides_of_curves(layout_work *work, const qm_layout *layout, qm_tmesh_guides *out)
+{
+    size_t total = 0;
+    for (size_t c = 0; c < layout->curve_count; c++)
+        total += layout->curves[c].point_count;
+    *out = (qm_tmesh_guides){.count = layout->curve_count};
+    out->first = qm_arena_alloc(&work->scratch, layout->curve_count + 1, sizeof *out->first);
+    out->points = qm_arena_alloc(&work->scratch, total, sizeof *out->points);
+    if (!out->first || !out->points) return false;
+    total = 0;
+    for (size_t c = 0; c < layout->curve_count; c++) {
+        out->first[c] = total;
+        for (size_t i = 0; i < layout->curves[c].point_count; i++)
+            out->points[total++] = qm_vec_load(layout->curves[c].points + 3 * i);
+    }
+    out->first[layout->curve_count] = total;
+    return true;
+}
+
+/** Lays the curves of a drawing anew along guides, such that they cannot cross (tmesh_route.h), and keeps what comes of it if fewer do. */
+static qm_status route_along(layout_work *work, const qm_ref_surface *surface, const qm_tmesh_guides *guides,
+                             qm_drawing *drawing)
+{
+    qm_layout routed = {0};
+    qm_layout_issues issues = {0};
+    bool is_made;
+    double *grids = qm_arena_alloc(&work->scratch, drawing->grid_count, GRID_SIZE);
+    if (!grids) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the ways of curves");
+    memcpy(grids, drawing->grids, drawing->grid_count * GRID_SIZE);
+    qm_status status = qm_tmesh_route(&work->scratch, &work->triangles, &drawing->layout, drawing->is_fixed,
+                                      drawing->is_line, guides, grids, &routed, &is_made);
+    if (status == QM_OK && is_made) status = qm_layout_find_crossings(work->ctx, &routed, surface, &issues);
+    if (status == QM_OK && is_made && issues.count < drawing->issues.count) {
+        qm_layout spare = drawing->layout;
+        qm_layout_issues spare_issues = drawing->issues;
+        drawing->layout = routed;
+        drawing->issues = issues;
+        memcpy(drawing->grids, grids, drawing->grid_count * GRID_SIZE);
+        routed = spare;
+        issues = spare_issues;
+    }
+    qm_layout_reset(work->ctx, &routed);
+    qm_layout_issues_reset(work->ctx, &issues);
+    return status;
+}
+
+/** Lays the curves of a drawing that cross along what they come from in the quads, and if they cross then, along what was drawn. */
+static qm_status route(layout_work *work, const qm_ref_surface *surface, qm_drawing *drawing)
+{
+    qm_tmesh_guides drawn;
+    qm_arena_rewind(&work->scratch);
+    if (!guides_of_curves(work, &drawing->layout, &drawn))
+        return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the ways of curves");
+    qm_status status = route_along(work, surface, &drawing->guides, drawing);
+    return status == QM_OK && drawing->issues.count > 0 ? route_along(work, surface, &drawn, drawing)
+                                                        : status;
+}
+
 /** Draws the layout, and spreads the lengths where that fails, as long as it helps; keeps the drawing with the fewest faults. */
 static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_drawing *out)
 {
     size_t least = SIZE_MAX, crossings = SIZE_MAX;
     int idle = 0;
-    for (int round = 0; round < ROUNDS && least > 0 && idle < PATIENCE; round++) {
+    for (int round = 0; least > 0 && round < (crossings > 0 ? CROSSED : ROUNDS) &&
+                        idle < (crossings > 0 ? UNCROSSED : PATIENCE);
+         round++) {
         qm_tmesh_classes classes;
         qm_tmesh_faults faults;
         qm_drawing drawing = {0};
@@ -115,7 +194,9 @@ static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surfa
     if (status == QM_OK)
         status = qm_tmesh_source_of_quads(&work->lasting, &work->quads, &work->set, &work->tmesh, surface,
                                           &work->source);
-    return status == QM_OK ? draw(work, surface, out) : status;
+    if (status == QM_OK) status = draw(work, surface, out);
+    return status == QM_OK && out->issues.count > 0 && !surface->is_cloud ? route(work, surface, out)
+                                                                          : status;
 }
 
 /** As qm_quad_layout_make; *out is the caller's, also after an error. */
@@ -143,6 +224,7 @@ static void hand_over(qm_context *ctx, qm_status status, qm_drawing *drawing, qm
                       qm_layout_issues *issues, double **grids)
 {
     if (status != QM_OK) free_drawing(ctx, drawing);
+    free_marks(ctx, drawing);
     *out = drawing->layout;
     *issues = drawing->issues;
     if (grids)
@@ -205,7 +287,7 @@ qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *
             if (facts) *facts = own_facts;
         }
         free_drawing(ctx, &drawing);
-        if (best.issues.count == 0) break;
+        if (best.issues.count == 0 || (i > 0 && best.issues.count > HOPELESS)) break;
     }
     hand_over(ctx, status, &best, out, issues, grids);
     return status;

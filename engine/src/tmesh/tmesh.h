@@ -205,15 +205,53 @@ qm_status qm_tmesh_source_of_quads(qm_arena *arena, const qm_tmesh_quads *quads,
                                    const qm_tmesh *tmesh, const qm_ref_surface *surface,
                                    qm_tmesh_source *out);
 
+/** A place of a source, and the normal that the surface has about there. */
+typedef struct qm_tmesh_place {
+    qm_vec at, normal;
+} qm_tmesh_place;
+
+qm_tmesh_place qm_tmesh_source_point(const qm_tmesh_source *source, uint32_t point);
+/** The place at a share of an arc. */
+qm_tmesh_place qm_tmesh_source_on_arc(const qm_tmesh_source *source, uint32_t arc, double share);
+/** The place at a column and a row of a patch, in cells. */
+qm_tmesh_place qm_tmesh_source_in_patch(const qm_tmesh_source *source, const qm_tmesh *tmesh, size_t patch,
+                                        double column, double row);
+/** Where a side has a place of the layout, in cells of the source: linear on each arc, in the middle of a jump. */
+double qm_tmesh_source_on_side(const qm_tmesh_source *source, const qm_tmesh *tmesh, const uint32_t *length,
+                               size_t patch, int side, double place);
+
 /** The mesh's vertex after so many edges of an arc. */
 uint32_t qm_tmesh_arc_vertex(const qm_tmesh_quads *quads, const qm_patch_set *set, const qm_tmesh *tmesh,
                              uint32_t arc, uint32_t i);
+
+/** Points along curves, in the quads. */
+typedef struct qm_tmesh_guides {
+    size_t count;
+    size_t *first; /* count + 1; of points */
+    qm_vec *points;
+    uint32_t *from_class; /* the class of points that each starts at; NULL: not told */
+} qm_tmesh_guides;
+
+/**
+ * Finds how the curve of each class of segments runs in the quads, from one place of what has come together at its one end to one
+ * place of that at the other: over arcs without length and across patches without width, and along the segment. The curves of all classes
+ * could run there side by side. First those of segments, by lowest segment; others have none. Then for each patch, row by row and column by
+ * column of its faces, that of the face's bottom and that of its left side, where these are inside the patch. The arrays are the arena's.
+ * Returns false when out of memory.
+ */
+bool qm_tmesh_guides_find(qm_arena *arena, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
+                          const uint32_t *length, const qm_tmesh_classes *classes,
+                          const qm_tmesh_source *source, const qm_ref_surface *surface, qm_tmesh_guides *out);
+
 /** A layout, the curves of it that cross, and a grid of each of its patches. */
 typedef struct qm_drawing {
     qm_layout layout;
     qm_layout_issues issues;
     double *grids; /* grid_count rows of QM_LAYOUT_GRID_POINTS points */
     size_t grid_count;
+    bool *is_fixed;         /* by node: on a feature */
+    bool *is_line;          /* by curve: along a feature */
+    qm_tmesh_guides guides; /* by curve; its arrays are the context's */
 } qm_drawing;
 
 /** Where a drawing failed. */

@@ -558,6 +558,15 @@ static bool is_unfolded(const qm_tmesh_chart *chart)
     return true;
 }
 
+bool qm_tmesh_chart_flatten(qm_arena *arena, qm_tmesh_chart *chart, const bool *is_fixed, bool *is_made)
+{
+    flat_system system;
+    *is_made = false;
+    if (!make_system(arena, chart, is_fixed, &system) || !solve(arena, &system, chart->flat)) return false;
+    *is_made = is_unfolded(chart);
+    return true;
+}
+
 /** Makes the chart of the triangles. False when out of memory; *is_made is false when they are no disc. */
 static bool flatten(chart_maker *maker, qm_tmesh_chart *out, bool *is_made)
 {
@@ -581,14 +590,10 @@ static bool flatten(chart_maker *maker, qm_tmesh_chart *out, bool *is_made)
     }
     if (count == 0) return true;
     bool *is_fixed = qm_arena_zeroed(maker->arena, out->vertex_count, sizeof *is_fixed);
-    flat_system system;
     if (!is_fixed) return false;
     memset(out->flat, 0, out->vertex_count * sizeof *out->flat);
     place_boundary(out, ring, count, is_fixed);
-    if (!make_system(maker->arena, out, is_fixed, &system)) return system.start && system.diagonal;
-    if (!solve(maker->arena, &system, out->flat)) return false;
-    *is_made = is_unfolded(out);
-    return true;
+    return qm_tmesh_chart_flatten(maker->arena, out, is_fixed, is_made);
 }
 
 qm_status qm_tmesh_chart_make(qm_arena *arena, qm_tmesh_triangles *t, const qm_tmesh_spot *line, size_t count,

@@ -69,6 +69,10 @@ typedef struct qm_tmesh_chart {
 qm_status qm_tmesh_chart_make(qm_arena *arena, qm_tmesh_triangles *t, const qm_tmesh_spot *line, size_t count,
                               size_t most, qm_tmesh_chart *out, bool *is_made);
 
+/** Puts the inner vertices of a chart to where they belong, its boundary being on a circle already. *is_made is false where rounding folds
+ * it. Returns false when out of memory. */
+bool qm_tmesh_chart_flatten(qm_arena *arena, qm_tmesh_chart *chart, const bool *is_fixed, bool *is_made);
+
 /** Where a place of the surface is in the chart, and in which triangle of it. False if it is outside. */
 bool qm_tmesh_chart_place(const qm_tmesh_chart *chart, const qm_tmesh_spot *spot, qm_tmesh_flat *flat,
                           uint32_t *triangle);

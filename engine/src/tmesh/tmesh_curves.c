@@ -83,30 +83,14 @@ static uint32_t arc_vertex(const curve_drawer *d, uint32_t arc, uint32_t i)
     return qm_tmesh_arc_vertex(d->quads, d->set, d->tmesh, arc, i);
 }
 
-/** A place of the source, and the normal that the surface has about there. */
-typedef struct source_place {
-    qm_vec at, normal;
-} source_place;
-
-static source_place source_point(const curve_drawer *d, uint32_t point)
+static qm_tmesh_place source_point(const curve_drawer *d, uint32_t point)
 {
-    return (source_place){d->source->at[point], d->source->normal[point]};
+    return qm_tmesh_source_point(d->source, point);
 }
 
-static source_place mix_places(source_place a, source_place b, double share)
+static qm_tmesh_place arc_place(const curve_drawer *d, uint32_t arc, double share)
 {
-    return (source_place){qm_vec_mix(a.at, b.at, share), qm_vec_mix(a.normal, b.normal, share)};
-}
-
-/** The place at a share of an arc. */
-static source_place arc_place(const curve_drawer *d, uint32_t arc, double share)
-{
-    const uint32_t *points = d->source->arc_points + d->source->first_arc_point[arc];
-    uint32_t cells = d->source->arc_cells[arc];
-    if (cells == 0) return source_point(d, points[0]);
-    double along = share * cells;
-    uint32_t i = (uint32_t)qm_clamp(floor(along), 0, cells - 1);
-    return mix_places(source_point(d, points[i]), source_point(d, points[i + 1]), along - i);
+    return qm_tmesh_source_on_arc(d->source, arc, share);
 }
 
 /* ---- features as polylines ---- */
@@ -244,7 +228,7 @@ static uint32_t arc_point(const curve_drawer *d, uint32_t arc, uint32_t step)
     return step == d->length[arc] ? d->tmesh->arcs[arc].to : d->classes->first_point[arc] + step - 1;
 }
 
-static void gather(qm_tmesh_point *to, source_place place)
+static void gather(qm_tmesh_point *to, qm_tmesh_place place)
 {
     to->sum = qm_vec_add(to->sum, place.at);
     to->normal_sum = qm_vec_add(to->normal_sum, place.normal);
@@ -293,7 +277,7 @@ static void place_classes(curve_drawer *d)
             if (d->quads->is_on_feature[tmesh->node_vertex[n]]) fix(to, at);
             to->is_pinned = true;
             to->pin = at;
-            source_place place = source_point(d, d->source->node_points[n]);
+            qm_tmesh_place place = source_point(d, d->source->node_points[n]);
             to->sum = place.at;
             to->normal_sum = place.normal;
             to->count = 1;
@@ -322,7 +306,7 @@ static void place_segments(curve_drawer *d)
             for (uint32_t k = 1; k < STEPS; k++) {
                 qm_tmesh_point *to = &d->lattice.points[d->of_segment[segment] + (up ? k : STEPS - k) - 1];
                 double share = (double)k / STEPS;
-                source_place place = arc_place(d, a, (i + share) / steps);
+                qm_tmesh_place place = arc_place(d, a, (i + share) / steps);
                 if (is_own) to->normal = place.normal;
                 if (in_chain->chain != QM_NO_INDEX) {
                     uint32_t station = d->chains[in_chain->chain].first_station + in_chain->step +
@@ -361,35 +345,9 @@ static void join_sides(curve_drawer *d, size_t p, uint32_t *grid, uint32_t colum
     }
 }
 
-/** Where a side has a place of the layout, in cells of the source: linear on each arc, in the middle of a jump. */
 static double side_cells(const curve_drawer *d, size_t p, int side, double place)
 {
-    const uint32_t *first = d->tmesh->patches[p].first;
-    double steps = 0, start = 0, sum = 0;
-    uint32_t count = 0;
-    for (uint32_t s = first[side]; s < first[side + 1]; s++) {
-        const qm_tmesh_slot *slot = &d->tmesh->slots[s];
-        double length = d->length[slot->arc], cells = d->source->arc_cells[slot->arc];
-        if (place >= steps && place <= steps + length) {
-            sum += start + (length > 0 ? (place - steps) / length : 0.5) * cells;
-            count++;
-        }
-        steps += length;
-        start += cells;
-    }
-    return count > 0 ? sum / count : 0;
-}
-
-static source_place patch_place(const curve_drawer *d, size_t p, const uint32_t size[2], double column,
-                                double row)
-{
-    uint32_t c = (uint32_t)qm_clamp(floor(column), 0, size[0] - 1),
-             r = (uint32_t)qm_clamp(floor(row), 0, size[1] - 1);
-    const uint32_t *cell = d->source->grid + d->source->first_cell[p] + (size_t)r * (size[0] + 1) + c;
-    source_place low = mix_places(source_point(d, cell[0]), source_point(d, cell[1]), column - c),
-                 high = mix_places(source_point(d, cell[size[0] + 1]), source_point(d, cell[size[0] + 2]),
-                                   column - c);
-    return mix_places(low, high, row - r);
+    return qm_tmesh_source_on_side(d->source, d->tmesh, d->length, p, side, place);
 }
 
 /** Adds the inner points of a patch's grid, at the places that its sides have in the quads. */
@@ -403,8 +361,9 @@ static void place_inside(curve_drawer *d, size_t p, uint32_t *grid, uint32_t col
         for (uint32_t column = 1; column < columns; column++) {
             double u = (double)column / STEPS, width = (double)columns / STEPS;
             double bottom = side_cells(d, p, 0, u), top = size[0] - side_cells(d, p, 2, width - u);
-            source_place place = patch_place(d, p, size, bottom + v / height * (top - bottom),
-                                             left + u / width * (right - left));
+            qm_tmesh_place place =
+                qm_tmesh_source_in_patch(d->source, d->tmesh, p, bottom + v / height * (top - bottom),
+                                         left + u / width * (right - left));
             grid[(size_t)row * (columns + 1) + column] = (uint32_t)d->lattice.point_count;
             d->lattice.points[d->lattice.point_count++] =
                 (qm_tmesh_point){.at = place.at, .normal = place.normal};
@@ -913,6 +872,83 @@ static size_t count_seeds(const curve_drawer *d, const bool *is_seed)
     return count;
 }
 
+/** Numbers the guides by the lattice points inside their curves: *start is the lattice point that each begins at. */
+static void number_guides(const curve_drawer *d, const qm_tmesh_guides *all, uint32_t *of_point,
+                          uint32_t *start)
+{
+    const qm_tmesh_classes *classes = d->classes;
+    for (uint32_t i = 0; i < classes->segment_count; i++)
+        for (uint32_t k = 0; k < STEPS - 1 && classes->segment_class[i] == i; k++) {
+            of_point[d->of_segment[i] + k] = i;
+            start[i] = d->of_class[all->from_class[i]];
+        }
+    uint32_t next = (uint32_t)classes->segment_count, columns, rows;
+    for (size_t p = 0; p < d->tmesh->patch_count; p++) {
+        if (!has_faces(d, p, &columns, &rows)) continue;
+        for (uint32_t row = 0; row < rows; row += STEPS)
+            for (uint32_t column = 0; column < columns; column += STEPS)
+                for (uint32_t is_up = 0; is_up < 2; is_up++) {
+                    if (is_up ? column == 0 : row == 0) continue;
+                    const uint32_t *at = d->grid + d->first_cell[p] + (size_t)row * (columns + 1) + column;
+                    for (uint32_t k = 1; k < STEPS; k++)
+                        of_point[at[is_up ? (size_t)k * (columns + 1) : k]] = next;
+                    start[next++] = at[0];
+                }
+    }
+    QM_ASSERT(next == all->count);
+}
+
+/** Finds the guides of the curves, in their directions. False when out of memory. */
+static bool copy_guides(const layout_maker *maker, qm_drawing *drawing)
+{
+    const curve_drawer *d = maker->d;
+    qm_tmesh_guides all, *out = &drawing->guides;
+    size_t curves = maker->out->curve_count, total = 0;
+    if (!qm_tmesh_guides_find(d->arena, d->quads, d->tmesh, d->length, d->classes, d->source, d->surface,
+                              &all))
+        return false;
+    uint32_t *of_point = qm_arena_alloc(d->arena, d->lattice.point_count, sizeof *of_point);
+    uint32_t *start = qm_arena_alloc(d->arena, all.count, sizeof *start);
+    out->first = qm_context_alloc(d->arena->ctx, curves + 1, sizeof *out->first);
+    if (!out->first) return false;
+    out->count = curves;
+    out->first[curves] = 0;
+    if (!of_point || !start) return false;
+    number_guides(d, &all, of_point, start);
+    for (size_t c = 0; c < curves; c++) {
+        uint32_t guide = of_point[maker->lines[(STEPS + 1) * c + 1]];
+        out->first[c] = total;
+        total += all.first[guide + 1] - all.first[guide];
+    }
+    out->points = qm_context_alloc(d->arena->ctx, total, sizeof *out->points);
+    out->first[curves] = out->points ? total : 0;
+    if (!out->points) return false;
+    for (size_t c = 0; c < curves; c++) {
+        const uint32_t *line = maker->lines + (STEPS + 1) * c;
+        uint32_t guide = of_point[line[1]];
+        size_t count = out->first[c + 1] - out->first[c];
+        for (size_t i = 0; i < count; i++)
+            out->points[out->first[c] + i] =
+                all.points[all.first[guide] + (start[guide] == line[0] ? i : count - 1 - i)];
+    }
+    return true;
+}
+
+/** Tells what is on features, and where curves come from. False when out of memory. */
+static bool mark_origins(const layout_maker *maker, qm_drawing *drawing)
+{
+    const qm_layout *layout = maker->out;
+    const qm_tmesh_point *points = maker->d->lattice.points;
+    drawing->is_fixed = qm_context_alloc(maker->d->arena->ctx, layout->node_count, sizeof *drawing->is_fixed);
+    drawing->is_line = qm_context_alloc(maker->d->arena->ctx, layout->curve_count, sizeof *drawing->is_line);
+    if (!drawing->is_fixed || !drawing->is_line) return false;
+    for (size_t n = 0; n < layout->node_count; n++)
+        drawing->is_fixed[n] = points[maker->point[n]].is_fixed;
+    for (size_t c = 0; c < layout->curve_count; c++)
+        drawing->is_line[c] = points[maker->lines[(STEPS + 1) * c + STEPS / 2]].is_fixed;
+    return copy_guides(maker, drawing);
+}
+
 /** Makes the layout; while curves cross, the cells there are drawn anew, with more and more round them. */
 static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed, uint8_t *class_fault)
 {
@@ -942,6 +978,7 @@ static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed
         qm_layout_issues_reset(ctx, &drawing->issues);
     }
     mark_faults(&maker, &drawing->issues, fault);
+    if (!mark_origins(&maker, drawing)) return QM_E_NO_MEMORY;
     for (size_t i = 0; i < d->classes->point_count; i++)
         if (d->classes->point_class[i] == i) class_fault[i] = fault[d->of_class[i]];
     return QM_OK;

@@ -200,3 +200,60 @@ qm_status qm_tmesh_source_of_quads(qm_arena *arena, const qm_tmesh_quads *quads,
     return qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for the drawing of %zu quads",
                            quads->mesh.face_count);
 }
+
+/* ---- places ---- */
+
+qm_tmesh_place qm_tmesh_source_point(const qm_tmesh_source *source, uint32_t point)
+{
+    return (qm_tmesh_place){source->at[point], source->normal[point]};
+}
+
+static qm_tmesh_place mix_places(qm_tmesh_place a, qm_tmesh_place b, double share)
+{
+    return (qm_tmesh_place){qm_vec_mix(a.at, b.at, share), qm_vec_mix(a.normal, b.normal, share)};
+}
+
+qm_tmesh_place qm_tmesh_source_on_arc(const qm_tmesh_source *source, uint32_t arc, double share)
+{
+    const uint32_t *points = source->arc_points + source->first_arc_point[arc];
+    uint32_t cells = source->arc_cells[arc];
+    if (cells == 0) return qm_tmesh_source_point(source, points[0]);
+    double along = share * cells;
+    uint32_t i = (uint32_t)qm_clamp(floor(along), 0, cells - 1);
+    return mix_places(qm_tmesh_source_point(source, points[i]), qm_tmesh_source_point(source, points[i + 1]),
+                      along - i);
+}
+
+double qm_tmesh_source_on_side(const qm_tmesh_source *source, const qm_tmesh *tmesh, const uint32_t *length,
+                               size_t patch, int side, double place)
+{
+    const uint32_t *first = tmesh->patches[patch].first;
+    double steps = 0, start = 0, sum = 0;
+    uint32_t count = 0;
+    for (uint32_t s = first[side]; s < first[side + 1]; s++) {
+        const qm_tmesh_slot *slot = &tmesh->slots[s];
+        double own = length[slot->arc], cells = source->arc_cells[slot->arc];
+        if (place >= steps && place <= steps + own) {
+            sum += start + (own > 0 ? (place - steps) / own : 0.5) * cells;
+            count++;
+        }
+        steps += own;
+        start += cells;
+    }
+    return count > 0 ? sum / count : 0;
+}
+
+qm_tmesh_place qm_tmesh_source_in_patch(const qm_tmesh_source *source, const qm_tmesh *tmesh, size_t patch,
+                                        double column, double row)
+{
+    uint32_t columns = qm_tmesh_side_length(tmesh, source->arc_cells, patch, 0),
+             rows = qm_tmesh_side_length(tmesh, source->arc_cells, patch, 1);
+    uint32_t c = (uint32_t)qm_clamp(floor(column), 0, columns - 1),
+             r = (uint32_t)qm_clamp(floor(row), 0, rows - 1);
+    const uint32_t *cell = source->grid + source->first_cell[patch] + (size_t)r * (columns + 1) + c;
+    qm_tmesh_place low = mix_places(qm_tmesh_source_point(source, cell[0]),
+                                    qm_tmesh_source_point(source, cell[1]), column - c),
+                   high = mix_places(qm_tmesh_source_point(source, cell[columns + 1]),
+                                     qm_tmesh_source_point(source, cell[columns + 2]), column - c);
+    return mix_places(low, high, row - r);
+}
