@@ -415,7 +415,7 @@ static void lack_of_memory_is_told_everywhere(void **state)
         qm_ground_make(&g, make_points(&faults[k], 1800, 80));
         size_t calls = 0;
         for (size_t fail_at = 0;; fail_at += calls > 60 ? calls / 40 : 1) {
-            qm_failing_allocator memory = {.fail_at = fail_at > calls && calls > 0 ? SIZE_MAX : fail_at};
+            qm_failing_allocator memory = {.fail_at = fail_at >= calls && calls > 0 ? SIZE_MAX : fail_at};
             if (calls == 0) memory.fail_at = SIZE_MAX;
             qm_context ctx = qm_context_make();
             ctx.allocator = qm_failing_allocator_hook(&memory);
