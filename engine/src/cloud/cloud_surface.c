@@ -515,7 +515,7 @@ static qm_status make(qm_context *ctx, const qm_ref_surface *cloud, const qm_clo
     qm_cloud_level_reset(ctx, &w->level);
     if (status == QM_OK) status = check_surface(ctx, w, record);
     if (status == QM_OK) status = move_vertices(ctx, w, threads);
-    double hole = HOLE * cloud->diagonal * w->tree->frame.scale;
+    double hole = status == QM_OK ? HOLE * cloud->diagonal * w->tree->frame.scale : 0.0;
     if (status == QM_OK)
         status = qm_cloud_trim(ctx, &w->triangles, w->place, w->oriented_count, hole, record);
     if (status == QM_OK) status = qm_cloud_close(ctx, &w->triangles, hole, record);
