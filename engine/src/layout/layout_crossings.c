@@ -290,7 +290,7 @@ static qm_status sweep(qm_context *ctx, const qm_layout *layout, const qm_ref_su
     sort_segments(segments, count);
     collect_pairs(out, known);
     for (size_t i = 0; i < total && !is_full(known); i++) {
-        if (qm_context_canceled(ctx)) return qm_context_fail(ctx, QM_E_CANCELED, "the layout was canceled");
+        if (qm_context_canceled(ctx)) return qm_context_fail(ctx, QM_E_CANCELED, "canceled");
         for (size_t k = i + 1; k < total && segments[k].low[0] <= segments[i].high[0] && !is_full(known);
              k++) {
             if (!segments_overlap(&segments[i], &segments[k], 1)) continue;
