@@ -98,7 +98,7 @@ static void lay_out(qm_context *ctx, const qm_mesh *quads, const qm_ref_surface 
     if (choice / 32 % 2 && surface->bvh) {
         qm_quads_options make = qm_quads_options_default();
         double *grids = NULL;
-        make.quads = 60;
+        make.quads = 30;
         make.crease_angle = options.crease_angle;
         qm_status status = qm_quad_layout_make_of_surface(ctx, surface, &make, NULL, &options, &layout,
                                                           &issues, &facts, &grids);
