@@ -267,13 +267,13 @@ build/bench/peer_embree: tests/bench/peers/peer_embree.c tests/bench/arrays.h te
 	@mkdir -p $(@D)
 	$(CC) -std=c17 -D_GNU_SOURCE $(WARNINGS) $(BENCH_PEER_FLAGS) -o $@ $< -lembree3 -lm
 
-# Fuzzes decoders, JSON requests and engine, FUZZ_SECONDS each; findings are left in build/fuzz.
+# Fuzzes decoders, JSON requests, engine and layouts, FUZZ_SECONDS each; findings are left in build/fuzz.
 fuzz:
 	@$(MAKE) -s config=fuzz fuzz-programs
 	@tests/fuzz/run.sh
 fuzz-programs: $(FUZZ_SOURCES:tests/fuzz/%.c=$(OUT)/%)
 
-$(OUT)/fuzz_%: $(OBJ)/tests/fuzz/fuzz_%.o $(OBJ)/tests/fuzz/soup.o $(OBJ)/tests/fuzz/new_limit.o $(SUPPORT_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libshared.a $(OBJ)/libengine.a
+$(OUT)/fuzz_%: $(OBJ)/tests/fuzz/fuzz_%.o $(OBJ)/tests/fuzz/soup.o $(OBJ)/tests/fuzz/sheet.o $(OBJ)/tests/fuzz/new_limit.o $(SUPPORT_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libshared.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CXX) -fsanitize=fuzzer,address,undefined -o $@ $^ -lcmocka $(LIBRARY_LIBS)
 

@@ -75,6 +75,18 @@ static bool make_of_quads(qm_layout_session *s, const qm_json_quad_layout *wante
     return qm_layout_session_outcome(s, status, problem);
 }
 
+/** Adds the features and finds the patches of a given layout, unless the client leaves or the daemon's limit of time comes
+ * before. False with a problem. */
+static bool finish_watched(qm_layout_session *s, qm_request *request,
+                           const qm_layout_features_options *features, bool has_patches, qm_problem *problem)
+{
+    qm_http_watch watch;
+    qm_http_watch_begin(&watch, request, 0.0, &s->ctx);
+    bool is_made = qm_layout_session_take_mesh(s, problem) && add_features(s, features, problem) &&
+                   set_patches(s, has_patches, problem);
+    return qm_http_watch_end(&watch, &s->ctx, problem) && is_made;
+}
+
 /** Makes a layout, unless the client leaves or its deadline comes before. False with a problem. */
 static bool make_watched(qm_layout_session *s, qm_request *request, const qm_json_quad_layout *wanted,
                          qm_problem *problem)
@@ -100,8 +112,7 @@ static bool read_new(qm_layout_session *s, qm_request *request, qm_problem *prob
     if (wanted.source != QM_LAYOUT_GIVEN) return make_watched(s, request, &wanted, problem);
     return qm_json_read_layout(&s->ctx, body, size, s->row.mesh, &features, &s->layout, &has_patches,
                                problem) &&
-           qm_layout_session_take_mesh(s, problem) && add_features(s, &features, problem) &&
-           set_patches(s, has_patches, problem);
+           finish_watched(s, request, &features, has_patches, problem);
 }
 
 /** Replies with the layout that a repeated request has created, or with a problem; false for a new one. */

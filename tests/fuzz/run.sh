@@ -11,7 +11,7 @@
 set -eu
 cd "$(dirname "$0")/../.."
 seconds=${FUZZ_SECONDS:-30}
-all="codec-obj codec-ply codec-stl codec-off codec-glb codec-drc codec-xyz codec-pcd codec-3mf codec-gzip json soup"
+all="codec-obj codec-ply codec-stl codec-off codec-glb codec-drc codec-xyz codec-pcd codec-3mf codec-gzip json soup layout quads"
 
 run_one() { # NAME
     name=$1

@@ -204,6 +204,75 @@ static void crossings_are_those_of_all_pairs(void **state)
     }
 }
 
+/** A drawing of thousands of curves across each other ends, and tells of some. */
+static void a_scribble_ends(void **state)
+{
+    (void)state;
+    enum { LINES = 3000, TOLD = 1000 };
+    qm_random random = qm_random_make(qm_check_seed(), 9);
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_plane(4, 0));
+    qm_layout layout = {0};
+    for (uint32_t c = 0; c < LINES; c++) {
+        double line[2][3] = {{0}};
+        for (int k = 0; k < 2; k++) {
+            line[k][0] = qm_random_range(&random, 0, 1);
+            line[k][1] = qm_random_range(&random, 0, 1);
+            assert_int_equal(qm_layout_add_node(&g.ctx, &layout, line[k]), QM_OK);
+        }
+        assert_int_equal(qm_layout_add_curve(&g.ctx, &layout, 2 * c, 2 * c + 1, line[0], 2), QM_OK);
+    }
+    qm_layout_issues issues = {0};
+    for (int again = 0; again < 2; again++) { /* those that are known count */
+        assert_int_equal(qm_layout_find_crossings(&g.ctx, &layout, &g.source, &issues), QM_OK);
+        assert_int_equal(issues.count, TOLD);
+    }
+    for (size_t i = 1; i < issues.count; i++)
+        assert_true(issues.items[i].curve[0] != issues.items[0].curve[0] ||
+                    issues.items[i].curve[1] != issues.items[0].curve[1]);
+    qm_layout_issues_reset(&g.ctx, &issues);
+    atomic_bool canceled = true;
+    g.ctx.cancel = &canceled;
+    assert_int_equal(qm_layout_find_crossings(&g.ctx, &layout, &g.source, &issues), QM_E_CANCELED);
+    assert_int_equal(issues.count, 0);
+    g.ctx.cancel = NULL;
+    qm_layout_free(&layout);
+    qm_ground_free(&g);
+}
+
+/** Points that no square can hold come from the surface, whose own size is limited. */
+static void sizes_beyond_doubles_are_a_status(void **state)
+{
+    (void)state;
+    static const double far[][3] = {
+        {1e160, 0, 0}, {-1e308, 1e308, 0}, {NAN, 0.5, 0}, {INFINITY, -INFINITY, NAN}};
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_plane(4, 0));
+    for (size_t i = 0; i < sizeof far / sizeof *far; i++) {
+        static const double up[3] = {0, 0, 1};
+        qm_ref_surface_point on;
+        qm_ref_surface_project(&g.source, far[i], &on);
+        QM_CHECK(on.position[0] >= 0 && on.position[0] <= 1 && on.position[2] == 0, "point %zu", i);
+        (void)qm_ref_surface_project_toward(&g.source, far[i], up, 1, &on);
+        QM_CHECK(on.position[0] >= 0 && on.position[0] <= 1 && on.position[2] == 0, "point %zu", i);
+    }
+    qm_ground_free(&g);
+    static const double scales[] = {1e150, 1e-160, 1e70};
+    for (size_t i = 0; i < sizeof scales / sizeof *scales; i++) {
+        qm_context ctx = qm_context_make();
+        qm_mesh mesh = qm_shape_plane(4, 0);
+        for (size_t k = 0; k < 3 * mesh.vertex_count; k++)
+            mesh.positions[k] *= scales[i];
+        qm_bvh *tree;
+        qm_ref_surface surface;
+        assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_TARGET, 1, &tree), QM_OK);
+        assert_int_equal(qm_ref_surface_init(&ctx, tree, &surface), QM_E_SCALE);
+        assert_non_null(strstr(ctx.message, "2^200"));
+        qm_bvh_destroy(&ctx, tree);
+        qm_shape_free(&mesh);
+    }
+}
+
 static void bad_layouts_are_refused_by_name(void **state)
 {
     (void)state;
@@ -459,6 +528,8 @@ int main(void)
         cmocka_unit_test(cells_that_are_no_patch_are_explained),
         cmocka_unit_test(crossing_curves_are_named),
         cmocka_unit_test(crossings_are_those_of_all_pairs),
+        cmocka_unit_test(a_scribble_ends),
+        cmocka_unit_test(sizes_beyond_doubles_are_a_status),
         cmocka_unit_test(bad_layouts_are_refused_by_name),
         cmocka_unit_test(split_and_merge_undo_one_another),
         cmocka_unit_test(strokes_snap_merge_and_split),

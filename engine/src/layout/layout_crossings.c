@@ -9,16 +9,21 @@
  */
 #include "layout_internal.h"
 
+#include <string.h>
+
 #define NEAR 0.1           /* of the sum of two lengths: crossing segments are nearer than that */
 #define TOUCH 1e-6         /* of that sum: nearer ones meet, whatever walls they lie on */
 #define END_TOLERANCE 1e-9 /* of a segment's length */
 #define HALVINGS 5         /* of two segments that seem to cross on a mesh: they must still do */
 #define COARSE 0.5 /* of the shorter piece: one that is so far off the mesh in its middle crosses elsewhere */
 #define BEYOND 0.1 /* of a piece: a crossing may move so far as pieces are projected */
-#define SHEET_REACH 2.0     /* of two pieces' lengths: they cross if the surface connects them within it */
-#define WALL_REACH 0.05     /* of the diagonal: the wall of a curve is sought no farther away */
-#define HAND_JITTER 0.1     /* of a curve's points: a loop over fewer of its segments is hand jitter */
-#define SEGMENTS_A_POLL 256 /* of the cancel flag */
+#define SHEET_REACH 2.0 /* of two pieces' lengths: they cross if the surface connects them within it */
+#define WALL_REACH 0.05 /* of the diagonal: the wall of a curve is sought no farther away */
+#define HAND_JITTER 0.1 /* of a curve's points: a loop over fewer of its segments is hand jitter */
+
+#define MOST_CROSSINGS 1000 /* pairs of curves: a drawing with more has no use for a list of all */
+#define PAIR_SLOTS 4096     /* several for each of them: places are found at once */
+#define NO_PAIR UINT64_MAX  /* no curve has this id */
 
 /* Of length 1 or a little less, nearly at right angles, and oblique to the axes and to their diagonals. */
 static const qm_vec direction[2] = {{0.7573, 0.5411, 0.3656}, {-0.6214, 0.7693, 0.1482}};
@@ -210,32 +215,90 @@ static bool segments_cross(const qm_layout *layout, const qm_ref_surface *surfac
     return pieces_cross(surface, &part[0], &part[1], HALVINGS);
 }
 
-/** True if there is an issue for this pair of curves: a pair is reported once, however often it crosses. */
-static bool is_reported(const qm_layout_issues *issues, uint32_t a, uint32_t b)
+/** The pairs of curves that have an issue, by their ids: a pair is reported once, however often it crosses. */
+typedef struct pair_set {
+    uint64_t key[PAIR_SLOTS]; /* NO_PAIR: free */
+    size_t count;             /* MOST_CROSSINGS at most */
+} pair_set;
+
+/** The slot of a pair, or the free one where it would be. */
+static uint64_t *find_pair(pair_set *set, uint64_t key)
 {
-    for (size_t i = 0; i < issues->count; i++)
-        if (issues->items[i].fault == QM_LAYOUT_CROSSING && issues->items[i].curve[0] == a &&
-            issues->items[i].curve[1] == b)
-            return true;
-    return false;
+    size_t slot = (size_t)((key * 0x9e3779b97f4a7c15U) >> 32) % PAIR_SLOTS;
+    while (set->key[slot] != NO_PAIR && set->key[slot] != key)
+        slot = (slot + 1) % PAIR_SLOTS;
+    return &set->key[slot];
+}
+
+static uint64_t pair_key(uint32_t first, uint32_t second)
+{
+    return (uint64_t)first << 32 | second;
+}
+
+static bool is_full(const pair_set *set)
+{
+    return set->count == MOST_CROSSINGS;
+}
+
+/** Adds a pair that is not there. */
+static void add_pair(pair_set *set, uint64_t key)
+{
+    *find_pair(set, key) = key;
+    set->count++;
+}
+
+/** The pairs that have an issue already. */
+static void collect_pairs(const qm_layout_issues *issues, pair_set *out)
+{
+    memset(out->key, 0xff, sizeof out->key);
+    out->count = 0;
+    for (size_t i = 0; i < issues->count && !is_full(out); i++) {
+        const qm_layout_issue *issue = &issues->items[i];
+        uint64_t key = pair_key(issue->curve[0], issue->curve[1]);
+        if (issue->fault == QM_LAYOUT_CROSSING && *find_pair(out, key) == NO_PAIR) add_pair(out, key);
+    }
 }
 
 /** Adds an issue if two segments cross and their curves have none yet. */
 static qm_status test_pair(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
-                           const segment *a, const segment *b, qm_layout_issues *out)
+                           const segment *a, const segment *b, pair_set *known, qm_layout_issues *out)
 {
     double gap = fabs((double)a->index - (double)b->index);
     size_t point_count = layout->curves[a->curve].point_count;
     if (a->curve == b->curve && (gap < 3.0 || gap < HAND_JITTER * (double)point_count)) return QM_OK;
-    qm_vec at;
-    if (!segments_cross(layout, surface, a, b, &at)) return QM_OK;
     uint32_t first = layout->curves[a->curve].id, second = layout->curves[b->curve].id;
     qm_layout_issue issue = {.fault = QM_LAYOUT_CROSSING,
                              .curve = {first < second ? first : second, first < second ? second : first},
                              .node = QM_NO_INDEX};
-    if (is_reported(out, issue.curve[0], issue.curve[1])) return QM_OK;
+    uint64_t key = pair_key(issue.curve[0], issue.curve[1]);
+    qm_vec at;
+    if (*find_pair(known, key) == key || !segments_cross(layout, surface, a, b, &at)) return QM_OK;
+    add_pair(known, key);
     qm_vec_store(issue.position, at);
     return qm_layout_add_issue(ctx, out, &issue);
+}
+
+/** Looks for crossings until there are MOST_CROSSINGS. */
+static qm_status sweep(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
+                       segment *segments, size_t total, pair_set *known, qm_layout_issues *out)
+{
+    size_t count = 0;
+    for (size_t c = 0; c < layout->curve_count; c++)
+        for (uint32_t i = 0; i + 1 < layout->curves[c].point_count; i++)
+            segments[count++] = segment_make(&layout->curves[c], (uint32_t)c, i);
+    QM_ASSERT(count == total);
+    sort_segments(segments, count);
+    collect_pairs(out, known);
+    for (size_t i = 0; i < total && !is_full(known); i++) {
+        if (qm_context_canceled(ctx)) return qm_context_fail(ctx, QM_E_CANCELED, "canceled");
+        for (size_t k = i + 1; k < total && segments[k].low[0] <= segments[i].high[0] && !is_full(known);
+             k++) {
+            if (!segments_overlap(&segments[i], &segments[k], 1)) continue;
+            qm_status status = test_pair(ctx, layout, surface, &segments[i], &segments[k], known, out);
+            if (status != QM_OK) return status;
+        }
+    }
+    return QM_OK;
 }
 
 qm_status qm_layout_find_crossings(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
@@ -247,21 +310,13 @@ qm_status qm_layout_find_crossings(qm_context *ctx, const qm_layout *layout, con
         total += layout->curves[c].point_count - 1;
     if (total == 0) return QM_OK;
     segment *segments = qm_context_alloc(ctx, total, sizeof *segments);
-    if (!segments) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the curves");
-    size_t count = 0;
-    for (size_t c = 0; c < layout->curve_count; c++)
-        for (uint32_t i = 0; i + 1 < layout->curves[c].point_count; i++)
-            segments[count++] = segment_make(&layout->curves[c], (uint32_t)c, i);
-    QM_ASSERT(count == total);
-    sort_segments(segments, count);
+    pair_set *known = qm_context_alloc(ctx, 1, sizeof *known);
     qm_status status = QM_OK;
-    for (size_t i = 0; i < total && status == QM_OK; i++) {
-        if (i % SEGMENTS_A_POLL == 0 && qm_context_canceled(ctx))
-            status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
-        for (size_t k = i + 1; k < total && segments[k].low[0] <= segments[i].high[0] && status == QM_OK; k++)
-            if (segments_overlap(&segments[i], &segments[k], 1))
-                status = test_pair(ctx, layout, surface, &segments[i], &segments[k], out);
-    }
+    if (segments && known)
+        status = sweep(ctx, layout, surface, segments, total, known, out);
+    else
+        status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the curves");
+    qm_context_free(ctx, known, 1, sizeof *known);
     qm_context_free(ctx, segments, total, sizeof *segments);
     return status;
 }

@@ -14,7 +14,9 @@
 #include "knn_graph.h"
 #include "ref_points.h"
 
-#define MIN_SIDE 1e-2 /* of the diagonal: thinner sides of a box count as this thick */
+#define MOST_LOCAL 0x1p40 /* sizes of the surface: a point that is farther away is taken from there */
+#define MOST_SIZE 0x1p200 /* of a surface, and the inverse of the least: products of squares stay finite */
+#define MIN_SIDE 1e-2     /* of the diagonal: thinner sides of a box count as this thick */
 
 qm_status qm_ref_surface_init(qm_context *ctx, const qm_bvh *bvh, qm_ref_surface *out)
 {
@@ -26,7 +28,22 @@ qm_status qm_ref_surface_init(qm_context *ctx, const qm_bvh *bvh, qm_ref_surface
         .bvh = bvh, .is_cloud = bvh->mesh.face_count == 0, .diagonal = qm_mesh_box_diagonal(&box)};
     if (!(out->diagonal > 0.0))
         return qm_context_fail(ctx, QM_E_EMPTY, "all points of the surface are the same");
+    double farthest = 0.0;
+    for (int k = 0; k < 3; k++)
+        farthest = fmax(farthest, fmax(fabs(box.min[k]), fabs(box.max[k])));
+    if (!(out->diagonal >= 1 / MOST_SIZE && farthest <= MOST_SIZE))
+        return qm_context_fail(ctx, QM_E_SCALE,
+                               "the surface is larger than 2^200, or smaller than its inverse");
     return QM_OK;
+}
+
+qm_vec qm_ref_surface_local(const qm_ref_surface *surface, const double p[3])
+{
+    qm_vec local = qm_frame_local(&surface->bvh->frame, p);
+    /* fmin and fmax return the other one for what is no number. */
+    return (qm_vec){fmax(fmin(local.x, MOST_LOCAL), -MOST_LOCAL),
+                    fmax(fmin(local.y, MOST_LOCAL), -MOST_LOCAL),
+                    fmax(fmin(local.z, MOST_LOCAL), -MOST_LOCAL)};
 }
 
 /** Centroid and principal axes of weighted points. */
@@ -120,7 +137,7 @@ void qm_ref_surface_project_to_points(const qm_ref_surface *surface, qm_vec p, c
 void qm_ref_surface_project(const qm_ref_surface *surface, const double p[3], qm_ref_surface_point *out)
 {
     QM_ASSERT(surface && surface->bvh && p && out);
-    qm_vec local = qm_frame_local(&surface->bvh->frame, p);
+    qm_vec local = qm_ref_surface_local(surface, p);
     if (surface->is_cloud) {
         qm_nearest_points near;
         qm_nearest_points_find(surface->bvh, local, QM_FIT_POINTS, &near);

@@ -143,7 +143,7 @@ bool qm_ref_surface_project_toward(const qm_ref_surface *surface, const double p
 {
     QM_ASSERT(surface && surface->bvh && p && direction && reach > 0.0 && out);
     const qm_bvh *bvh = surface->bvh;
-    qm_vec local = qm_frame_local(&bvh->frame, p), toward = qm_vec_load(direction);
+    qm_vec local = qm_ref_surface_local(surface, p), toward = qm_vec_load(direction);
     double length = qm_vec_norm(toward), local_reach = reach * bvh->frame.scale;
     if (length > 0.0 && surface->is_cloud && bvh->mesh.normals)
         return project_points_toward(surface, local, qm_vec_scale(1.0 / length, toward), local_reach, out);
@@ -227,7 +227,7 @@ void qm_ref_surface_project_curve(const qm_ref_surface *surface, const double p[
     const qm_bvh *bvh = surface->bvh;
     qm_ref_surface_project(surface, p, out);
     if (!surface->is_cloud || !bvh->mesh.normals) return;
-    qm_vec local = qm_frame_local(&bvh->frame, p), feature;
+    qm_vec local = qm_ref_surface_local(surface, p), feature;
     qm_nearest_points near;
     wall_normals walls;
     wall_plane plane[MAX_WALLS];
@@ -278,7 +278,8 @@ bool qm_ref_surface_is_between_walls(const qm_ref_surface *surface, const double
         qm_ref_surface_project(surface, b, &on_b);
         return qm_vec_dot(qm_vec_load(on_a.normal), qm_vec_load(on_b.normal)) < -MIN_OPPOSED;
     }
-    qm_vec from = qm_frame_local(&bvh->frame, a), across = qm_vec_sub(qm_frame_local(&bvh->frame, b), from);
+    qm_vec from = qm_ref_surface_local(surface, a),
+           across = qm_vec_sub(qm_ref_surface_local(surface, b), from);
     double gap = qm_vec_norm(across), back, front;
     if (!bvh->mesh.normals || !(gap > 0.0)) return false;
     qm_nearest_points near;
