@@ -17,6 +17,7 @@ typedef struct layout_options {
     qm_layout_features_options features;
     qm_quad_layout_options make;
     qm_quads_options quads;
+    qm_symmetry_wish symmetry;
     double crease_angle; /* NAN: not given */
     bool is_auto, has_features, as_json;
 } layout_options;
@@ -53,9 +54,14 @@ static void print_facts(const layout_options *options, const qm_quad_layout_fact
         qm_text_printf(&text, "%s: %zu patches of %zu quads, %zu required nodes", options->output,
                        facts->patches, facts->quads, facts->required);
         for (size_t i = 0; i < issues->count; i++) {
+            char words[QM_ISSUE_TEXT];
             const qm_layout_issue *issue = &issues->items[i];
-            qm_text_printf(&text, "\ncurves %u and %u cross at %.9g %.9g %.9g", issue->curve[0],
-                           issue->curve[1], issue->position[0], issue->position[1], issue->position[2]);
+            qm_layout_issue_text(issue, words);
+            if (issue->fault == QM_LAYOUT_CROSSING)
+                qm_text_printf(&text, "\ncurves %u and %u cross at %.9g %.9g %.9g", issue->curve[0],
+                               issue->curve[1], issue->position[0], issue->position[1], issue->position[2]);
+            else
+                qm_text_printf(&text, "\n%s", words);
         }
     }
     char *line = qm_text_take(&text);
@@ -112,7 +118,7 @@ static int make_of_features(qm_context *ctx, const layout_options *options, cons
 }
 
 /** bvh is of the surface, and quads is not used with is_auto. */
-static int make(qm_context *ctx, const layout_options *options, const qm_mesh *quads, const qm_bvh *bvh)
+static int make(qm_context *ctx, layout_options *options, const qm_mesh *quads, const qm_bvh *bvh)
 {
     qm_ref_surface source;
     qm_layout layout;
@@ -121,8 +127,8 @@ static int make(qm_context *ctx, const layout_options *options, const qm_mesh *q
     qm_status status = qm_ref_surface_init(ctx, bvh, &source);
     if (status == QM_OK)
         status = options->is_auto
-                     ? qm_quad_layout_make_of_surface(ctx, &source, &options->quads, NULL, &options->make,
-                                                      &layout, &issues, &facts, NULL)
+                     ? qm_symmetric_layout_make(ctx, &source, &options->symmetry, &options->quads,
+                                                &options->make, &layout, &issues, &facts)
                      : qm_quad_layout_make(ctx, quads, &source, &options->make, &layout, &issues, &facts);
     if (status != QM_OK) {
         cli_report_status(options->path, status, ctx, options->as_json);
@@ -144,6 +150,20 @@ static void set_defaults(layout_options *o)
     o->quads.crease_angle = has_angle ? o->crease_angle : usual.crease_angle;
     o->quads.thread_count = cli_count_threads(o->quads.thread_count);
     if (has_angle) o->make.crease_angle = o->features.angle = o->crease_angle;
+}
+
+/** Reads "found", or six numbers between commas. */
+static bool read_symmetry(const char *text, void *target)
+{
+    qm_symmetry_wish *wish = target;
+    if (strcmp(text, "found") == 0) return *wish = (qm_symmetry_wish){.finds = true}, true;
+    wish->is_given = qm_json_read_plane_text(text, wish->point, wish->normal);
+    if (!wish->is_given)
+        fprintf(stderr,
+                "quadmesh: --symmetry takes found, or a point and a normal as six numbers between commas, "
+                "not '%s'\n",
+                text);
+    return wish->is_given;
 }
 
 static int run(int argc, char **argv)
@@ -197,6 +217,14 @@ static int run(int argc, char **argv)
          .max = 1e9,
          .target = &o.make.patches,
          .help = "divide the layout into nearly N patches, where fewer would do"},
+        {.name = "symmetry",
+         .value = "PLANE",
+         .type = CLI_CUSTOM,
+         .read = read_symmetry,
+         .target = &o.symmetry,
+         .help = "with --auto: lay out one half and mirror it, at the plane that is found, or "
+                 "PX,PY,PZ,NX,NY,NZ:\n"
+                 "a point and a normal, which points to the half that is laid out"},
         {.name = "crease-angle",
          .value = "DEG",
          .type = CLI_NUMBER,
@@ -219,6 +247,10 @@ static int run(int argc, char **argv)
         fputs(o.is_auto ? "quadmesh: with --auto the first file is the surface: leave out --surface\n"
                         : "quadmesh: --quads goes with --auto\n",
               stderr);
+        return EXIT_USAGE;
+    }
+    if (!o.is_auto && (o.symmetry.finds || o.symmetry.is_given)) {
+        fputs("quadmesh: --symmetry goes with --auto\n", stderr);
         return EXIT_USAGE;
     }
     if (o.has_features && (o.is_auto || o.surface || o.make.patches > 0)) {

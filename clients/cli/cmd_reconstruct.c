@@ -163,9 +163,13 @@ static int refine_and_write(qm_context *ctx, const reconstruct_options *options,
         fputs("quadmesh: not settled: settled quads would follow the noise of the surface\n", stderr);
     qm_settled settled;
     if (is_settled) {
-        qm_settle_goal goal = {qm_quads_options_default(), options->goal.hausdorff};
+        qm_quads_marks marks;
+        qm_settle_goal goal = {
+            .quads = qm_quads_options_default(), .distance = options->goal.hausdorff, .marks = &marks};
         goal.quads.thread_count = options->goal.thread_count;
-        status = qm_settle(ctx, source, &goal, &mesh, &settled);
+        status = qm_reconstruction_find_marks(ctx, r, &marks);
+        if (status == QM_OK) status = qm_settle(ctx, source, &goal, &mesh, &settled);
+        qm_quads_marks_reset(ctx, &marks);
         if (status != QM_OK) {
             qm_mesh_reset(ctx, &mesh);
             cli_report_status(options->surface, status, ctx, options->as_json);
@@ -287,7 +291,9 @@ static int run(int argc, char **argv)
          .target = &o.settles,
          .help =
              "move all vertices at the end, those of curves too, for better quads nearer to the surface,\n"
-             "which must be a mesh; sides along its creases and boundaries stay there"},
+             "which must be a mesh; sides along its creases and boundaries stay there, vertices of sharp "
+             "curves\n"
+             "on these, those of fixed ones and corners where they are"},
         {.name = "picture",
          .value = "FILE.png",
          .type = CLI_TEXT,

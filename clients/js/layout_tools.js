@@ -5,6 +5,10 @@
 
 /** @import { CurveMark, EditedLayout, FeatureRequest, LayoutSuggestion, Mirror, Point, Stroke, SymmetryPlane } from "./types.js" */
 /** @import { Layouts, Options } from "./layouts.js" */
+/** @typedef {Options & { mirror?: Mirror }} MirrorOptions an edit with `mirror` is made on both sides of that plane */
+
+/** @param {Mirror} [mirror] */
+const queryOf = (mirror) => (mirror ? `?mirror=${[...mirror.point, ...mirror.normal].join(",")}` : "");
 
 export class LayoutTools {
   /** @param {Layouts} layouts */
@@ -15,12 +19,56 @@ export class LayoutTools {
   /**
    * @param {string} id
    * @param {string} path
-   * @param {unknown} body
-   * @param {Options} options
+   * @param {object} body
+   * @param {MirrorOptions} options
    * @returns {Promise<EditedLayout>}
    */
-  edit(id, path, body, options) {
-    return this.layouts.post(`/v1/layouts/${encodeURIComponent(id)}/${path}`, body, options);
+  edit(id, path, body, { mirror, signal }) {
+    return this.layouts.post(`/v1/layouts/${encodeURIComponent(id)}/${path}`, mirror ? { ...body, mirror } : body, { signal });
+  }
+
+  /**
+   * Cuts a curve at its point nearest to a place.
+   * @param {string} id
+   * @param {number} curve
+   * @param {Point} point
+   * @param {MirrorOptions} [options]
+   */
+  split(id, curve, point, options = {}) {
+    return this.edit(id, `curves/${curve}/split`, { point }, options);
+  }
+
+  /**
+   * Joins two curves at a node that is theirs alone.
+   * @param {string} id
+   * @param {number} first which keeps its id
+   * @param {number} second
+   * @param {MirrorOptions} [options]
+   */
+  merge(id, first, second, options = {}) {
+    return this.edit(id, "curves/merge", { first, second }, options);
+  }
+
+  /**
+   * Redraws a curve between its nodes, from either end, by points in space or a stroke in the window.
+   * @param {string} id
+   * @param {number} curve
+   * @param {{ points: Point[] } | Stroke} line
+   * @param {MirrorOptions} [options]
+   */
+  redraw(id, curve, line, options = {}) {
+    return this.edit(id, `curves/${curve}/redraw`, line, options);
+  }
+
+  /**
+   * Takes a curve away.
+   * @param {string} id
+   * @param {number} curve
+   * @param {MirrorOptions} [options]
+   * @returns {Promise<EditedLayout>}
+   */
+  deleteCurve(id, curve, { mirror, signal } = {}) {
+    return this.layouts.transport.json(`/v1/layouts/${encodeURIComponent(id)}/curves/${curve}${queryOf(mirror)}`, { method: "DELETE", signal });
   }
 
   /**
@@ -38,7 +86,7 @@ export class LayoutTools {
    * @param {string} id
    * @param {number} first
    * @param {number} second
-   * @param {Options} [options]
+   * @param {MirrorOptions} [options]
    */
   tube(id, first, second, options = {}) {
     return this.edit(id, "tubes", { first, second }, options);
@@ -49,7 +97,7 @@ export class LayoutTools {
    * @param {string} id
    * @param {number} first
    * @param {number} second
-   * @param {Options} [options]
+   * @param {MirrorOptions} [options]
    */
   link(id, first, second, options = {}) {
     return this.edit(id, "links", { first, second }, options);
@@ -89,7 +137,7 @@ export class LayoutTools {
    * Marks curves, by their ids, and makes nodes, by their places in `nodes`, corners or none.
    * @param {string} id
    * @param {{ curves?: number[], mark?: CurveMark, nodes?: number[], corner?: boolean }} marks
-   * @param {Options} [options]
+   * @param {MirrorOptions} [options]
    */
   mark(id, marks, options = {}) {
     return this.edit(id, "marks", marks, options);
@@ -108,11 +156,11 @@ export class LayoutTools {
   /**
    * Curves that would bring the layout nearer to completion, for addCurve.
    * @param {string} id
-   * @param {Options} [options]
+   * @param {MirrorOptions} [options]
    * @returns {Promise<LayoutSuggestion[]>}
    */
-  async suggestions(id, { signal } = {}) {
-    const found = await this.layouts.transport.json(`/v1/layouts/${encodeURIComponent(id)}/suggestions`, { signal });
+  async suggestions(id, { mirror, signal } = {}) {
+    const found = await this.layouts.transport.json(`/v1/layouts/${encodeURIComponent(id)}/suggestions${queryOf(mirror)}`, { signal });
     return found.suggestions;
   }
 
@@ -132,7 +180,7 @@ export class LayoutTools {
    * @param {string} id
    * @param {number} first
    * @param {number} second
-   * @param {Options} [options]
+   * @param {MirrorOptions} [options]
    */
   mergeNodes(id, first, second, options = {}) {
     return this.edit(id, "nodes/merge", { first, second }, options);
@@ -143,7 +191,7 @@ export class LayoutTools {
    * @param {string} id
    * @param {number} node
    * @param {{ point: Point } | Stroke} where
-   * @param {Options} [options]
+   * @param {MirrorOptions} [options]
    */
   moveNode(id, node, where, options = {}) {
     return this.edit(id, `nodes/${node}/move`, where, options);
@@ -154,7 +202,7 @@ export class LayoutTools {
    * @param {string} id
    * @param {number} curve
    * @param {{ from: Point, to: Point } | Stroke} where
-   * @param {Options} [options]
+   * @param {MirrorOptions} [options]
    */
   slide(id, curve, where, options = {}) {
     return this.edit(id, `curves/${curve}/slide`, where, options);
@@ -165,7 +213,7 @@ export class LayoutTools {
    * @param {string} id
    * @param {number} curve
    * @param {{ parts?: number }} [wanted]
-   * @param {Options} [options]
+   * @param {MirrorOptions} [options]
    */
   splitChord(id, curve, wanted = {}, options = {}) {
     return this.edit(id, `curves/${curve}/split-chord`, wanted, options);

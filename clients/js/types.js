@@ -171,7 +171,7 @@
 /** @typedef {{ mesh: string, quads: string, patches?: number, features?: { angle_deg?: number }, crease_angle?: number,
  *   deadline_ms?: number }} QuadLayoutRequest */
 /** @typedef {{ mesh: string, auto: true, quad_count?: number, patches?: number, features?: { angle_deg?: number },
- *   crease_angle?: number, deadline_ms?: number }} AutoLayoutRequest */
+ *   crease_angle?: number, symmetry?: "found" | Mirror, deadline_ms?: number }} AutoLayoutRequest */
 /** @typedef {{ id: string, mesh: string, revision: number, can_undo: boolean, can_redo: boolean, complete: boolean,
  *   created: string }} LayoutBrief */
 /** @typedef {{ kind: "dangling_end" | "cell_sides" | "apart" | "crossing", curve: number, other_curve?: number, node?: number,
@@ -179,8 +179,8 @@
 /** @typedef {LayoutBrief & { nodes: Point[], corners?: number[], curves: Curve[], patches: number[][],
  *   issues: LayoutIssue[] }} Layout */
 /** @typedef {Layout & { changed: { added_curves: number[], changed_curves: number[], removed_curves: number[] },
- *   filled_cells?: number, added_features?: number, stroke?: { curve: number, points: number, missed_points: number } }} EditedLayout */
-/** @typedef {{ kind: "feature" | "end" | "join" | "divide", points: Point[], mark?: CurveMark, detail: string }} LayoutSuggestion */
+ *   filled_cells?: number, added_features?: number, mirrored?: boolean, stroke?: { curve: number, points: number, missed_points: number } }} EditedLayout */
+/** @typedef {{ kind: "feature" | "end" | "join" | "divide" | "image", points: Point[], mark?: CurveMark, detail: string }} LayoutSuggestion */
 /** @typedef {{ angle_deg?: number, reach?: number }} FeatureSnap */
 /** @typedef {{ point: Point, normal: Point }} Mirror a plane */
 /** @typedef {Mirror & { distance: { lower: number, upper: number } }} SymmetryPlane */

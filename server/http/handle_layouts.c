@@ -53,8 +53,9 @@ static bool add_features(qm_layout_session *s, const qm_layout_features_options 
 /** Makes the layout of quads that are made of the surface. False with a problem. */
 static bool make_of_surface(qm_layout_session *s, const qm_json_quad_layout *wanted, qm_problem *problem)
 {
-    qm_status status = qm_quad_layout_make_of_surface(&s->ctx, &s->source, &wanted->make_quads, NULL,
-                                                      &wanted->options, &s->layout, &s->issues, NULL, NULL);
+    qm_symmetry_wish symmetry = wanted->symmetry;
+    qm_status status = qm_symmetric_layout_make(&s->ctx, &s->source, &symmetry, &wanted->make_quads,
+                                                &wanted->options, &s->layout, &s->issues, NULL);
     return qm_layout_session_outcome(s, status, problem);
 }
 

@@ -3,6 +3,7 @@
  * pages of lists.
  */
 #include <errno.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -179,4 +180,16 @@ void qm_handlers_end_page(qm_text *out, int64_t next)
         qm_text_printf(out, "],\"next\":\"%lld\"}", (long long)next);
     else
         qm_text_add_string(out, "],\"next\":null}");
+}
+
+bool qm_handlers_read_deadline(qm_request *request, double *deadline_ms)
+{
+    const char *text = qm_request_query(request, "deadline_ms");
+    char *end;
+    *deadline_ms = 0.0;
+    if (!text) return true;
+    *deadline_ms = strtod(text, &end);
+    if (end != text && !*end && isfinite(*deadline_ms) && *deadline_ms > 0.0) return true;
+    return refuse_parameter(
+        request, qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`deadline_ms` must be a number above 0"));
 }

@@ -123,4 +123,7 @@ void qm_handlers_end_page(qm_text *out, int64_t next);
 /** Reads ?limit=, ?cursor= and ?order=; replies with a problem and returns false when they are not valid. */
 bool qm_handlers_read_paging(qm_request *request, qm_store_page *out);
 
+/** Reads `deadline_ms` of the query, 0 if it is absent. False after a reply. */
+bool qm_handlers_read_deadline(qm_request *request, double *deadline_ms);
+
 #endif

@@ -41,17 +41,16 @@ static bool read_array(const cJSON *object, const char *name, int count, double 
 }
 
 /** Reads the plane of a mirror. */
-static bool read_plane(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+static bool read_plane(const cJSON *object, double point[3], double normal[3], qm_problem *problem)
 {
-    if (!read_array(object, "point", 3, out->point, problem) ||
-        !read_array(object, "normal", 3, out->normal, problem))
+    if (!read_array(object, "point", 3, point, problem) || !read_array(object, "normal", 3, normal, problem))
         return false;
-    if (out->normal[0] != 0.0 || out->normal[1] != 0.0 || out->normal[2] != 0.0) return true;
+    if (normal[0] != 0.0 || normal[1] != 0.0 || normal[2] != 0.0) return true;
     return qm_json_reject(problem, "must not be 0 0 0", "/normal", 0, 0);
 }
 
-/** Reads the member "mirror" of a stroke, which may be absent. */
-static bool read_mirror_of_stroke(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
+/** Reads the member "mirror" of an edit, which may be absent. */
+static bool read_mirror_of_edit(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
     static const char *const names[] = {"point", "normal", NULL};
     const cJSON *value = cJSON_GetObjectItemCaseSensitive(object, "mirror");
@@ -59,7 +58,8 @@ static bool read_mirror_of_stroke(const cJSON *object, qm_layout_edit *out, qm_p
     out->has_mirror = true;
     if (!cJSON_IsObject(value))
         return qm_json_reject(problem, "must be an object with point and normal", "/mirror", 0, 0);
-    return qm_json_check_members(value, names, problem) && read_plane(value, out, problem);
+    return qm_json_check_members(value, names, problem) &&
+           read_plane(value, out->mirror_point, out->mirror_normal, problem);
 }
 
 /** Reads the member "features" of a stroke, which may be absent. */
@@ -95,8 +95,8 @@ static bool read_window(const cJSON *object, size_t min_points, qm_layout_edit *
            read_array(object, "viewport", 4, out->camera.viewport, problem) &&
            read_amount(object, "radius_px", &out->pick.radius_px, problem) &&
            read_amount(object, "depth", &out->pick.depth, problem) &&
-           read_amount(object, "snap", &out->radius, problem) &&
-           read_mirror_of_stroke(object, out, problem) && read_features_of_stroke(object, out, problem) &&
+           read_amount(object, "snap", &out->radius, problem) && read_mirror_of_edit(object, out, problem) &&
+           read_features_of_stroke(object, out, problem) &&
            qm_json_read_table(cJSON_GetObjectItemCaseSensitive(object, "points"), 2, min_points, "points",
                               &out->points, &out->point_count, problem);
 }
@@ -124,33 +124,35 @@ static bool read_fill(const cJSON *object, qm_layout_edit *out, qm_problem *prob
 static bool read_mirror(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
     static const char *const names[] = {"point", "normal", "radius", NULL};
-    return qm_json_check_members(object, names, problem) && read_plane(object, out, problem) &&
+    return qm_json_check_members(object, names, problem) &&
+           read_plane(object, out->point, out->normal, problem) &&
            read_amount(object, "radius", &out->radius, problem);
 }
 
 static bool read_move(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
-    static const char *const names[] = {"point", NULL};
+    static const char *const names[] = {"point", "mirror", NULL};
     if (cJSON_GetObjectItemCaseSensitive(object, "view")) return read_window(object, 1, out, problem);
-    return qm_json_check_members(object, names, problem) &&
+    return qm_json_check_members(object, names, problem) && read_mirror_of_edit(object, out, problem) &&
            read_array(object, "point", 3, out->point, problem);
 }
 
 static bool read_slide(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
-    static const char *const names[] = {"from", "to", NULL};
+    static const char *const names[] = {"from", "to", "mirror", NULL};
     if (cJSON_GetObjectItemCaseSensitive(object, "view")) return read_window(object, 2, out, problem);
-    return qm_json_check_members(object, names, problem) &&
+    return qm_json_check_members(object, names, problem) && read_mirror_of_edit(object, out, problem) &&
            read_array(object, "from", 3, out->from, problem) &&
            read_array(object, "to", 3, out->point, problem);
 }
 
 static bool read_split_chord(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
-    static const char *const names[] = {"parts", NULL};
+    static const char *const names[] = {"parts", "mirror", NULL};
     const cJSON *parts = cJSON_GetObjectItemCaseSensitive(object, "parts");
     out->parts = 2;
-    if (!qm_json_check_members(object, names, problem)) return false;
+    if (!qm_json_check_members(object, names, problem) || !read_mirror_of_edit(object, out, problem))
+        return false;
     if (!parts ||
         (qm_json_read_index(parts, &out->parts) && out->parts >= 2 && out->parts <= QM_CHORD_PARTS_MAX))
         return true;
@@ -159,8 +161,8 @@ static bool read_split_chord(const cJSON *object, qm_layout_edit *out, qm_proble
 
 static bool read_split(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
-    static const char *const names[] = {"point", NULL};
-    return qm_json_check_members(object, names, problem) &&
+    static const char *const names[] = {"point", "mirror", NULL};
+    return qm_json_check_members(object, names, problem) && read_mirror_of_edit(object, out, problem) &&
            read_array(object, "point", 3, out->point, problem);
 }
 
@@ -180,9 +182,9 @@ static bool read_snap(const cJSON *object, qm_layout_edit *out, qm_problem *prob
 
 static bool read_redraw(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
-    static const char *const names[] = {"points", NULL};
+    static const char *const names[] = {"points", "mirror", NULL};
     if (cJSON_GetObjectItemCaseSensitive(object, "view")) return read_stroke(object, out, problem);
-    return qm_json_check_members(object, names, problem) &&
+    return qm_json_check_members(object, names, problem) && read_mirror_of_edit(object, out, problem) &&
            qm_json_read_table(cJSON_GetObjectItemCaseSensitive(object, "points"), 3, 2, "points",
                               &out->points, &out->point_count, problem);
 }
@@ -201,8 +203,9 @@ static bool read_curve(const cJSON *object, qm_layout_edit *out, qm_problem *pro
 
 static bool read_pair(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
-    static const char *const names[] = {"first", "second", NULL};
-    if (!qm_json_check_members(object, names, problem)) return false;
+    static const char *const names[] = {"first", "second", "mirror", NULL};
+    if (!qm_json_check_members(object, names, problem) || !read_mirror_of_edit(object, out, problem))
+        return false;
     if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(object, "first"), &out->first))
         return qm_json_reject(problem, "must be a whole number of 0 or more", "/first", 0, 0);
     if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(object, "second"), &out->second))
@@ -240,12 +243,13 @@ static bool read_list(const cJSON *value, const char *name, uint32_t **out, size
 
 static bool read_marks(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
-    static const char *const names[] = {"curves", "mark", "nodes", "corner", NULL};
+    static const char *const names[] = {"curves", "mark", "nodes", "corner", "mirror", NULL};
     const cJSON *curves = cJSON_GetObjectItemCaseSensitive(object, "curves"),
                 *mark = cJSON_GetObjectItemCaseSensitive(object, "mark"),
                 *nodes = cJSON_GetObjectItemCaseSensitive(object, "nodes"),
                 *corner = cJSON_GetObjectItemCaseSensitive(object, "corner");
-    if (!qm_json_check_members(object, names, problem)) return false;
+    if (!qm_json_check_members(object, names, problem) || !read_mirror_of_edit(object, out, problem))
+        return false;
     if (mark && !qm_json_read_mark(mark, &out->mark))
         return qm_json_reject(problem, "must be \"smooth\", \"sharp\" or \"fixed\"", "/mark", 0, 0);
     if (corner && !cJSON_IsBool(corner))
@@ -261,21 +265,15 @@ static bool read_marks(const cJSON *object, qm_layout_edit *out, qm_problem *pro
 bool qm_json_read_layout_edit(const char *text, size_t size, qm_layout_edit_kind kind, qm_layout_edit *out,
                               qm_problem *problem)
 {
-    static bool (*const readers[])(const cJSON *, qm_layout_edit *,
-                                   qm_problem *) = {[QM_EDIT_STROKE] = read_stroke,
-                                                    [QM_EDIT_SPLIT] = read_split,
-                                                    [QM_EDIT_SNAP] = read_snap,
-                                                    [QM_EDIT_REDRAW] = read_redraw,
-                                                    [QM_EDIT_PAIR] = read_pair,
-                                                    [QM_EDIT_RING] = read_ring,
-                                                    [QM_EDIT_FILL] = read_fill,
-                                                    [QM_EDIT_MIRROR] = read_mirror,
-                                                    [QM_EDIT_MOVE] = read_move,
-                                                    [QM_EDIT_SLIDE] = read_slide,
-                                                    [QM_EDIT_SPLIT_CHORD] = read_split_chord,
-                                                    [QM_EDIT_FEATURES] = read_features,
-                                                    [QM_EDIT_MARKS] = read_marks,
-                                                    [QM_EDIT_CURVE] = read_curve};
+    static bool (*const readers[])(const cJSON *, qm_layout_edit *, qm_problem *) = {
+        [QM_EDIT_STROKE] = read_stroke,     [QM_EDIT_SPLIT] = read_split,
+        [QM_EDIT_SNAP] = read_snap,         [QM_EDIT_REDRAW] = read_redraw,
+        [QM_EDIT_CURVES] = read_pair,       [QM_EDIT_NODES] = read_pair,
+        [QM_EDIT_RING] = read_ring,         [QM_EDIT_FILL] = read_fill,
+        [QM_EDIT_MIRROR] = read_mirror,     [QM_EDIT_MOVE] = read_move,
+        [QM_EDIT_SLIDE] = read_slide,       [QM_EDIT_SPLIT_CHORD] = read_split_chord,
+        [QM_EDIT_FEATURES] = read_features, [QM_EDIT_MARKS] = read_marks,
+        [QM_EDIT_CURVE] = read_curve};
     *out = (qm_layout_edit){0};
     cJSON *object = qm_json_parse_object(text, size, "an edit", problem);
     if (!object) return false;

@@ -138,16 +138,16 @@ static void add_ids(qm_text *out, const char *name, const qm_layout *of, const q
     qm_text_add_string(out, "]");
 }
 
+bool qm_layout_session_find_patches(qm_layout_session *s, qm_problem *problem)
+{
+    qm_status status = qm_layout_find_patches(&s->ctx, &s->source, &s->layout, &s->issues);
+    return status == QM_OK || qm_layout_session_fail(s, status, problem);
+}
+
 /** Stores the edited layout as the next revision and replies with it; more has members that the edit adds. */
 void qm_layout_session_finish(qm_request *request, qm_layout_session *s, const char *more)
 {
     qm_problem problem;
-    qm_status status = qm_layout_find_patches(&s->ctx, &s->source, &s->layout, &s->issues);
-    if (status != QM_OK) {
-        qm_layout_session_fail(s, status, &problem);
-        qm_reply_problem(request, &problem);
-        return;
-    }
     qm_text changed = {0};
     qm_json_open(&changed, "changed", "{");
     add_ids(&changed, "added_curves", &s->layout, &s->before, false);

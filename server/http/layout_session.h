@@ -57,6 +57,9 @@ void qm_layout_session_describe(qm_text *out, const qm_store_layout *row, bool i
 void qm_layout_session_reply(qm_request *request, int status, const qm_store_layout *row,
                              const char *changed);
 
+/** Finds the patches and issues of the edited layout. False with a problem. */
+bool qm_layout_session_find_patches(qm_layout_session *s, qm_problem *problem);
+
 /** Stores the edited layout as the next revision and replies with it; more has members that the edit adds. */
 void qm_layout_session_finish(qm_request *request, qm_layout_session *s, const char *more);
 

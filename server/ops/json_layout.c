@@ -237,18 +237,48 @@ static bool read_quad_layout(const cJSON *object, qm_json_quad_layout *out, qm_p
            qm_json_read_id(object, "quads", out->quads, problem);
 }
 
+bool qm_json_read_plane_text(const char *text, double point[3], double normal[3])
+{
+    for (int k = 0; k < 6; k++) {
+        char *end;
+        double value = strtod(text, &end);
+        if (end == text || !isfinite(value) || *end != (k < 5 ? ',' : '\0')) return false;
+        (k < 3 ? point : normal)[k % 3] = value;
+        text = end + 1;
+    }
+    return normal[0] != 0.0 || normal[1] != 0.0 || normal[2] != 0.0;
+}
+
+/** Reads the plane of symmetry: "found", or a point and a normal. */
+static bool read_symmetry(const cJSON *value, qm_symmetry_wish *out, qm_problem *problem)
+{
+    static const char *const names[] = {"point", "normal", NULL};
+    const char *word = cJSON_GetStringValue(value);
+    if (word && strcmp(word, "found") == 0) return *out = (qm_symmetry_wish){.finds = true}, true;
+    bool is_plane = cJSON_IsObject(value) && qm_json_check_members(value, names, problem);
+    if (cJSON_IsObject(value) && !is_plane) return false;
+    is_plane = is_plane &&
+               qm_json_read_numbers(cJSON_GetObjectItemCaseSensitive(value, "point"), 3, out->point) &&
+               qm_json_read_numbers(cJSON_GetObjectItemCaseSensitive(value, "normal"), 3, out->normal);
+    out->is_given = is_plane && (out->normal[0] != 0.0 || out->normal[1] != 0.0 || out->normal[2] != 0.0);
+    return out->is_given ||
+           qm_json_reject(problem, "must be \"found\", or a plane: a point and a normal, which is not 0 0 0",
+                          "/symmetry", 0, 0);
+}
+
 static bool read_auto_layout(const cJSON *object, qm_json_quad_layout *out, qm_problem *problem)
 {
-    static const char *const names[] = {"mesh",         "auto",     "quad_count",  "patches",
-                                        "crease_angle", "features", "deadline_ms", NULL};
-    const cJSON *count = cJSON_GetObjectItemCaseSensitive(object, "quad_count");
+    static const char *const names[] = {"mesh",     "auto",     "quad_count",  "patches", "crease_angle",
+                                        "features", "symmetry", "deadline_ms", NULL};
+    const cJSON *count = cJSON_GetObjectItemCaseSensitive(object, "quad_count"),
+                *symmetry = cJSON_GetObjectItemCaseSensitive(object, "symmetry");
     out->source = QM_LAYOUT_SURFACE;
     if (!read_made_layout(object, names, &out->make_quads.crease_angle, out, problem)) return false;
     if (!cJSON_IsTrue(cJSON_GetObjectItemCaseSensitive(object, "auto")))
         return qm_json_reject(problem, "must be true", "/auto", 0, 0);
     if (count && !qm_json_read_count(count, 1, 1e5, &out->make_quads.quads))
         return qm_json_reject(problem, "must be an integer from 1 to 100000", "/quad_count", 0, 0);
-    return true;
+    return !symmetry || read_symmetry(symmetry, &out->symmetry, problem);
 }
 
 bool qm_json_read_quad_layout(const char *text, size_t size, qm_json_quad_layout *out, qm_problem *problem)
@@ -414,7 +444,7 @@ void qm_json_add_layout_issues(qm_text *out, const qm_layout_issues *issues)
 
 void qm_json_add_suggestions(qm_text *out, const qm_layout_suggestions *suggestions)
 {
-    static const char *const names[] = {"feature", "end", "join", "divide"};
+    static const char *const names[] = {"feature", "end", "join", "divide", "image"};
     _Static_assert(sizeof names / sizeof names[0] == QM_SUGGEST_KIND_COUNT, "a name for each kind");
     qm_json_open(out, "suggestions", "[");
     for (size_t i = 0; i < suggestions->count; i++) {
@@ -426,6 +456,8 @@ void qm_json_add_suggestions(qm_text *out, const qm_layout_suggestions *suggesti
             snprintf(detail, sizeof detail, "goes on from an end where no other curve begins");
         else if (one->kind == QM_SUGGEST_JOIN)
             snprintf(detail, sizeof detail, "joins two parts that no curve connects");
+        else if (one->kind == QM_SUGGEST_IMAGE)
+            snprintf(detail, sizeof detail, "the mirror image of a curve that has none");
         else
             snprintf(detail, sizeof detail, "divides a cell of %u sides", one->sides);
         qm_json_add_comma(out);

@@ -10,8 +10,8 @@
 #include "qm/layout_edit.h"
 #include "qm/layout_suggest.h"
 #include "qm/pick.h"
-#include "qm/quad_layout.h"
 #include "qm/reconstruct.h"
+#include "symmetric_layout.h"
 
 struct cJSON;
 
@@ -42,11 +42,12 @@ typedef struct qm_json_quad_layout {
     char quads[QM_ID_SIZE];      /* of QM_LAYOUT_QUADS */
     qm_quads_options make_quads; /* of QM_LAYOUT_SURFACE */
     qm_quad_layout_options options;
-    double deadline_ms; /* from the start of the request on; 0: none */
+    qm_symmetry_wish symmetry; /* of QM_LAYOUT_SURFACE */
+    double deadline_ms;        /* from the start of the request on; 0: none */
 } qm_json_quad_layout;
 
 /**
- * Reads {mesh, quads, patches, features, deadline_ms} or {mesh, auto, quad_count, patches, features, deadline_ms}, where
+ * Reads {mesh, quads, patches, features, deadline_ms} or {mesh, auto, quad_count, patches, features, symmetry, deadline_ms}, where
  * crease_angle may stand for features. A request with neither quads nor auto gives a layout, and has no problem here.
  *
  * False with a problem (400).
@@ -82,13 +83,14 @@ void qm_json_add_warnings(qm_text *out, const qm_reconstruction *reconstruction)
 #define QM_ISSUE_TEXT 160
 void qm_layout_issue_text(const qm_layout_issue *issue, char out[QM_ISSUE_TEXT]);
 
-/** The edits that have a body. */
+/** The edits. */
 typedef enum qm_layout_edit_kind {
     QM_EDIT_STROKE,
     QM_EDIT_SPLIT,
     QM_EDIT_SNAP,
     QM_EDIT_REDRAW,
-    QM_EDIT_PAIR, /* two curves or nodes: to merge, to link, to join by a tube */
+    QM_EDIT_CURVES, /* two of them: to merge, to join by a tube */
+    QM_EDIT_NODES,  /* two of them: to merge, to link */
     QM_EDIT_RING,
     QM_EDIT_FILL,
     QM_EDIT_MIRROR,
@@ -97,7 +99,8 @@ typedef enum qm_layout_edit_kind {
     QM_EDIT_SPLIT_CHORD,
     QM_EDIT_FEATURES,
     QM_EDIT_MARKS,
-    QM_EDIT_CURVE
+    QM_EDIT_CURVE,
+    QM_EDIT_DELETE /* a query instead of a body */
 } qm_layout_edit_kind;
 
 /** An edit; the fields of other kinds are zero. */
@@ -109,11 +112,12 @@ typedef struct qm_layout_edit {
                        and pick */
     qm_camera camera;
     qm_pick_options pick;
-    double radius;          /* the distance at which ends snap; 0 if absent */
-    double point[3];        /* split, snap, fill, move; of the mirror's plane */
-    bool has_point;         /* fill */
-    double normal[3];       /* of the mirror's plane */
-    bool has_mirror;        /* stroke, ring: point and normal are those of a mirror */
+    double radius;    /* the distance at which ends snap; 0 if absent */
+    double point[3];  /* split, snap, fill, move, mirror */
+    bool has_point;   /* fill */
+    double normal[3]; /* mirror */
+    bool has_mirror;  /* the edit is made on both sides of a plane */
+    double mirror_point[3], mirror_normal[3];
     double from[3];         /* slide: the place that is held; point is where it goes */
     int end;                /* snap: 0 from, 1 to */
     uint32_t first, second; /* merge */
@@ -131,6 +135,9 @@ typedef struct qm_layout_edit {
 bool qm_json_read_layout_edit(const char *text, size_t size, qm_layout_edit_kind kind, qm_layout_edit *out,
                               qm_problem *problem);
 void qm_layout_edit_reset(qm_layout_edit *edit);
+
+/** Reads a plane: six numbers between commas, its point and its normal, which is not 0. False for another text. */
+bool qm_json_read_plane_text(const char *text, double point[3], double normal[3]);
 
 /** The request of POST /v1/reconstructions. */
 typedef struct qm_json_reconstruction {

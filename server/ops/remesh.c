@@ -56,7 +56,7 @@ static void begin(const qm_remesh_options *options, qm_remesh_work work, size_t 
 
 static qm_settle_goal settle_goal_of(const qm_remesh_options *options)
 {
-    return (qm_settle_goal){options->quads, options->distance};
+    return (qm_settle_goal){.quads = options->quads, .distance = options->distance};
 }
 
 static void take_distance(qm_remesh_result *out, const qm_settle_distance *distance)

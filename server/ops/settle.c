@@ -66,7 +66,7 @@ static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm
     const qm_quads_settling ways[] = {QM_QUADS_SPREAD, QM_QUADS_STAY};
     qm_status status = QM_OK;
     for (int k = 0; k < 2 && !out->is_kept && status == QM_OK; k++) {
-        status = qm_quads_settle(ctx, surface->bvh, &goal->quads, ways[k], mesh);
+        status = qm_quads_settle(ctx, surface->bvh, &goal->quads, ways[k], goal->marks, mesh);
         if (status == QM_OK) status = qm_settle_measure(ctx, surface, goal, mesh, &out->distance);
         if (status == QM_OK) status = compare(ctx, surface, goal, before, out);
         if (status == QM_OK && !out->is_kept) memcpy(mesh->positions, before->mesh.positions, size);

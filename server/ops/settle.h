@@ -9,8 +9,9 @@
 #include "qm/source.h"
 
 typedef struct qm_settle_goal {
-    qm_quads_options quads; /* as qm_quads_settle takes them */
-    double distance;        /* that was wanted, in the unit of the surface; 0: none */
+    qm_quads_options quads;      /* as qm_quads_settle takes them */
+    double distance;             /* that was wanted, in the unit of the surface; 0: none */
+    const qm_quads_marks *marks; /* what is kept of the mesh that is settled; NULL: nothing */
 } qm_settle_goal;
 
 /** How far a mesh and a surface are from each other, in the surface's unit. */

@@ -137,19 +137,31 @@ def test_features_of_an_automatic_layout(client, box):
     old = client.post("/v1/layouts", json={"mesh": box, "auto": True, "quad_count": 300, "crease_angle": 30}).json()
     new = client.post("/v1/layouts", json={"mesh": box, "auto": True, "quad_count": 300, "features": {"angle_deg": 30}}).json()
     assert old["curves"] == new["curves"] and len(old["patches"]) >= 6
+    # What lies along the edges is sharp, and on them; their ends are corners. So are the quads in the sides of the box.
+    sharp = [curve for curve in new["curves"] if curve.get("mark") == "sharp"]
+    on_edges = [curve for curve in new["curves"] if all(sum(abs(x) == 1 for x in p) >= 2 for p in curve["points"])]
+    assert sharp == on_edges and len(sharp) >= 12
+    assert sorted(new["nodes"][k] for k in new["corners"]) == sorted([x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1))
+    assert count_off(quads_of(client, new)) == 0
 
 
-def quads_of(client, layout):
+def vertices_of(client, layout, **fields):
+    """Of the quads that a reconstruction ends with, and its job."""
     made = client.post("/v1/reconstructions", json={"layout": layout["id"]})
     assert made.status_code == 201, made.text
     job = client.post("/v1/jobs", headers={"Prefer": WAIT},
                       json={"type": "reconstruction_step", "reconstruction": made.json()["id"], "until": {"max_quads": 1500},
-                            "measure": False}).json()
+                            "measure": False, **fields}).json()
     assert job["state"] == "succeeded", job
     mesh = client.get("/v1/reconstructions/" + made.json()["id"]).json()["mesh"]
     content = client.get(f"/v1/meshes/{mesh}/content", params={"format": "obj"}).text
     rows = [line.split() for line in content.splitlines()]
     vertices = [[float(x) for x in row[1:4]] for row in rows if row[:1] == ["v"]]
+    return vertices, rows, job
+
+
+def quads_of(client, layout):
+    vertices, rows, _ = vertices_of(client, layout)
     return [[vertices[int(k.split("/")[0]) - 1] for k in row[1:]] for row in rows if row[:1] == ["f"]]
 
 
@@ -272,3 +284,34 @@ def test_planes_of_symmetry_are_found(client, box):
     tilted = b"v 0 0 0\nv 3 0.2 0\nv 0.4 2 0.1\nv 0.3 0.1 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
     other = client.post("/v1/layouts", json={"mesh": client.upload(tilted, name="tilted", format="obj")["id"]}).json()
     assert client.get(f"/v1/layouts/{other['id']}/symmetry").json() == {"planes": []}
+
+
+def test_settling_keeps_marks(client, box, featured):
+    """One edge is drawn as a bow on its face, and fixed; the others stay sharp."""
+    nodes, bowed = featured["nodes"], featured["curves"][0]
+    a, b = bowed["points"][0], bowed["points"][-1]
+    along = next(k for k in range(3) if a[k] != b[k])
+    across = next(k for k in range(3) if k != along)
+
+    def bow(t):
+        point = [x + (y - x) * t for x, y in zip(a, b)]
+        point[across] *= 1 - 0.2 * math.sin(math.pi * t)
+        return point
+
+    points = [a, *[bow(k / 12) for k in range(1, 12)], b]
+    curves = [{**curve, "points": points, "mark": "fixed"} if curve is bowed else curve for curve in featured["curves"]]
+    layout = client.post("/v1/layouts", json={"mesh": box, "nodes": nodes, "corners": featured["corners"], "curves": curves}).json()
+    assert len(layout["patches"]) == 6, layout["issues"]
+    before, _, _ = vertices_of(client, layout)
+    after, _, job = vertices_of(client, layout, settle=True)
+    assert job["result"]["settled"]["kept"] and before != after and len(before) == len(after)
+
+    def on_bow(p):
+        return min(math.dist(p, bow(k / 600)) for k in range(601)) < 0.01
+
+    held = [k for k, p in enumerate(before) if on_bow(p)]
+    assert len(held) > 8 and all(before[k] == after[k] for k in held)
+    assert all(before[k] == after[k] for k, p in enumerate(before) if all(abs(x) == 1 for x in p))
+    sharp = [k for k, p in enumerate(before) if k not in held and sum(abs(x) == 1 for x in p) == 2]
+    assert len(sharp) > 50
+    assert all(sum(abs(abs(x) - 1) < 1e-9 for x in after[k]) >= 2 for k in sharp)

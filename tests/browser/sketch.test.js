@@ -449,7 +449,7 @@ test("rings, tubes, rows, links, fills and mirrors are drawn by mouse, pen and f
   const ends = (await layoutOf()).nodes.filter(([x, y, z]) => z > 0.9 && y < 0.3 && y > -0.3);
   const [low, high] = [ends.find(([x, y]) => x > 0 && y < 0.1), ends.find(([x, y]) => x < 0 && y > 0.1)];
   await drag(...await place([low, high]));
-  await did(page, "is new");
+  await did(page, "are linked");
   await page.locator(".issues li", { hasText: "3 sides, not four" }).first().waitFor();
   await page.keyboard.press("Control+z");
   await did(page, "Undone");
@@ -464,5 +464,21 @@ test("rings, tubes, rows, links, fills and mirrors are drawn by mouse, pen and f
   await page.getByRole("button", { name: "Mirror", exact: true }).click();
   await did(page, "image of the other");
   await says(page, "8 curves");
+
+  // A node that is dragged takes its mirror image along, and what is deleted goes on both sides.
+  await tool("Move");
+  const now = async () => daemon.client().layouts.get(new URLSearchParams(new URL(page.url()).hash.split("?")[1]).get("layout"));
+  const held = (await now()).nodes.find(([x, , z]) => z > 0.9 && x > 0);
+  await drag(...await place([held, [held[0] + 0.12, held[1] + 0.1, 1]]));
+  await did(page, "is moved");
+  const [right, left] = [1, -1].map((side) => [side * (held[0] + 0.12), held[1] + 0.1, 1]);
+  const { nodes } = await now();
+  for (const wanted of [right, left]) assert(nodes.some((one) => Math.hypot(...one.map((value, k) => value - wanted[k])) < 0.03), `${wanted}`);
+  await tool("Draw");
+  const gone = (await now()).curves.find(({ points }) => points.every(([x]) => x > 0) && points[points.length >> 1][2] > 0.5);
+  const [touched] = await place([gone.points[gone.points.length >> 1]]);
+  await page.mouse.click(...touched);
+  await page.keyboard.press("Delete");
+  await says(page, "6 curves");
   await finish(page);
 });

@@ -1,5 +1,6 @@
 """`quadmesh layout`: a mesh of quads in, a layout out that `reconstruct` takes."""
 import json
+import math
 
 import shapes
 
@@ -94,3 +95,15 @@ def test_features_become_sharp_curves(quadmesh, tmp_path):
         assert run.returncode == 2 and "--features" in run.stderr
     run = quadmesh("layout", surface, "--features", "--crease-angle", "0", "-o", out)
     assert run.returncode == 2 and "angle of creases" in run.stderr
+
+
+def test_both_sides_of_a_plane_are_alike(quadmesh, tmp_path):
+    ball_ = ball(tmp_path / "ball.obj", 16)
+    for plane in ("found", "0,0,0,0,0,2"):
+        run = quadmesh("layout", ball_, "--auto", "--quads", "600", "--symmetry", plane, "-o", tmp_path / "out.json", "--json")
+        assert run.returncode == 0 and json.loads(run.stdout)["issues"] == [], run.stderr
+    nodes = json.loads((tmp_path / "out.json").read_text())["nodes"]
+    assert all(min(math.dist([x, y, -z], other) for other in nodes) < 1e-3 for x, y, z in nodes) and len(nodes) > 6
+    for wrong in (["--auto", "--symmetry", "x"], ["--auto", "--symmetry", "0,0,0,0,0,0"], ["--symmetry", "found"]):
+        run = quadmesh("layout", ball_, *wrong, "-o", tmp_path / "out.json")
+        assert run.returncode == 2 and "--symmetry" in run.stderr

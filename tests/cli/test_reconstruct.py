@@ -218,6 +218,26 @@ def test_vertices_move_at_the_end(quadmesh, surface, layout, tmp_path):
     assert both.returncode == 2 and "--keep-curves" in both.stderr
 
 
+def test_marks_stay_at_the_end(quadmesh, surface, layout, tmp_path):
+    drawn = json.loads(layout.read_text())
+    for curve in drawn["curves"][:2]:
+        curve["mark"] = "fixed"
+    layout.write_text(json.dumps(drawn))
+
+    def vertices(*words):
+        done = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--quads", "100", *words)
+        assert done.returncode == 0, done.stderr
+        return [line for line in (tmp_path / "out.obj").read_text().splitlines() if line.startswith("v ")]
+
+    def is_fixed(line):
+        x, y = map(float, line.split()[1:3])
+        return abs(y) < 1e-12 or abs(x - 1) < 1e-12
+
+    before, after = vertices(), vertices("--settle")
+    assert before != after and sum(map(is_fixed, before)) > 12
+    assert all(a == b for a, b in zip(before, after) if is_fixed(a))
+
+
 def test_texture_coordinates_of_its_patches(quadmesh, surface, layout, tmp_path):
     run = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--quads", "200", "--uv", "--json")
     assert run.returncode == 0, run.stderr

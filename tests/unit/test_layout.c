@@ -1,6 +1,8 @@
 /* Layouts: patches found from the embedding, faults named, edits one at a time. */
 #include "check.h"
 
+#include "layout/layout_creases.h"
+
 #include "failing_allocator.h"
 #include "ground.h"
 #include "layouts.h"
@@ -402,6 +404,53 @@ static void running_out_of_memory_leaves_a_whole_layout(void **state)
     qm_ground_free(&g);
 }
 
+/** A bowl, more than half a sphere, whose rim is drawn: beyond it lies no surface, and no cell, though the curvature beyond is
+ * that of less than half a sphere. The same curve a little inside bounds a cell on both sides. */
+static void beyond_a_boundary_is_no_cell(void **state)
+{
+    (void)state;
+    for (int is_inside = 0; is_inside < 2; is_inside++) {
+        qm_ground g;
+        qm_mesh bowl = qm_shape_plane(16, 0.0);
+        for (size_t v = 0; v < bowl.vertex_count; v++) {
+            double *p = bowl.positions + 3 * v, x = 2.0 * p[0] - 1.0, y = 2.0 * p[1] - 1.0;
+            double ring = fmax(fabs(x), fabs(y)), round = hypot(x, y), angle = 1.7 * ring;
+            double scale = round > 0.0 ? sin(angle) / round : 0.0;
+            p[0] = scale * x, p[1] = scale * y, p[2] = -cos(angle);
+        }
+        qm_ground_make(&g, bowl);
+        qm_layout layout = {0};
+        double tilt = is_inside ? 1.6 : 1.7, corner[4][3], line[33][3];
+        for (int k = 0; k < 4; k++) {
+            const int ends[4][2] = {{-1, -1}, {1, -1}, {1, 1}, {-1, 1}};
+            for (int i = 0; i < 2; i++)
+                corner[k][i] = sin(tilt) * ends[k][i] / sqrt(2.0);
+            corner[k][2] = -cos(tilt);
+            assert_int_equal(qm_layout_add_node(&g.ctx, &layout, corner[k]), QM_OK);
+        }
+        for (uint32_t k = 0; k < 4; k++) {
+            for (int i = 0; i <= 32; i++) {
+                double turn = (-135.0 + 90.0 * (k + i / 32.0)) * QM_DEGREE;
+                const double at[3] = {sin(tilt) * cos(turn), sin(tilt) * sin(turn), -cos(tilt)};
+                memcpy(line[i], at, sizeof at);
+            }
+            assert_int_equal(qm_layout_add_curve(&g.ctx, &layout, k, (k + 1) % 4, line[0], 33), QM_OK);
+        }
+        for (size_t c = 0; c < 4 && !is_inside; c++)
+            layout.curves[c].mark = QM_CURVE_SHARP;
+        qm_creases creases;
+        assert_int_equal(qm_creases_follow(&g.ctx, &layout, &g.source, &creases), QM_OK);
+        qm_creases_reset(&g.ctx, &creases);
+        qm_layout_issues issues;
+        assert_int_equal(qm_layout_find_patches(&g.ctx, &g.source, &layout, &issues), QM_OK);
+        QM_CHECK(layout.patch_count == (is_inside ? 2 : 1) && issues.count == 0, "inside %d: %zu patches",
+                 is_inside, layout.patch_count);
+        qm_layout_issues_reset(&g.ctx, &issues);
+        qm_layout_reset(&g.ctx, &layout);
+        qm_ground_free(&g);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -415,6 +464,7 @@ int main(void)
         cmocka_unit_test(strokes_snap_merge_and_split),
         cmocka_unit_test(strokes_cut_what_they_cross),
         cmocka_unit_test(running_out_of_memory_leaves_a_whole_layout),
+        cmocka_unit_test(beyond_a_boundary_is_no_cell),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -3,10 +3,12 @@
 
 #include "failing_allocator.h"
 #include "ground.h"
+#include "layout/layout_creases.h"
 #include "layouts.h"
 #include "qm/features.h"
 #include "qm/layout_edit.h"
 #include "qm/layout_suggest.h"
+#include "qm/quad_layout.h"
 #include "qm/reconstruct.h"
 #include "random.h"
 
@@ -502,6 +504,110 @@ static void sharp_curves_stay_on_the_crease_at_every_step(void **state)
     }
 }
 
+/** How many coordinates of a place are -1 or 1. */
+static int count_ends(const double *p)
+{
+    int ends = 0;
+    for (int k = 0; k < 3; k++)
+        ends += fabs(fabs(p[k]) - 1.0) <= 1e-12;
+    return ends;
+}
+
+static void automatic_layouts_follow_creases_exactly(void **state)
+{
+    (void)state;
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_cube_grid(8));
+    qm_quads_options quads = qm_quads_options_default();
+    quads.quads = 400;
+    qm_quad_layout_options how = qm_quad_layout_options_default();
+    qm_layout layout;
+    qm_layout_issues issues;
+    for (int from_quads = 0; from_quads < 2; from_quads++) {
+        how.crease_angle = 40.0;
+        qm_status status = from_quads
+                               ? qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &how, &layout, &issues, NULL)
+                               : qm_quad_layout_make_of_surface(&g.ctx, &g.source, &quads, NULL, &how,
+                                                                &layout, &issues, NULL, NULL);
+        QM_CHECK(status == QM_OK, "%s", g.ctx.message);
+        double length = 0.0;
+        for (size_t i = 0; i < layout.curve_count; i++) {
+            const qm_curve *curve = &layout.curves[i];
+            size_t off = 0;
+            for (size_t k = 0; k < curve->point_count; k++)
+                off += count_ends(curve->points + 3 * k) < 2;
+            QM_CHECK((curve->mark == QM_CURVE_SHARP) == (off == 0), "curve %zu: %zu points off the edges", i,
+                     off);
+            if (off == 0) length += qm_layout_curve_length(curve);
+        }
+        QM_CHECK(fabs(length - 24.0) <= 1e-9, "%.12g of 24 are sharp", length);
+        assert_int_equal(layout.corner_count, 8);
+        for (size_t i = 0; i < 8; i++)
+            assert_int_equal(count_ends(layout.nodes + 3 * (size_t)layout.corners[i]), 3);
+        qm_layout_reset(&g.ctx, &layout);
+        qm_layout_issues_reset(&g.ctx, &issues);
+    }
+    qm_ground_free(&g);
+}
+
+static void boundaries_of_quads_are_sharp(void **state)
+{
+    (void)state;
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_plane(6, 0.0));
+    qm_quad_layout_options how = qm_quad_layout_options_default();
+    qm_layout layout;
+    qm_layout_issues issues;
+    assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &how, &layout, &issues, NULL), QM_OK);
+    assert_true(layout.patch_count == 1 && layout.curve_count == 4 && layout.corner_count == 4);
+    for (size_t i = 0; i < 4; i++)
+        assert_int_equal(layout.curves[i].mark, QM_CURVE_SHARP);
+    qm_layout_reset(&g.ctx, &layout);
+    qm_layout_issues_reset(&g.ctx, &issues);
+    qm_ground_free(&g);
+}
+
+/** On a cube: a sharp curve beside an edge, and another one that lies between it and the edge, or does not. */
+static void sharp_curves_that_would_cross_become_smooth(void **state)
+{
+    (void)state;
+    for (int is_between = 0; is_between < 2; is_between++) {
+        qm_ground g;
+        qm_ground_make(&g, qm_shape_cube_grid(8));
+        qm_layout layout = {0};
+        qm_layout_issues issues = {0};
+        double y = is_between ? 0.995 : 0.5, sharp[9][3], other[9][3];
+        for (int k = 0; k < 9; k++) {
+            const double at[2][3] = {{-0.8 + 0.2 * k, 0.98, 1}, {-0.4 + 0.1 * k, y, 1}};
+            memcpy(sharp[k], at[0], sizeof at[0]);
+            memcpy(other[k], at[1], sizeof at[1]);
+        }
+        /* the other one goes down the next side, so that it crosses the edge */
+        if (is_between) other[7][1] = other[8][1] = 1.0, other[8][2] = 0.8;
+        const double *node[4] = {sharp[0], sharp[8], other[0], other[8]};
+        for (int k = 0; k < 4; k++)
+            assert_int_equal(qm_layout_add_node(&g.ctx, &layout, node[k]), QM_OK);
+        assert_int_equal(qm_layout_add_curve(&g.ctx, &layout, 0, 1, sharp[0], 9), QM_OK);
+        assert_int_equal(qm_layout_add_curve(&g.ctx, &layout, 2, 3, other[0], 9), QM_OK);
+        layout.curves[0].mark = QM_CURVE_SHARP;
+        assert_int_equal(qm_layout_find_crossings(&g.ctx, &layout, &g.source, &issues), QM_OK);
+        assert_int_equal(issues.count, 0);
+        assert_int_equal(qm_creases_settle_curves(&g.ctx, &layout, &g.source, &issues), QM_OK);
+        assert_int_equal(issues.count, 0);
+        assert_int_equal(layout.curves[0].mark, is_between ? QM_CURVE_SMOOTH : QM_CURVE_SHARP);
+        assert_int_equal(layout.corner_count, is_between ? 0 : 2);
+        if (is_between) {
+            assert_int_equal(layout.curves[0].point_count, 9);
+            assert_memory_equal(layout.curves[0].points, sharp, sizeof sharp);
+        }
+        for (size_t k = 0; k < layout.curves[0].point_count && !is_between; k++)
+            assert_int_equal(count_ends(layout.curves[0].points + 3 * k), 2);
+        qm_layout_issues_reset(&g.ctx, &issues);
+        qm_layout_reset(&g.ctx, &layout);
+        qm_ground_free(&g);
+    }
+}
+
 static void fixed_curves_and_corners_stay_where_they_were_drawn(void **state)
 {
     (void)state;
@@ -617,6 +723,9 @@ int main(void)
         cmocka_unit_test(strokes_snap_to_features),
         cmocka_unit_test(edits_keep_marks),
         cmocka_unit_test(mirror_images_and_strokes_have_marks),
+        cmocka_unit_test(automatic_layouts_follow_creases_exactly),
+        cmocka_unit_test(boundaries_of_quads_are_sharp),
+        cmocka_unit_test(sharp_curves_that_would_cross_become_smooth),
         cmocka_unit_test(sharp_curves_stay_on_the_crease_at_every_step),
         cmocka_unit_test(fixed_curves_and_corners_stay_where_they_were_drawn),
         cmocka_unit_test(running_out_of_memory_leaves_nothing_behind),

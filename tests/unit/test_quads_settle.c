@@ -62,7 +62,7 @@ static double distance_between(const qm_mesh *a, const qm_mesh *b)
 }
 
 /** Settles a mesh; its faces must stay. */
-static void settle(const qm_mesh *surface, qm_mesh *mesh, int threads)
+static void settle_marked(const qm_mesh *surface, const qm_quads_marks *marks, qm_mesh *mesh, int threads)
 {
     qm_context ctx = qm_context_make();
     qm_bvh *bvh;
@@ -70,12 +70,17 @@ static void settle(const qm_mesh *surface, qm_mesh *mesh, int threads)
     options.thread_count = threads;
     qm_mesh before = qm_shape_copy(mesh);
     assert_int_equal(qm_bvh_build(&ctx, surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
-    QM_CHECK(qm_quads_settle(&ctx, bvh, &options, QM_QUADS_SPREAD, mesh) == QM_OK, "%s", ctx.message);
+    QM_CHECK(qm_quads_settle(&ctx, bvh, &options, QM_QUADS_SPREAD, marks, mesh) == QM_OK, "%s", ctx.message);
     assert_int_equal(mesh->face_count, before.face_count);
     assert_int_equal(mesh->vertex_count, before.vertex_count);
     assert_memory_equal(mesh->faces, before.faces, 4 * mesh->face_count * sizeof *mesh->faces);
     qm_bvh_destroy(&ctx, bvh);
     qm_shape_free(&before);
+}
+
+static void settle(const qm_mesh *surface, qm_mesh *mesh, int threads)
+{
+    settle_marked(surface, NULL, mesh, threads);
 }
 
 static void shaken_quads_open(void **state)
@@ -189,6 +194,77 @@ static void creases_hold_their_vertices(void **state)
     qm_shape_free(&mesh);
 }
 
+static bool is_on_equator(const qm_mesh *m, uint32_t vertex)
+{
+    return fabs(m->positions[3 * (size_t)vertex + 2]) <= 1e-12;
+}
+
+/** The equator of a sphere, across which it does not bend, as lines; and every seventh of the other vertices. */
+static qm_quads_marks mark_equator(const qm_mesh *surface, const qm_mesh *exact)
+{
+    qm_quads_marks marks = {.vertex_count = exact->vertex_count, .face_count = exact->face_count};
+    marks.stays = calloc(marks.vertex_count, 1);
+    marks.sharp = calloc(marks.face_count, 1);
+    marks.lines = calloc(8 * surface->face_count, 6 * sizeof *marks.lines);
+    for (uint32_t v = 0; v < marks.vertex_count; v++)
+        marks.stays[v] = v % 7 == 3 && !is_on_equator(exact, v);
+    for (size_t s = 0; s < 4 * exact->face_count; s++) {
+        const uint32_t *face = exact->faces + s / 4 * 4;
+        if (is_on_equator(exact, face[s % 4]) && is_on_equator(exact, face[(s + 1) % 4]))
+            marks.sharp[s / 4] |= (uint8_t)(1 << s % 4);
+    }
+    for (size_t s = 0; s < 4 * surface->face_count; s++) {
+        const uint32_t end[2] = {surface->faces[s], surface->faces[s / 4 * 4 + (s + 1) % 4]};
+        for (size_t k = 0; k < 2 && is_on_equator(surface, end[0]) && is_on_equator(surface, end[1]); k++)
+            memcpy(marks.lines + 6 * marks.line_count + 3 * k, surface->positions + 3 * (size_t)end[k],
+                   3 * sizeof(double));
+        marks.line_count += is_on_equator(surface, end[0]) && is_on_equator(surface, end[1]);
+    }
+    return marks;
+}
+
+static void marks_are_kept(void **state)
+{
+    (void)state;
+    qm_mesh surface = make_shape(32, to_sphere), exact = make_shape(8, to_sphere);
+    qm_quads_marks marks = mark_equator(&surface, &exact);
+    for (uint64_t seed = 1; seed <= 2; seed++) {
+        qm_random random = qm_random_make(seed, 0);
+        qm_mesh mesh = qm_shape_copy(&exact);
+        qm_shape_shake(&mesh, &random, 0.14);
+        for (uint32_t v = 0; v < mesh.vertex_count; v++)
+            if (is_on_equator(&exact, v))
+                memcpy(mesh.positions + 3 * (size_t)v, exact.positions + 3 * (size_t)v, 3 * sizeof(double));
+        qm_mesh before = qm_shape_copy(&mesh), unmarked = qm_shape_copy(&mesh);
+        settle_marked(&surface, &marks, &mesh, 1);
+        settle(&surface, &unmarked, 1);
+        size_t left = 0, slid = 0;
+        for (uint32_t v = 0; v < mesh.vertex_count; v++) {
+            const double *p = mesh.positions + 3 * (size_t)v, *was = before.positions + 3 * (size_t)v;
+            bool is_same = memcmp(p, was, 3 * sizeof(double)) == 0;
+            QM_CHECK(!marks.stays[v] || is_same, "seed %llu: vertex %u has moved", (unsigned long long)seed,
+                     v);
+            if (!is_on_equator(&exact, v)) continue;
+            slid += !is_same;
+            left += fabs(unmarked.positions[3 * (size_t)v + 2]) > 1e-3;
+            QM_CHECK(fabs(p[2]) <= 1e-9 && hypot(p[0], p[1]) >= 0.998, "seed %llu: vertex %u left its line",
+                     (unsigned long long)seed, v);
+        }
+        QM_CHECK(slid > 0 && left > 0, "seed %llu: %zu slid, %zu unmarked ones left",
+                 (unsigned long long)seed, slid, left);
+        QM_CHECK(qm_topology_count_folded(&mesh) <= qm_topology_count_folded(&before), "%zu folded",
+                 qm_topology_count_folded(&mesh));
+        qm_shape_free(&mesh);
+        qm_shape_free(&before);
+        qm_shape_free(&unmarked);
+    }
+    free(marks.stays);
+    free(marks.sharp);
+    free(marks.lines);
+    qm_shape_free(&surface);
+    qm_shape_free(&exact);
+}
+
 static void boundaries_within_the_surface_stay(void **state)
 {
     (void)state;
@@ -260,7 +336,7 @@ static void memory_and_cancel_end_the_call(void **state)
         qm_context poor = qm_context_make();
         qm_mesh mesh = make_shape(2, to_cube);
         poor.allocator = qm_failing_allocator_hook(&memory);
-        status = qm_quads_settle(&poor, bvh, &options, QM_QUADS_SPREAD, &mesh);
+        status = qm_quads_settle(&poor, bvh, &options, QM_QUADS_SPREAD, NULL, &mesh);
         QM_CHECK(status == QM_OK || status == QM_E_NO_MEMORY, "call %zu: %d", fail_at, status);
         QM_CHECK(memory.live_blocks == 0 && !memory.mismatched, "call %zu leaves %zu blocks, mismatched %d",
                  fail_at, memory.live_blocks, memory.mismatched);
@@ -270,17 +346,17 @@ static void memory_and_cancel_end_the_call(void **state)
     atomic_bool is_canceled = true;
     qm_mesh mesh = make_shape(8, to_cube);
     ctx.cancel = &is_canceled;
-    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, QM_QUADS_SPREAD, &mesh), QM_E_CANCELED);
+    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, QM_QUADS_SPREAD, NULL, &mesh), QM_E_CANCELED);
     ctx.cancel = NULL;
     qm_bvh_destroy(&ctx, bvh);
     qm_random random = qm_random_make(1, 0);
     qm_mesh points = qm_shape_points(&random, 9);
     assert_int_equal(qm_bvh_build(&ctx, &points, QM_BVH_TARGET, 1, &bvh), QM_OK);
-    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, QM_QUADS_SPREAD, &mesh), QM_E_ARGUMENT);
+    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, QM_QUADS_SPREAD, NULL, &mesh), QM_E_ARGUMENT);
     qm_bvh_destroy(&ctx, bvh);
     assert_int_equal(qm_bvh_build(&ctx, &surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
     mesh.faces[7] = QM_NO_INDEX;
-    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, QM_QUADS_SPREAD, &mesh), QM_E_ARGUMENT);
+    assert_int_equal(qm_quads_settle(&ctx, bvh, &options, QM_QUADS_SPREAD, NULL, &mesh), QM_E_ARGUMENT);
     qm_bvh_destroy(&ctx, bvh);
     qm_shape_free(&points);
     qm_shape_free(&mesh);
@@ -294,6 +370,7 @@ int main(void)
         cmocka_unit_test(parts_in_the_wrong_order_open),
         cmocka_unit_test(vertices_are_drawn_along_fingers),
         cmocka_unit_test(creases_hold_their_vertices),
+        cmocka_unit_test(marks_are_kept),
         cmocka_unit_test(boundaries_within_the_surface_stay),
         cmocka_unit_test(other_meshes_are_left_alone),
         cmocka_unit_test(threads_do_not_change_the_mesh),

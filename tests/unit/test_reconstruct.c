@@ -580,6 +580,60 @@ static void an_edit_redoes_only_the_patches_that_it_touches(void **state)
     qm_ground_free(&g);
 }
 
+/** Of a plane in two patches: the curve between them is sharp, two of the others, which meet, are fixed. */
+static void marks_name_vertices_and_sides(void **state)
+{
+    (void)state;
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_plane(8, 0.0));
+    qm_layout layout = qm_layout_of_grid(2, 1, false, false, 2, qm_square_at, NULL);
+    assert_int_equal(layout.patch_count, 2);
+    uint32_t between = QM_NO_INDEX, only[2] = {layout.patches[0].side[0], layout.patches[0].side[3]};
+    for (int i = 0; i < 4; i++)
+        for (int k = 0; k < 4; k++)
+            if (layout.patches[0].side[i] == layout.patches[1].side[k]) between = layout.patches[0].side[i];
+    assert_true(between != QM_NO_INDEX);
+    for (int k = 0; k < 2; k++)
+        if (only[k] == between) only[k] = layout.patches[0].side[k == 0 ? 2 : 1];
+    layout.curves[between].mark = QM_CURVE_SHARP;
+    layout.curves[only[0]].mark = layout.curves[only[1]].mark = QM_CURVE_FIXED;
+    qm_reconstruction *r = start(&g, &layout);
+    qm_reconstruction_record record;
+    for (int k = 0; k < 6; k++)
+        assert_int_equal(qm_reconstruction_step(&g.ctx, r, 512, &record), QM_OK);
+    qm_mesh mesh;
+    qm_quads_marks marks;
+    assert_int_equal(qm_reconstruction_mesh(&g.ctx, r, &mesh), QM_OK);
+    assert_int_equal(qm_reconstruction_find_marks(&g.ctx, r, &marks), QM_OK);
+    assert_true(marks.vertex_count == mesh.vertex_count && marks.face_count == mesh.face_count);
+    const qm_curve *middle = &layout.curves[between];
+    qm_vec a = qm_vec_load(middle->points), b = qm_vec_load(middle->points + 3 * (middle->point_count - 1));
+    qm_vec way = qm_vec_scale(1.0 / qm_vec_distance(a, b), qm_vec_sub(b, a));
+    size_t sharp = 0, stays = 0;
+    for (size_t s = 0; s < 4 * mesh.face_count; s++) {
+        double off = 0.0;
+        for (size_t k = 0; k < 2; k++) {
+            size_t vertex = mesh.faces[s / 4 * 4 + (s + k) % 4];
+            qm_vec from = qm_vec_sub(qm_vec_load(mesh.positions + 3 * vertex), a);
+            off = fmax(off, qm_vec_norm(qm_vec_axpy(from, -qm_vec_dot(from, way), way)));
+        }
+        bool is_sharp = marks.sharp[s / 4] >> s % 4 & 1;
+        QM_CHECK(is_sharp == (off < 1e-9), "side %zu is %.3g off the middle", s, off);
+        sharp += is_sharp;
+    }
+    for (size_t v = 0; v < mesh.vertex_count; v++)
+        stays += marks.stays[v];
+    qm_reconstruction_patch patch = qm_reconstruction_get_patch(r, 0);
+    QM_CHECK(sharp > 4 && stays == (size_t)patch.columns + patch.rows + 1, "%zu sharp, %zu stay", sharp,
+             stays);
+    assert_true(marks.line_count >= sharp / 2);
+    qm_quads_marks_reset(&g.ctx, &marks);
+    qm_mesh_reset(&g.ctx, &mesh);
+    qm_reconstruction_destroy(&g.ctx, r);
+    qm_layout_free(&layout);
+    qm_ground_free(&g);
+}
+
 static qm_status run_once(qm_context *ctx, const qm_ref_surface *source, const qm_layout *layout)
 {
     qm_reconstruction_options options = qm_reconstruction_options_default();
@@ -591,6 +645,9 @@ static qm_status run_once(qm_context *ctx, const qm_ref_surface *source, const q
     qm_mesh mesh = {0};
     if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &mesh);
     qm_mesh_reset(ctx, &mesh);
+    qm_quads_marks marks = {0};
+    if (status == QM_OK) status = qm_reconstruction_find_marks(ctx, r, &marks);
+    qm_quads_marks_reset(ctx, &marks);
     qm_reconstruction *edited = NULL;
     size_t redone;
     if (status == QM_OK) status = qm_reconstruction_edit(ctx, r, layout, &edited, &redone);
@@ -605,6 +662,7 @@ static void running_out_of_memory_is_a_status_at_every_place(void **state)
     qm_ground g;
     qm_ground_make(&g, qm_shape_plane(8, 0.0));
     qm_layout layout = qm_layout_of_grid(1, 1, false, false, 2, qm_square_at, NULL);
+    layout.curves[0].mark = QM_CURVE_SHARP;
     qm_status status = QM_E_NO_MEMORY;
     for (size_t fail_at = 0; status != QM_OK; fail_at += 1 + fail_at / 16) {
         qm_failing_allocator memory = {.fail_at = fail_at};
@@ -633,6 +691,7 @@ int main(void)
         cmocka_unit_test(narrow_gaps_are_followed_without_folds),
         cmocka_unit_test(what_no_patch_covers_is_counted),
         cmocka_unit_test(an_edit_redoes_only_the_patches_that_it_touches),
+        cmocka_unit_test(marks_name_vertices_and_sides),
         cmocka_unit_test(running_out_of_memory_is_a_status_at_every_place),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

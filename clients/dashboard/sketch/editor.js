@@ -1,16 +1,22 @@
 // A layout at work: what is chosen of it, its edits one after the other, and what the last one did.
 
 import { ProblemError } from "../js/index.js";
+import { LayoutTools } from "../js/layout_tools.js";
 import { client } from "../core/connection.js";
 import { deleteLater, isHeld } from "../core/deletion.js";
 import { count } from "../core/format.js";
 
-/** @import { EditedLayout, Layout, LayoutBrief, Point, Stroke } from "../../js/types.js" */
+/** @import { EditedLayout, Layout, LayoutBrief, Mirror, Point, Stroke } from "../../js/types.js" */
 
 export class Editor {
   /** @param {() => void} onChange */
   constructor(onChange) {
     this.onChange = onChange;
+    this.calls = new LayoutTools(client.layouts);
+    /** The plane at which edits are mirrored. @type {() => Mirror | undefined} */
+    this.plane = () => undefined;
+    /** Ends what takes long when the surface or the page is left. */
+    this.leaving = new AbortController();
     /** @type {string | null} */
     this.mesh = null;
     /** Those of the mesh. @type {LayoutBrief[]} */
@@ -28,6 +34,7 @@ export class Editor {
 
   /** Takes up the wanted layout of a mesh, else its newest one. @param {string | null} mesh @param {string | null} wanted */
   async open(mesh, wanted) {
+    this.leave();
     this.mesh = mesh;
     this.layouts = [];
     this.take(null);
@@ -42,6 +49,12 @@ export class Editor {
     this.take(layout);
   }
 
+  /** What is being made or looked for is not wanted any more. */
+  leave() {
+    this.leaving.abort();
+    this.leaving = new AbortController();
+  }
+
   /** @param {Layout | null} layout @param {string} [words] */
   take(layout, words = "") {
     this.layout = layout;
@@ -53,15 +66,15 @@ export class Editor {
 
   /**
    * Makes a layout of the whole surface, as a new one beside those that are there.
-   * @param {{ quad_count?: number, patches?: number }} wanted
+   * @param {{ quad_count?: number, patches?: number, symmetry?: "found" | Mirror }} wanted
    */
   async make(wanted) {
     const { mesh } = this;
     if (mesh === null) return;
-    const made = await client.layouts.create({ mesh, auto: true, ...wanted });
+    const made = await client.layouts.create({ mesh, auto: true, ...wanted }, { signal: this.leaving.signal });
     if (this.mesh !== mesh) return;
     this.layouts.push(made);
-    this.take(made, made.issues.length === 0 ? "" : "Some curves cross: correct them, or make another layout.");
+    this.take(made, made.issues.length === 0 ? "" : "Not all cells are patches: correct them, or make another layout.");
   }
 
   /** @param {string} id */
@@ -96,27 +109,40 @@ export class Editor {
     return next;
   }
 
+  /**
+   * An edit on both sides of the plane, where there is one.
+   * @param {(id: string, options: { mirror?: Mirror }) => Promise<EditedLayout>} action
+   * @param {string} words
+   */
+  editBoth(action, words) {
+    const mirror = this.plane();
+    return this.edit((id) => action(id, { mirror }), (now) => (
+      "mirrored" in now && now.mirrored === false ? `${words} It has no mirror image: only this side has changed.` : words));
+  }
+
   /** @param {Stroke} stroke */
   stroke(stroke) {
     if (!this.isRedrawing) return this.edit((id) => client.layouts.stroke(id, stroke), describeStroke);
     const { curve } = this;
-    return this.edit((id) => client.layouts.redraw(id, curve, stroke), (now) => `Curve ${curve} is redrawn.${describeMissed(now)}`);
+    return this.editBoth((id, both) => this.calls.redraw(id, curve, stroke, both), `Curve ${curve} is redrawn.`);
   }
 
   split() {
     const { curve } = this;
     const point = /** @type {Point} */ (this.chosen.get(curve));
-    return this.edit((id) => client.layouts.split(id, curve, point), () => `Curve ${curve} is cut in two.`);
+    return this.editBoth((id, both) => this.calls.split(id, curve, point, both), `Curve ${curve} is cut in two.`);
   }
 
   merge() {
     const [first, second] = this.chosen.keys();
-    return this.edit((id) => client.layouts.merge(id, first, second), () => `Curves ${first} and ${second} are one now.`);
+    return this.editBoth((id, both) => this.calls.merge(id, first, second, both), `Curves ${first} and ${second} are one now.`);
   }
 
   async delete() {
     for (const curve of [...this.chosen.keys()]) {
-      await this.edit((id) => client.layouts.deleteCurve(id, curve), () => `Curve ${curve} is deleted.`);
+      // It may be the mirror image of the one before.
+      if (!this.layout?.curves.some(({ id }) => id === curve)) continue;
+      await this.editBoth((id, both) => this.calls.deleteCurve(id, curve, both), `Curve ${curve} is deleted.`);
     }
   }
 

@@ -116,7 +116,7 @@ export function showSketch(panel) {
 
   let isMaking = false;
   async function makeLayout() {
-    const wanted = { quad_count: numberOf(quads.value) ?? undefined, patches: numberOf(patches.value) ?? undefined };
+    const wanted = { quad_count: numberOf(quads.value) ?? undefined, patches: numberOf(patches.value) ?? undefined, symmetry: toolbox.symmetry };
     isMaking = true;
     words.textContent = "A layout is being made of the whole surface.";
     drawMake();
@@ -132,7 +132,8 @@ export function showSketch(panel) {
   function drawMake() {
     const mesh = meshOf(state.a);
     make.disabled = isMaking || !mesh || mesh.kind === "points";
-    make.title = mesh?.kind === "points" ? "Quads are made of surfaces with faces; this is a point set." : "";
+    make.title = mesh?.kind === "points" ? "Quads are made of surfaces with faces; this is a point set."
+      : "Of the whole surface; with a mirror plane both sides are alike.";
   }
 
   function drawCurves() {
@@ -313,6 +314,7 @@ export function showSketch(panel) {
   const off = [on(["meshes", "choice"], onChoice), on("theme", draw)];
   return () => {
     off.forEach((each) => each());
+    editor.leave();
     removeEventListener("keydown", onKey);
     removeEventListener("keyup", onKeyUp);
     pen?.putAway();

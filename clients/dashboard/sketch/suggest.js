@@ -1,7 +1,5 @@
 // Curves that would bring a layout nearer to completion: thin in the view, and in a list, from which a click takes one.
 
-import { LayoutTools } from "../js/layout_tools.js";
-import { client } from "../core/connection.js";
 import { h } from "../core/dom.js";
 import { count } from "../core/format.js";
 import { run } from "../core/messages.js";
@@ -20,7 +18,7 @@ export class Suggestions {
   constructor(editor, button, onChange) {
     this.editor = editor;
     this.onChange = onChange;
-    this.calls = new LayoutTools(client.layouts);
+    this.calls = editor.calls;
     /** @type {LayoutSuggestion[]} */
     this.all = [];
     /** The layout that they are for. @type {Layout | null} */
@@ -45,7 +43,7 @@ export class Suggestions {
   async find() {
     const { layout } = this.editor;
     if (!layout) return;
-    this.all = await this.calls.suggestions(layout.id);
+    this.all = await this.calls.suggestions(layout.id, { mirror: this.editor.plane(), signal: this.editor.leaving.signal });
     this.of = layout;
     this.editor.words = this.all.length === 0 ? "There is nothing to suggest." : `${count(this.all.length)} suggested; a click on one draws it.`;
     this.onChange();

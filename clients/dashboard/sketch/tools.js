@@ -1,6 +1,5 @@
 // The tools of Sketch beside the pen: rings, links, tubes, fills, mirrors, and moving what is drawn.
 
-import { LayoutTools } from "../js/layout_tools.js";
 import { client } from "../core/connection.js";
 import { h, select } from "../core/dom.js";
 import { count, length } from "../core/format.js";
@@ -31,7 +30,8 @@ export class Tools {
    */
   constructor(editor, button) {
     this.editor = editor;
-    this.calls = new LayoutTools(client.layouts);
+    this.calls = editor.calls;
+    editor.plane = () => this.mirror;
     /** @type {Kind} */
     this.kind = "draw";
     this.kinds = KINDS.map(([kind, words, title]) => h("button", {
@@ -72,7 +72,7 @@ export class Tools {
     this.image.disabled = !layout || layout.curves.length === 0 || !this.mirror;
   }
 
-  /** The plane that strokes are mirrored at, through the middle of what is shown. @returns {Mirror | undefined} */
+  /** The plane that edits are mirrored at, through the middle of what is shown. @returns {Mirror | undefined} */
   get mirror() {
     if (this.axis.value === "found") return this.found?.mesh === this.editor.mesh ? this.found?.plane : undefined;
     const stage = currentStage();
@@ -80,11 +80,16 @@ export class Tools {
     return stage && normal ? { point: /** @type {Point} */ ([...stage.frame.centre]), normal } : undefined;
   }
 
+  /** What an automatic layout is to be its own mirror image at. @returns {"found" | Mirror | undefined} */
+  get symmetry() {
+    return this.axis.value === "found" ? "found" : this.mirror;
+  }
+
   /** Finds the plane of symmetry of the mesh. */
   async findPlane() {
     const { mesh } = this.editor;
     await this.editor.edit(async (id) => {
-      const [plane] = await this.calls.symmetry(id);
+      const [plane] = await this.calls.symmetry(id, { signal: this.editor.leaving.signal });
       this.found = plane ? { mesh, plane: { point: plane.point, normal: plane.normal } } : null;
       if (!plane) this.axis.value = "";
       this.reach = plane?.distance.upper ?? 0;
@@ -105,10 +110,10 @@ export class Tools {
     const { layout } = this.editor;
     if (node >= 0) {
       const corner = !layout?.corners?.includes(node);
-      await this.editor.edit((id) => this.calls.mark(id, { nodes: [node], corner }), () => `Node ${node} is ${corner ? "a corner" : "no corner"} now.`);
+      await this.editor.editBoth((id, both) => this.calls.mark(id, { nodes: [node], corner }, both), `Node ${node} is ${corner ? "a corner" : "no corner"} now.`);
     } else if (curve >= 0) {
       const mark = NEXT_MARK[layout?.curves.find(({ id }) => id === curve)?.mark ?? "smooth"];
-      await this.editor.edit((id) => this.calls.mark(id, { curves: [curve], mark }), () => `Curve ${curve} is ${mark} now.`);
+      await this.editor.editBoth((id, both) => this.calls.mark(id, { curves: [curve], mark }, both), `Curve ${curve} is ${mark} now.`);
     }
   }
 
@@ -121,12 +126,12 @@ export class Tools {
 
   makeTube() {
     const [first, second] = this.editor.chosen.keys();
-    return this.editor.edit((id) => this.calls.tube(id, first, second), () => "The rings are joined.");
+    return this.editor.editBoth((id, both) => this.calls.tube(id, first, second, both), "The rings are joined.");
   }
 
   splitRow() {
     const { curve } = this.editor;
-    return this.editor.edit((id) => this.calls.splitChord(id, curve), () => `The row of curve ${curve} is divided.`);
+    return this.editor.editBoth((id, both) => this.calls.splitChord(id, curve, {}, both), `The row of curve ${curve} is divided.`);
   }
 
   async mirrorAll() {
@@ -151,16 +156,13 @@ export class Tools {
     const node = target?.kind === "node" ? this.nodeOf(target.point) : -1;
     if (this.kind === "link") {
       if (!("node" in held) || node < 0 || node === held.node) throw new Error("A link goes from a node to another node; there is none.");
-      await this.editor.edit((id) => this.calls.link(id, held.node, node), (now) => {
-        const [curve] = "changed" in now ? now.changed.added_curves : [];
-        return `Curve ${curve} is new.`;
-      });
+      await this.editor.editBoth((id, both) => this.calls.link(id, held.node, node, both), `Nodes ${held.node} and ${node} are linked.`);
     } else if (!("node" in held)) {
-      await this.editor.edit((id) => this.calls.slide(id, held.curve, stroke), () => `Curve ${held.curve} is bent.`);
+      await this.editor.editBoth((id, both) => this.calls.slide(id, held.curve, stroke, both), `Curve ${held.curve} is bent.`);
     } else if (node >= 0 && node !== held.node) {
-      await this.editor.edit((id) => this.calls.mergeNodes(id, node, held.node), () => `Nodes ${node} and ${held.node} are one now.`);
+      await this.editor.editBoth((id, both) => this.calls.mergeNodes(id, node, held.node, both), `Nodes ${node} and ${held.node} are one now.`);
     } else {
-      await this.editor.edit((id) => this.calls.moveNode(id, held.node, stroke), () => `Node ${held.node} is moved.`);
+      await this.editor.editBoth((id, both) => this.calls.moveNode(id, held.node, stroke, both), `Node ${held.node} is moved.`);
     }
   }
 

@@ -142,10 +142,10 @@ void qm_layout_issues_reset(qm_context *ctx, qm_layout_issues *issues);
 /**
  * Replaces the patches of a layout by those that its curves bound on a surface: sorts the curves around each
  * node in the surface's tangent plane, traces the faces of the arrangement, and takes the four-sided ones.
- * Faces that enclose a drawing from outside (with three quarters of the curvature of a closed surface) are neither
- * patches nor faults. out lists the faults; it is the caller's.
+ * Faces that enclose a drawing from outside (with three quarters of the curvature of a closed surface), or lie beyond the boundary of
+ * an open mesh, are neither patches nor faults. out lists the faults; it is the caller's.
  *
- * Returns: QM_OK, also when there are faults; QM_E_NO_MEMORY.
+ * Returns: QM_OK, also when there are faults; QM_E_NO_MEMORY; QM_E_CANCELED.
  */
 qm_status qm_layout_find_patches(qm_context *ctx, const qm_ref_surface *source, qm_layout *layout,
                                  qm_layout_issues *out);

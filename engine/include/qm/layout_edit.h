@@ -158,6 +158,18 @@ qm_status qm_layout_mirror(qm_context *ctx, qm_layout *layout, const qm_ref_surf
 void qm_layout_reflect(const qm_ref_surface *surface, const double point[3], const double normal[3],
                        double *points, size_t count);
 
+/** The node nearest to the mirror image of another one, no farther than the radius from it; QM_NO_INDEX: none. A node near the plane is
+ * its own image. */
+uint32_t qm_layout_find_image_node(const qm_layout *layout, const qm_ref_surface *surface,
+                                   const double point[3], const double normal[3], uint32_t node,
+                                   double radius);
+
+/** The id of the curve that lies within a radius along the mirror image of another one of the layout, as a whole, and whether it
+ * runs the other way than the image; QM_NO_INDEX: none. */
+uint32_t qm_layout_find_image_curve(const qm_layout *layout, const qm_ref_surface *surface,
+                                    const double point[3], const double normal[3], uint32_t id, double radius,
+                                    bool *is_reversed);
+
 /** Replaces a direction by its mirror image. */
 void qm_layout_reflect_direction(const double normal[3], double direction[3]);
 

@@ -11,6 +11,7 @@ typedef enum qm_layout_suggestion_kind {
     QM_SUGGEST_END,     /* from an end where no other curve begins to a node of the same cell */
     QM_SUGGEST_JOIN,    /* between parts of the drawing that no curve connects */
     QM_SUGGEST_DIVIDE,  /* across a cell of more than six sides */
+    QM_SUGGEST_IMAGE,   /* the mirror image of a curve that has none */
     QM_SUGGEST_KIND_COUNT
 } qm_layout_suggestion_kind;
 
@@ -40,6 +41,16 @@ typedef struct qm_layout_suggestions {
 qm_status qm_layout_suggest(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
                             const qm_layout_features_options *options, size_t most,
                             qm_layout_suggestions *out);
+
+/**
+ * Suggests the mirror images, at a plane, of curves on one side of it that have none within a radius; their ends are at the nodes that are
+ * the images of the curves' own, where there are such.
+ *
+ * Returns: QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED; *out as above.
+ */
+qm_status qm_layout_suggest_images(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
+                                   const double point[3], const double normal[3], double radius, size_t most,
+                                   qm_layout_suggestions *out);
 void qm_layout_suggestions_reset(qm_context *ctx, qm_layout_suggestions *suggestions);
 
 #endif

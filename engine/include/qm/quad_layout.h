@@ -72,4 +72,18 @@ qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *
                                          double **grids);
 void qm_quad_layout_free_grids(qm_context *ctx, const qm_layout *layout, double *grids);
 
+/**
+ * Makes a layout of a surface that is its own mirror image at a plane, nearly: as qm_quad_layout_make_of_surface of the half that the normal
+ * points to, with curves on the plane, and the mirror image of that. Quads and patches are wanted for both sides together.
+ *
+ * point, normal  of the plane (qm_symmetry_find)
+ * issues         also of cells that are not closed, where the surface and its image are too far apart
+ *
+ * Ownership and returns: as above; QM_E_ARGUMENT also for a plane without a direction, or without a surface on that side.
+ */
+qm_status qm_quad_layout_make_symmetric(qm_context *ctx, const qm_ref_surface *surface, const double point[3],
+                                        const double normal[3], const qm_quads_options *quads,
+                                        const qm_quad_layout_options *options, qm_layout *out,
+                                        qm_layout_issues *issues, qm_quad_layout_facts *facts);
+
 #endif

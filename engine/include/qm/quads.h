@@ -74,6 +74,18 @@ typedef enum qm_quads_settling {
     QM_QUADS_STAY    /* not at all */
 } qm_quads_settling;
 
+/** What settling keeps of a mesh. All zero is nothing. */
+typedef struct qm_quads_marks {
+    uint8_t *stays; /* of each vertex: it stays where it is, bit for bit */
+    uint8_t *
+        sharp; /* of each face: bit k for the side from its corner k to the next one: vertices of such sides stay on the lines */
+    double *lines; /* segments, rows of x y z of both ends */
+    size_t vertex_count, face_count, line_count;
+} qm_quads_marks;
+
+/** Frees what qm_reconstruction_find_marks has allocated. */
+void qm_quads_marks_reset(qm_context *ctx, qm_quads_marks *marks);
+
 /**
  * Moves the vertices of a mesh of quads, whose faces stay, along a surface and off it, so that no quad is bad where there is room
  * and the quads lie nearer to the surface. Sides that run along its creases and boundaries come to lie on them; other
@@ -82,12 +94,13 @@ typedef enum qm_quads_settling {
  * bvh      of the surface, with QM_BVH_TARGET
  * options  the crease angle and the threads count
  * how      where that folds quads, the next way is tried instead
+ * marks    of the mesh, or NULL: what is marked is kept also where that leaves bad quads
  * mesh     near the surface; every face a quad
  *
  * Returns: QM_OK, also when the mesh is not manifold or not oriented: it is left as it was; QM_E_ARGUMENT; QM_E_NO_MEMORY;
  *          QM_E_CANCELED.
  */
 qm_status qm_quads_settle(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options,
-                          qm_quads_settling how, qm_mesh *mesh);
+                          qm_quads_settling how, const qm_quads_marks *marks, qm_mesh *mesh);
 
 #endif

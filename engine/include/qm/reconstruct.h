@@ -25,6 +25,7 @@
 
 #include "qm/hausdorff.h"
 #include "qm/layout.h"
+#include "qm/quads.h"
 #include "qm/source.h"
 
 #define QM_RECONSTRUCTION_BASE 8
@@ -113,6 +114,17 @@ qm_status qm_reconstruction_edit(qm_context *ctx, const qm_reconstruction *recon
 /** Writes the current mesh, for qm_mesh_reset. Faces are ordered patch by patch and row by row (see
  * qm_reconstruction_patch). Returns QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_reconstruction_mesh(qm_context *ctx, const qm_reconstruction *reconstruction, qm_mesh *out);
+
+/**
+ * Finds what of the current mesh is marked in its layout: vertices of fixed curves and corners stay, those of sharp curves lie on
+ * the curve.
+ *
+ * out  the caller's, for qm_quads_marks_reset; all zero if nothing is marked, and after an error
+ *
+ * Returns: QM_OK; QM_E_NO_MEMORY.
+ */
+qm_status qm_reconstruction_find_marks(qm_context *ctx, const qm_reconstruction *reconstruction,
+                                       qm_quads_marks *out);
 
 /** A patch of the current mesh. */
 typedef struct qm_reconstruction_patch {

@@ -26,6 +26,8 @@
 #define MOST_OFF 1.5        /* reaches: edges farther off are not taken */
 #define CLOSED_PARTS 4      /* a way round a closed line is found in so many parts */
 
+#define BENT_COSINE -0.7 /* of the angle between two sharp curves: with more their node is a corner */
+
 #define INSIDE 0.01    /* of the way from an end of a line to its next point */
 #define ON_CREASE 1e-6 /* of the diagonal */
 
@@ -330,34 +332,45 @@ static qm_status append_run(way_search *s, const places *p, size_t from, size_t 
     return status;
 }
 
-qm_status qm_creases_snap_line(qm_context *ctx, const qm_creases *c, const double *points, size_t count,
-                               double reach, qm_section *out, bool *is_whole)
+/** As qm_creases_snap_line, with a search that is open. */
+static qm_status snap_line(way_search *s, const double *points, size_t count, double reach, qm_section *out,
+                           bool *is_whole)
 {
-    QM_ASSERT(ctx && c && points && count >= 2 && reach > 0.0 && out);
-    *out = (qm_section){0};
-    if (c->features.edge_count == 0) return QM_OK;
+    qm_context *ctx = s->ctx;
     places p = {0};
-    way_search s = {0};
     bool has_moved = false, is_left = false;
+    *out = (qm_section){0};
     if (is_whole) *is_whole = false;
-    qm_status status = find_places(ctx, c, points, count, reach, &p);
-    if (status == QM_OK) status = open_search(ctx, c, &s);
+    qm_status status = find_places(ctx, s->creases, points, count, reach, &p);
     for (size_t i = 0; i < p.count && status == QM_OK;) {
         size_t last = i;
         while (last + 1 < p.count && p.distance[i] <= reach && p.distance[last + 1] <= reach)
             last++;
         if (p.distance[i] <= reach) {
-            status = append_run(&s, &p, i, last, reach, out, &has_moved, &is_left);
+            status = append_run(s, &p, i, last, reach, out, &has_moved, &is_left);
         } else {
             is_left = true;
             status = append(ctx, out, qm_vec_load(p.at + 3 * i));
         }
         i = last + 1;
     }
-    if (s.ctx) close_search(&s);
     reset_places(ctx, &p);
     if (is_whole) *is_whole = status == QM_OK && has_moved && !is_left;
     if (status != QM_OK || !has_moved || out->count < 2) qm_section_reset(ctx, out);
+    return status;
+}
+
+qm_status qm_creases_snap_line(qm_context *ctx, const qm_creases *c, const double *points, size_t count,
+                               double reach, qm_section *out, bool *is_whole)
+{
+    QM_ASSERT(ctx && c && points && count >= 2 && reach > 0.0 && out);
+    *out = (qm_section){0};
+    if (is_whole) *is_whole = false;
+    if (c->features.edge_count == 0) return QM_OK;
+    way_search s;
+    qm_status status = open_search(ctx, c, &s);
+    if (status == QM_OK) status = snap_line(&s, points, count, reach, out, is_whole);
+    close_search(&s);
     return status;
 }
 
@@ -388,34 +401,66 @@ static double reach_of(const qm_ref_surface *surface, const qm_curve *curve)
     return fmin(FOLLOW_REACH * surface->diagonal, MOST_OF_LENGTH * qm_layout_curve_length(curve));
 }
 
+/** What the curves of a node want of it. */
+typedef struct node_wish {
+    size_t sharp; /* curves */
+    double reach; /* the least of theirs */
+    bool is_held, has_moved;
+} node_wish;
+
 /** Puts the nodes of sharp curves onto the features, unless they are corners or belong to a fixed curve. */
 static qm_status place_nodes(qm_context *ctx, const qm_creases *c, qm_layout *layout,
                              const qm_ref_surface *surface)
 {
-    qm_status status = QM_OK;
-    for (uint32_t node = 0; node < layout->node_count && status == QM_OK; node++) {
-        double reach = INFINITY, place[3], *at = layout->nodes + 3 * (size_t)node;
-        size_t sharp = 0;
-        bool is_near, is_held = qm_layout_is_corner(layout, node);
-        for (size_t i = 0; i < layout->curve_count; i++) {
-            const qm_curve *curve = &layout->curves[i];
-            if (curve->from != node && curve->to != node) continue;
-            if (curve->mark == QM_CURVE_FIXED) is_held = true;
-            if (curve->mark != QM_CURVE_SHARP) continue;
-            sharp += (size_t)(curve->from == node) + (size_t)(curve->to == node);
-            reach = fmin(reach, reach_of(surface, curve));
-        }
-        if (sharp == 0 || is_held || !(reach > 0.0)) continue;
-        status = place_node(ctx, c, at, sharp, reach, place, &is_near);
-        if (status != QM_OK || !is_near) continue;
-        memcpy(at, place, POINT_SIZE);
-        for (size_t i = 0; i < layout->curve_count; i++) {
-            qm_curve *curve = &layout->curves[i];
-            if (curve->from == node) memcpy(curve->points, at, POINT_SIZE);
-            if (curve->to == node) memcpy(curve->points + 3 * (curve->point_count - 1), at, POINT_SIZE);
+    size_t nodes = layout->node_count;
+    node_wish *wish = qm_context_alloc(ctx, nodes, sizeof *wish);
+    if (!wish) return no_memory(ctx);
+    for (uint32_t node = 0; node < nodes; node++)
+        wish[node] = (node_wish){.reach = INFINITY, .is_held = qm_layout_is_corner(layout, node)};
+    for (size_t i = 0; i < layout->curve_count; i++) {
+        const qm_curve *curve = &layout->curves[i];
+        double reach = reach_of(surface, curve);
+        for (int k = 0; k < 2; k++) {
+            node_wish *own = &wish[k == 0 ? curve->from : curve->to];
+            own->is_held |= curve->mark == QM_CURVE_FIXED;
+            own->sharp += curve->mark == QM_CURVE_SHARP;
+            if (curve->mark == QM_CURVE_SHARP) own->reach = fmin(own->reach, reach);
         }
     }
+    qm_status status = QM_OK;
+    for (uint32_t node = 0; node < nodes && status == QM_OK; node++) {
+        double place[3], *at = layout->nodes + 3 * (size_t)node;
+        node_wish *own = &wish[node];
+        if (own->sharp == 0 || own->is_held || !(own->reach > 0.0)) continue;
+        status = place_node(ctx, c, at, own->sharp, own->reach, place, &own->has_moved);
+        if (status == QM_OK && own->has_moved) memcpy(at, place, POINT_SIZE);
+    }
+    for (size_t i = 0; i < layout->curve_count && status == QM_OK; i++) {
+        qm_curve *curve = &layout->curves[i];
+        if (wish[curve->from].has_moved)
+            memcpy(curve->points, layout->nodes + 3 * (size_t)curve->from, POINT_SIZE);
+        if (wish[curve->to].has_moved)
+            memcpy(curve->points + 3 * (curve->point_count - 1), layout->nodes + 3 * (size_t)curve->to,
+                   POINT_SIZE);
+    }
+    qm_context_free(ctx, wish, nodes, sizeof *wish);
     return status;
+}
+
+/** Lets a line begin and end at the nodes of its curve. Points that are nearly at these go: what is left of the line there would seem
+ * to cross other curves of the node. */
+static void join_nodes(const qm_layout *layout, const qm_curve *curve, double near, qm_section *line)
+{
+    const double *from = layout->nodes + 3 * (size_t)curve->from, *to = layout->nodes + 3 * (size_t)curve->to;
+    size_t count = 1, last = line->count - 1;
+    memcpy(line->points, from, POINT_SIZE);
+    for (size_t i = 1; i < last; i++) {
+        qm_vec p = qm_vec_load(line->points + 3 * i);
+        if (qm_vec_distance(p, qm_vec_load(from)) > near && qm_vec_distance(p, qm_vec_load(to)) > near)
+            qm_vec_store(line->points + 3 * count++, p);
+    }
+    memcpy(line->points + 3 * count, to, POINT_SIZE);
+    line->count = count + 1;
 }
 
 qm_status qm_creases_follow(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
@@ -428,25 +473,109 @@ qm_status qm_creases_follow(qm_context *ctx, qm_layout *layout, const qm_ref_sur
         has_sharp |= layout->curves[i].mark == QM_CURVE_SHARP;
     if (!has_sharp || surface->is_cloud) return QM_OK;
     qm_status status = qm_creases_find(ctx, surface, 0.0, NULL, out);
-    if (status == QM_OK && out->features.edge_count > 0) status = place_nodes(ctx, out, layout, surface);
+    if (status != QM_OK || out->features.edge_count == 0) return status;
+    way_search search;
+    status = open_search(ctx, out, &search);
+    if (status == QM_OK) status = place_nodes(ctx, out, layout, surface);
     for (size_t i = 0; i < layout->curve_count && status == QM_OK; i++) {
         qm_curve *curve = &layout->curves[i];
         double reach = reach_of(surface, curve);
         qm_section line;
         if (curve->mark != QM_CURVE_SHARP || !(reach > 0.0)) continue;
-        status = qm_creases_snap_line(ctx, out, curve->points, curve->point_count, reach, &line, NULL);
+        status = snap_line(&search, curve->points, curve->point_count, reach, &line, NULL);
         if (status != QM_OK || line.count < 2) continue;
-        const double *from = layout->nodes + 3 * (size_t)curve->from,
-                     *to = layout->nodes + 3 * (size_t)curve->to;
+        join_nodes(layout, curve, ON_CREASE * surface->diagonal, &line);
         status = qm_layout_set_points(ctx, curve, line.points, line.count);
-        if (status == QM_OK) {
-            memcpy(curve->points, from, POINT_SIZE);
-            memcpy(curve->points + 3 * (curve->point_count - 1), to, POINT_SIZE);
-        }
         qm_section_reset(ctx, &line);
     }
+    close_search(&search);
     if (status != QM_OK) qm_creases_reset(ctx, out);
     return status;
+}
+
+/** The sharp curves of a node, and the directions of the first two of them. */
+typedef struct sharp_star {
+    size_t count;
+    qm_vec way[2];
+} sharp_star;
+
+static qm_status set_corners(qm_context *ctx, qm_layout *layout)
+{
+    sharp_star *stars = qm_context_alloc(ctx, layout->node_count, sizeof *stars);
+    if (!stars) return no_memory(ctx);
+    memset(stars, 0, layout->node_count * sizeof *stars);
+    for (size_t i = 0; i < layout->curve_count; i++) {
+        const qm_curve *curve = &layout->curves[i];
+        for (int k = 0; k < 2 && curve->mark == QM_CURVE_SHARP; k++) {
+            sharp_star *star = &stars[k == 0 ? curve->from : curve->to];
+            const double *end = curve->points + (k == 0 ? 0 : 3 * (curve->point_count - 1));
+            qm_vec next = qm_vec_load(k == 0 ? end + 3 : end - 3);
+            if (star->count < 2) star->way[star->count] = qm_vec_sub(next, qm_vec_load(end));
+            star->count++;
+        }
+    }
+    qm_status status = QM_OK;
+    for (uint32_t node = 0; node < layout->node_count && status == QM_OK; node++) {
+        const sharp_star *star = &stars[node];
+        double lengths = qm_vec_norm(star->way[0]) * qm_vec_norm(star->way[1]);
+        bool is_bent = star->count == 2 && qm_vec_dot(star->way[0], star->way[1]) > BENT_COSINE * lengths;
+        if (star->count > 0 && (star->count != 2 || is_bent))
+            status = qm_layout_set_corner(ctx, layout, node, true);
+    }
+    qm_context_free(ctx, stars, layout->node_count, sizeof *stars);
+    return status;
+}
+
+/** Makes sharp curves smooth that cross others, or that end where curves do that cross. False if there are none. */
+static bool let_go(qm_layout *layout, const qm_layout_issues *issues)
+{
+    bool has_changed = false;
+    for (int at_nodes = 0; at_nodes < 2 && !has_changed; at_nodes++)
+        for (size_t i = 0; i < 2 * issues->count; i++) {
+            uint32_t index = qm_layout_find_curve(layout, issues->items[i / 2].curve[i % 2]);
+            if (index == QM_NO_INDEX) continue;
+            const qm_curve *crossed = &layout->curves[index];
+            for (size_t k = 0; k < layout->curve_count; k++) {
+                qm_curve *curve = &layout->curves[k];
+                bool is_met = at_nodes && (curve->from == crossed->from || curve->from == crossed->to ||
+                                           curve->to == crossed->from || curve->to == crossed->to);
+                if (curve->mark != QM_CURVE_SHARP || (k != index && !is_met)) continue;
+                curve->mark = QM_CURVE_SMOOTH;
+                has_changed = true;
+            }
+        }
+    return has_changed;
+}
+
+qm_status qm_creases_settle_curves(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                                   qm_layout_issues *issues)
+{
+    QM_ASSERT(ctx && layout && surface && issues);
+    size_t before = issues->count;
+    for (bool is_done = surface->is_cloud; !is_done;) {
+        qm_layout moved;
+        qm_layout_issues now = {0};
+        qm_creases creases;
+        qm_status status = qm_layout_copy(ctx, layout, &moved);
+        if (status == QM_OK) status = qm_creases_follow(ctx, &moved, surface, &creases);
+        if (status == QM_OK) {
+            qm_creases_reset(ctx, &creases);
+            status = set_corners(ctx, &moved);
+        }
+        if (status == QM_OK) status = qm_layout_find_crossings(ctx, &moved, surface, &now);
+        is_done = status == QM_OK && (now.count <= before || !let_go(layout, &now));
+        if (is_done && now.count <= before) {
+            qm_layout_reset(ctx, layout);
+            qm_layout_issues_reset(ctx, issues);
+            *layout = moved;
+            *issues = now;
+        } else {
+            qm_layout_reset(ctx, &moved);
+            qm_layout_issues_reset(ctx, &now);
+        }
+        if (status != QM_OK) return status;
+    }
+    return QM_OK;
 }
 
 qm_status qm_creases_step_across(qm_context *ctx, const qm_creases *c, double diagonal, const double *points,

@@ -44,6 +44,17 @@ qm_status qm_creases_follow(qm_context *ctx, qm_layout *layout, const qm_ref_sur
                             qm_creases *out);
 
 /**
+ * Puts the sharp curves of a layout onto the features, as qm_creases_follow, and makes their nodes corners where they end, bend or more
+ * than two meet. Those that would cross other curves there become smooth instead, and stay as they are.
+ *
+ * issues  the crossings of the layout, before and after
+ *
+ * Returns: QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. After an error the layout is as it was, and issues may be empty.
+ */
+qm_status qm_creases_settle_curves(qm_context *ctx, qm_layout *layout, const qm_ref_surface *surface,
+                                   qm_layout_issues *issues);
+
+/**
  * Finds, for points of a line in order, the normal of the surface on the left of the line less that on its right, of length
  * up to 2: 0 where the line is on no crease, by 1e-6 of the diagonal.
  *

@@ -15,9 +15,10 @@
 #define HALVINGS 5         /* of two segments that seem to cross on a mesh: they must still do */
 #define COARSE 0.5 /* of the shorter piece: one that is so far off the mesh in its middle crosses elsewhere */
 #define BEYOND 0.1 /* of a piece: a crossing may move so far as pieces are projected */
-#define SHEET_REACH 2.0 /* of two pieces' lengths: they cross if the surface connects them within it */
-#define WALL_REACH 0.05 /* of the diagonal: the wall of a curve is sought no farther away */
-#define HAND_JITTER 0.1 /* of a curve's points: a loop over fewer of its segments is hand jitter */
+#define SHEET_REACH 2.0     /* of two pieces' lengths: they cross if the surface connects them within it */
+#define WALL_REACH 0.05     /* of the diagonal: the wall of a curve is sought no farther away */
+#define HAND_JITTER 0.1     /* of a curve's points: a loop over fewer of its segments is hand jitter */
+#define SEGMENTS_A_POLL 256 /* of the cancel flag */
 
 /* Of length 1 or a little less, nearly at right angles, and oblique to the axes and to their diagonals. */
 static const qm_vec direction[2] = {{0.7573, 0.5411, 0.3656}, {-0.6214, 0.7693, 0.1482}};
@@ -254,10 +255,13 @@ qm_status qm_layout_find_crossings(qm_context *ctx, const qm_layout *layout, con
     QM_ASSERT(count == total);
     sort_segments(segments, count);
     qm_status status = QM_OK;
-    for (size_t i = 0; i < total && status == QM_OK; i++)
+    for (size_t i = 0; i < total && status == QM_OK; i++) {
+        if (i % SEGMENTS_A_POLL == 0 && qm_context_canceled(ctx))
+            status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
         for (size_t k = i + 1; k < total && segments[k].low[0] <= segments[i].high[0] && status == QM_OK; k++)
             if (segments_overlap(&segments[i], &segments[k], 1))
                 status = test_pair(ctx, layout, surface, &segments[i], &segments[k], out);
+    }
     qm_context_free(ctx, segments, total, sizeof *segments);
     return status;
 }

@@ -103,6 +103,9 @@ typedef struct qm_layout_cells {
     uint32_t *of_dart; /* dart_count: the cell left of each */
     double *corner;    /* dart_count: the cell's angle at the start of each, in radians */
     qm_vec *normal;    /* node_count: of the surface at each node, consistent along the curves */
+    uint32_t *
+        first_at; /* node_count + 1: the darts that leave node i are at[first_at[i]] ... at[first_at[i + 1] - 1], in order */
+    uint32_t *at; /* dart_count */
     size_t dart_count, node_count;
 } qm_layout_cells;
 
@@ -114,7 +117,7 @@ static inline bool qm_layout_cell_is_patch(const qm_layout_cell *cell)
 /** The node that a dart starts at. */
 uint32_t qm_layout_dart_start(const qm_layout *layout, uint32_t dart);
 
-/** Finds the cells of a layout with curves. QM_OK, and *out is the caller's; or QM_E_NO_MEMORY. */
+/** Finds the cells of a layout with curves. QM_OK, and *out is the caller's; QM_E_NO_MEMORY; QM_E_CANCELED. */
 qm_status qm_layout_find_cells(qm_context *ctx, const qm_ref_surface *surface, const qm_layout *layout,
                                qm_layout_cells *out);
 void qm_layout_cells_reset(qm_context *ctx, qm_layout_cells *cells);
@@ -127,7 +130,7 @@ qm_status qm_layout_draw_curve(qm_context *ctx, qm_layout *layout, const qm_ref_
 /** True if a quarter of the last curve and more lies within a distance of other curves. */
 bool qm_layout_runs_along(const qm_layout *layout, double distance);
 
-/** How often the last curve crosses others, or itself. QM_OK or QM_E_NO_MEMORY. */
+/** How often the last curve crosses others, or itself. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
 qm_status qm_layout_count_crossings(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
                                     size_t *count);
 

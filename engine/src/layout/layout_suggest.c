@@ -48,20 +48,25 @@ static qm_vec node_at(const suggester *s, uint32_t node)
     return qm_vec_load(s->layout.nodes + 3 * (size_t)node);
 }
 
-static qm_status add(suggester *s, qm_layout_suggestion_kind kind, uint32_t sides, const qm_curve *curve)
+static qm_status append(qm_context *ctx, qm_layout_suggestions *out, qm_layout_suggestion_kind kind,
+                        uint32_t sides, const qm_curve *curve)
 {
-    qm_layout_suggestions *out = s->out;
     qm_layout_suggestion *items =
-        qm_context_resize(s->ctx, out->items, out->count, out->count + 1, sizeof *items);
-    if (!items) return no_memory(s->ctx);
+        qm_context_resize(ctx, out->items, out->count, out->count + 1, sizeof *items);
+    if (!items) return no_memory(ctx);
     out->items = items;
     qm_layout_suggestion *added = &items[out->count++];
     *added = (qm_layout_suggestion){.kind = kind, .mark = curve->mark, .sides = sides};
-    added->points = qm_context_alloc(s->ctx, curve->point_count, POINT_SIZE);
-    if (!added->points) return no_memory(s->ctx);
+    added->points = qm_context_alloc(ctx, curve->point_count, POINT_SIZE);
+    if (!added->points) return no_memory(ctx);
     added->point_count = curve->point_count;
     memcpy(added->points, curve->points, curve->point_count * POINT_SIZE);
     return QM_OK;
+}
+
+static qm_status add(suggester *s, qm_layout_suggestion_kind kind, uint32_t sides, const qm_curve *curve)
+{
+    return append(s->ctx, s->out, kind, sides, curve);
 }
 
 /** Puts a candidate among the best, which are sorted by cost. */
@@ -284,6 +289,53 @@ qm_status qm_layout_suggest(qm_context *ctx, const qm_layout *layout, const qm_r
         status = qm_layout_copy(ctx, layout, &s.layout);
         if (status == QM_OK) status = suggest_curves(&s);
         qm_layout_reset(ctx, &s.layout);
+    }
+    if (status != QM_OK) qm_layout_suggestions_reset(ctx, out);
+    return status;
+}
+
+/* ---- mirror images ---- */
+
+/** True if a curve has places on both sides of a plane, farther from it than the radius, or none. */
+static bool lies_across(const qm_curve *curve, const double point[3], const double normal[3], double radius)
+{
+    double low = 0.0, high = 0.0;
+    qm_vec n = qm_vec_load(normal), from = qm_vec_load(point);
+    n = qm_vec_scale(1.0 / qm_vec_norm(n), n);
+    for (size_t k = 0; k < curve->point_count; k++) {
+        double height = qm_vec_dot(qm_vec_sub(qm_vec_load(curve->points + 3 * k), from), n);
+        low = fmin(low, height);
+        high = fmax(high, height);
+    }
+    return (low < -radius) == (high > radius);
+}
+
+qm_status qm_layout_suggest_images(qm_context *ctx, const qm_layout *layout, const qm_ref_surface *surface,
+                                   const double point[3], const double normal[3], double radius, size_t most,
+                                   qm_layout_suggestions *out)
+{
+    QM_ASSERT(ctx && layout && surface && point && normal && radius > 0.0 && most > 0 && out);
+    qm_status status = QM_OK;
+    *out = (qm_layout_suggestions){0};
+    for (size_t i = 0; i < layout->curve_count && out->count < most && status == QM_OK; i++) {
+        const qm_curve *curve = &layout->curves[i];
+        bool is_reversed;
+        if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "suggestions canceled");
+        if (status != QM_OK || lies_across(curve, point, normal, radius) ||
+            qm_layout_find_image_curve(layout, surface, point, normal, curve->id, radius, &is_reversed) !=
+                QM_NO_INDEX)
+            continue;
+        status = append(ctx, out, QM_SUGGEST_IMAGE, 0, curve);
+        if (status != QM_OK) break;
+        qm_layout_suggestion *added = &out->items[out->count - 1];
+        qm_layout_reflect(surface, point, normal, added->points, added->point_count);
+        const uint32_t node[2] = {
+            qm_layout_find_image_node(layout, surface, point, normal, curve->from, radius),
+            qm_layout_find_image_node(layout, surface, point, normal, curve->to, radius)};
+        for (int k = 0; k < 2; k++)
+            if (node[k] != QM_NO_INDEX)
+                memcpy(added->points + (k == 0 ? 0 : 3 * (added->point_count - 1)),
+                       layout->nodes + 3 * (size_t)node[k], POINT_SIZE);
     }
     if (status != QM_OK) qm_layout_suggestions_reset(ctx, out);
     return status;

@@ -7,11 +7,11 @@
 
 #include "core/union_find.h"
 
-#define SHORTEST 3.0 /* of connected creases and of twigs of them, in sides of a quad */
+#define SHORTEST 3.0 /* of connected creases and of branches with a loose end, in sides of a quad */
 #define END_LENGTH                                                                                           \
     12.0 /* of connected creases, for each loose end: rough surfaces have many, machined ones few */
 #define NODE_LENGTH 1.5 /* ... for each bend and each vertex where several meet */
-#define TWIG_ROUNDS 3   /* a twig that goes leaves another */
+#define BRANCH_ROUNDS 3 /* a branch that goes leaves another */
 #define FINE_RADIUS 0.7 /* of the faces whose normals tell of a crease, in sides of a quad */
 #define FINE_ROUNDS 3   /* a crease that goes opens the sides of the next one */
 #define SHARP_BEND 0.5  /* cosine of the bend of a feature at which its vertex is a corner: 60 degrees */
@@ -156,7 +156,7 @@ static uint32_t crease_from(const qm_trimesh *m, const crease_graph *g, uint32_t
 }
 
 /** Unmarks the creases from a loose end to where they meet others, or end again, if that is not far. */
-static bool drop_twig(qm_trimesh *m, const crease_graph *g, uint32_t end, double shortest)
+static bool drop_branch(qm_trimesh *m, const crease_graph *g, uint32_t end, double shortest)
 {
     double length = 0.0;
     uint32_t first = crease_from(m, g, end, QM_NO_INDEX), h = first;
@@ -220,16 +220,16 @@ static void fix_corners(qm_trimesh *m)
     }
 }
 
-/** Unmarks what is no line at the size of a quad, but roughness: twigs, then what is tangled. */
+/** Unmarks what is no line at the size of a quad, but roughness: branches with a loose end, then what is tangled. */
 static qm_status drop_rough(qm_context *ctx, qm_trimesh *m, double size)
 {
     crease_graph g = {0};
     qm_status status = list_creases(ctx, m, &g);
     bool is_changing = status == QM_OK;
-    for (int round = 0; round < TWIG_ROUNDS && is_changing; round++) {
+    for (int round = 0; round < BRANCH_ROUNDS && is_changing; round++) {
         is_changing = false;
         for (uint32_t v = 0; v < m->vertex_count; v++)
-            if (g.degree[v] == 1) is_changing |= drop_twig(m, &g, v, SHORTEST * size);
+            if (g.degree[v] == 1) is_changing |= drop_branch(m, &g, v, SHORTEST * size);
     }
     if (status == QM_OK) {
         fix_corners(m);

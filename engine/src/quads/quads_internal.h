@@ -130,6 +130,9 @@ qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cros
 qm_status qm_quads_extract(qm_context *ctx, qm_trimesh *m, qm_mesh *out, uint8_t **is_fixed,
                            uint8_t **is_feature, qm_quads_record *record);
 
+/** Flags of is_fixed and is_feature. */
+enum { QM_QUADS_HELD = 1, QM_QUADS_KEPT = 2 /* untangling does not let go of it */ };
+
 /** The quads of all components, and the features of the surface as segments: faces that repeat a corner. */
 typedef struct qm_quads_result {
     qm_mesh mesh, features;

@@ -1,6 +1,7 @@
 /**
  * quads_settle.c: a mesh of quads whose faces stay, such as one in rows and columns: its vertices are centred, bad quads open, and
- * all come nearer to the surface. Sides that run along features of the surface are found first, and brought onto these.
+ * all come nearer to the surface. Sides that run along features of the surface are found first, and brought onto these; those that
+ * are marked as sharp stay on their lines, however little the surface bends there.
  */
 #include <string.h>
 
@@ -14,8 +15,9 @@
 #define ALONG                                                                                                \
     0.2 /* of a side: its ends and its middle are no farther than this from a feature that it runs along */
 
-#define BAD_SINE 0.3 /* quads below it count as bad, */
-#define FOLDED 1.0   /* folded ones for so much more */
+#define ON_FEATURE 1e-6 /* of the diagonal: a line no farther from a feature lies on it */
+#define BAD_SINE 0.3    /* quads below it count as bad, */
+#define FOLDED 1.0      /* folded ones for so much more */
 #define FIRST_CENTRED                                                                                        \
     3 /* rings of vertices round folded quads that are centred; then twice as many, and so on */
 #define LAST_CENTRED 12
@@ -27,11 +29,69 @@ typedef struct settle {
     const qm_bvh *surface;
     const qm_quads_options *options;
     qm_quads_settling how;
+    const qm_quads_marks *marks; /* NULL if there are none */
     qm_quads_result r;
     qm_bvh *features; /* NULL if there are none */
 } settle;
 
-/** Makes segments of the surface's features that are lines at the size of a quad. */
+static qm_status build_features(settle *w)
+{
+    if (w->r.features.face_count == 0) return QM_OK;
+    return qm_bvh_build(w->ctx, &w->r.features, QM_BVH_TARGET, w->options->thread_count, &w->features);
+}
+
+/** The normal of a segment of a sharp line: of the feature that it lies on, else of the surface under it. */
+static qm_status find_line_normal(const settle *w, qm_quads_segment *line)
+{
+    const qm_mesh *surface = qm_bvh_mesh(w->surface);
+    const qm_box box = qm_mesh_bounding_box(surface);
+    double at[3], distance = INFINITY;
+    uint32_t face = 0;
+    const qm_projection out = {.distance = &distance, .face = &face};
+    qm_status status = QM_OK;
+    qm_vec_store(at, qm_vec_mix(line->end[0], line->end[1], 0.5));
+    if (w->features) status = qm_project_points(w->ctx, w->features, QM_QUADS_TRIANGLES, at, 1, 1, &out);
+    if (status != QM_OK) return status;
+    if (distance <= ON_FEATURE * qm_mesh_box_diagonal(&box)) {
+        line->normal = w->r.feature_normal[face];
+        return QM_OK;
+    }
+    status = qm_project_points(w->ctx, w->surface, QM_QUADS_TRIANGLES, at, 1, 1, &out);
+    if (status != QM_OK) return status;
+    const uint32_t *c = surface->faces + 4 * (size_t)face;
+    qm_vec corner[4];
+    for (int k = 0; k < 4; k++)
+        corner[k] = qm_vec_load(surface->positions + 3 * (size_t)c[c[k] == QM_NO_INDEX ? 0 : k]);
+    qm_vec normal = qm_quad_normal(corner);
+    double length = qm_vec_norm(normal);
+    line->normal = length > QM_MIN_LENGTH ? qm_vec_scale(1.0 / length, normal) : (qm_vec){0, 0, 0};
+    return QM_OK;
+}
+
+/** Adds the sharp lines to the features, whose tree is built: its normals are theirs. */
+static qm_status add_lines(settle *w, const qm_quads_segment *features, size_t count)
+{
+    size_t lines = w->marks->line_count;
+    qm_quads_segment *all = qm_context_alloc(w->ctx, count + lines, sizeof *all);
+    qm_status status = all ? QM_OK : QM_E_NO_MEMORY;
+    if (all && count > 0) memcpy(all, features, count * sizeof *all);
+    for (size_t i = 0; i < lines && status == QM_OK; i++) {
+        const double *row = w->marks->lines + 6 * i;
+        all[count + i] = (qm_quads_segment){.end = {qm_vec_load(row), qm_vec_load(row + 3)}};
+        status = find_line_normal(w, &all[count + i]);
+    }
+    qm_bvh_destroy(w->ctx, w->features);
+    w->features = NULL;
+    qm_context_free(w->ctx, w->r.feature_normal, count, sizeof *w->r.feature_normal);
+    w->r.feature_normal = NULL;
+    qm_mesh_reset(w->ctx, &w->r.features);
+    if (status == QM_OK) status = qm_quads_set_features(w->ctx, all, count + lines, &w->r);
+    if (status == QM_OK) status = build_features(w);
+    qm_context_free(w->ctx, all, count + lines, sizeof *all);
+    return status;
+}
+
+/** Makes segments of the surface's features that are lines at the size of a quad, and of the sharp lines. */
 static qm_status find_features(settle *w)
 {
     const qm_mesh *surface = qm_bvh_mesh(w->surface);
@@ -50,11 +110,12 @@ static qm_status find_features(settle *w)
     }
     if (status == QM_OK) status = qm_quads_list_features(w->ctx, &m, &segments, &count);
     if (status == QM_OK) status = qm_quads_set_features(w->ctx, segments, count, &w->r);
+    if (status == QM_OK) status = build_features(w);
+    if (status == QM_OK && w->marks && w->marks->line_count > 0) status = add_lines(w, segments, count);
     qm_context_free(w->ctx, segments, count, sizeof *segments);
     qm_trimesh_reset(w->ctx, &m);
     qm_quads_triangles_reset(w->ctx, &t);
-    if (status != QM_OK || count == 0) return status;
-    return qm_bvh_build(w->ctx, &w->r.features, QM_BVH_TARGET, w->options->thread_count, &w->features);
+    return status;
 }
 
 /** True if sides are paired one to one, and every vertex has one fan of quads. */
@@ -105,15 +166,28 @@ static qm_status mark_side(settle *w, const qm_quads_sides *t, uint32_t side)
 {
     qm_status status = QM_OK;
     uint32_t twin = t->twin[side];
-    bool is_one = w->features && is_along(w, t, side, &status);
+    bool is_one = w->r.is_feature[side] & QM_QUADS_KEPT || (w->features && is_along(w, t, side, &status));
     w->r.is_feature[side] |= is_one || twin == QM_NO_INDEX;
     if (twin != QM_NO_INDEX) {
         w->r.is_feature[twin] |= is_one;
     } else if (!is_one) {
-        w->r.is_fixed[qm_quads_from(t, side)] = true;
-        w->r.is_fixed[qm_quads_from(t, qm_quads_next(side))] = true;
+        w->r.is_fixed[qm_quads_from(t, side)] |= QM_QUADS_HELD;
+        w->r.is_fixed[qm_quads_from(t, qm_quads_next(side))] |= QM_QUADS_HELD;
     }
     return status;
+}
+
+/** What is marked is kept from the start. */
+static void take_marks(settle *w, const qm_quads_sides *t)
+{
+    const qm_quads_marks *marks = w->marks;
+    for (size_t v = 0; v < w->r.mesh.vertex_count && marks->stays; v++)
+        if (marks->stays[v]) w->r.is_fixed[v] = QM_QUADS_KEPT;
+    for (uint32_t s = 0; s < 4 * w->r.mesh.face_count && marks->sharp; s++) {
+        if (!(marks->sharp[s / 4] >> s % 4 & 1)) continue;
+        w->r.is_feature[s] = QM_QUADS_KEPT;
+        if (t->twin[s] != QM_NO_INDEX) w->r.is_feature[t->twin[s]] = QM_QUADS_KEPT;
+    }
 }
 
 /** Marks sides along features: those of blocks of rows and columns, if there are such, since only layouts are drawn along features. */
@@ -339,7 +413,7 @@ static void fix_corners(settle *w, const qm_quads_sides *t)
         } while (s != QM_NO_INDEX && s != first);
         if (count < 2) continue;
         double lengths = qm_vec_norm(way[0]) * qm_vec_norm(way[1]);
-        if (!(qm_vec_dot(way[0], way[1]) <= CORNER_COSINE * lengths)) w->r.is_fixed[v] = true;
+        if (!(qm_vec_dot(way[0], way[1]) <= CORNER_COSINE * lengths)) w->r.is_fixed[v] |= QM_QUADS_HELD;
     }
 }
 
@@ -349,6 +423,7 @@ static qm_status run(settle *w)
     qm_status status = qm_quads_sides_build(w->ctx, &w->r, &sides);
     bool is_one = status == QM_OK && is_manifold(&sides);
     if (is_one) status = find_features(w);
+    if (is_one && status == QM_OK && w->marks) take_marks(w, &sides);
     if (is_one && status == QM_OK) status = mark_sides(w, &sides);
     if (is_one && status == QM_OK) fix_corners(w, &sides);
     qm_quads_sides_reset(&sides);
@@ -356,16 +431,26 @@ static qm_status run(settle *w)
     return move_well(w);
 }
 
+void qm_quads_marks_reset(qm_context *ctx, qm_quads_marks *marks)
+{
+    qm_context_free(ctx, marks->stays, marks->vertex_count, 1);
+    qm_context_free(ctx, marks->sharp, marks->face_count, 1);
+    qm_context_free(ctx, marks->lines, marks->line_count, 6 * sizeof *marks->lines);
+    *marks = (qm_quads_marks){0};
+}
+
 qm_status qm_quads_settle(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options,
-                          qm_quads_settling how, qm_mesh *mesh)
+                          qm_quads_settling how, const qm_quads_marks *marks, qm_mesh *mesh)
 {
     QM_ASSERT(ctx && bvh && options && mesh);
+    QM_ASSERT(!marks || !marks->stays || marks->vertex_count == mesh->vertex_count);
+    QM_ASSERT(!marks || !marks->sharp || marks->face_count == mesh->face_count);
     if (qm_bvh_mesh(bvh)->face_count == 0)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "a point set has no faces to lie on");
     for (size_t f = 0; f < mesh->face_count; f++)
         if (mesh->faces[4 * f + 3] == QM_NO_INDEX)
             return qm_context_fail(ctx, QM_E_ARGUMENT, "face %zu is a triangle, not a quad", f);
-    settle w = {.ctx = ctx, .surface = bvh, .options = options, .how = how};
+    settle w = {.ctx = ctx, .surface = bvh, .options = options, .how = how, .marks = marks};
     size_t vertices = mesh->vertex_count, faces = mesh->face_count;
     w.r.is_fixed = qm_context_alloc(ctx, vertices, 1);
     w.r.is_feature = qm_context_alloc(ctx, faces, 4);

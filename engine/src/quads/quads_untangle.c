@@ -387,7 +387,7 @@ static qm_status change_face(untangle *u, uint32_t face)
     return status;
 }
 
-/** Lets go of the features round a face: they hold vertices where there is no room for them. */
+/** Lets go of the features round a face, unless they are kept: they hold vertices where there is no room for them. */
 static void release_features(untangle *u, uint32_t face)
 {
     qm_quads_sides *t = &u->sides;
@@ -396,7 +396,8 @@ static void release_features(untangle *u, uint32_t face)
         uint32_t first = qm_quads_first_side(t, u->patch[i]), s = first;
         do {
             uint32_t to = qm_quads_from(t, qm_quads_next(s)), twin = t->twin[s];
-            if (twin != QM_NO_INDEX && t->stamp[to] == t->stamp_value)
+            if (twin != QM_NO_INDEX && t->stamp[to] == t->stamp_value &&
+                !(t->r->is_feature[s] & QM_QUADS_KEPT))
                 t->r->is_feature[s] = t->r->is_feature[twin] = false;
             s = qm_quads_around(t, s);
         } while (s != QM_NO_INDEX && s != first);
@@ -405,9 +406,10 @@ static void release_features(untangle *u, uint32_t face)
         uint32_t v = u->patch[i], first = qm_quads_first_side(t, v), s = first;
         int features = 0;
         do {
-            features += t->r->is_feature[s] + (t->twin[qm_quads_prev(s)] == QM_NO_INDEX);
+            features += (t->r->is_feature[s] != 0) + (t->twin[qm_quads_prev(s)] == QM_NO_INDEX);
             s = qm_quads_around(t, s);
         } while (s != QM_NO_INDEX && s != first);
+        if (t->r->is_fixed[v] & QM_QUADS_KEPT) continue;
         if (features == 0) {
             t->kind[v] = QM_TRIMESH_FREE;
             t->r->is_fixed[v] = false;

@@ -1,5 +1,5 @@
 /**
- * reconstruct_lattice_mesh.c: lattices to one mesh, and its boundary.
+ * reconstruct_lattice_mesh.c: lattices to one mesh, what of it is marked, and its boundary.
  *
  * Vertices are numbered nodes first, then the inner vertices of each curve, then those of each patch, so that
  * patches share the vertices of their curves. The boundary consists of the curves that one patch only has:
@@ -167,6 +167,94 @@ qm_status qm_lattices_mesh(qm_context *ctx, const qm_reconstruction *r, bool fin
         status = make_mesh(ctx, &n, out);
     else
         qm_context_fail(ctx, status, "out of memory for the mesh");
+    qm_context_free(ctx, n.node, layout->node_count, sizeof *n.node);
+    qm_context_free(ctx, n.curve, layout->curve_count, sizeof *n.curve);
+    return status;
+}
+
+static void mark_vertices(const numbering *n, qm_quads_marks *out)
+{
+    const qm_layout *layout = &n->r->layout;
+    for (size_t i = 0; i < layout->corner_count; i++)
+        if (n->node[layout->corners[i]] != QM_NO_INDEX) out->stays[n->node[layout->corners[i]]] = true;
+    for (uint32_t c = 0; c < layout->curve_count; c++) {
+        const qm_curve *curve = &layout->curves[c];
+        if (curve->mark != QM_CURVE_FIXED || n->r->polylines[c].chord == QM_NO_INDEX) continue;
+        out->stays[n->node[curve->from]] = out->stays[n->node[curve->to]] = true;
+        memset(out->stays + n->curve[c], true, curve_edges(n, c) - 1);
+    }
+}
+
+/** Marks the sides of faces along sharp curves. */
+static void mark_sides(const numbering *n, qm_quads_marks *out)
+{
+    size_t first = 0;
+    for (size_t p = 0; p < n->r->layout.patch_count; p++) {
+        const qm_layout_patch *patch = &n->r->layout.patches[p];
+        size_t columns = chord_count(n, qm_chord_of_patch(n->r, p, 0));
+        size_t rows = chord_count(n, qm_chord_of_patch(n->r, p, 1));
+        const size_t start[4] = {0, columns - 1, (rows - 1) * columns, 0}, step[4] = {1, columns, 1, columns};
+        for (int k = 0; k < 4; k++) {
+            if (n->r->layout.curves[patch->side[k]].mark != QM_CURVE_SHARP) continue;
+            for (size_t i = 0; i < (k % 2 == 0 ? columns : rows); i++)
+                out->sharp[first + start[k] + i * step[k]] |= (uint8_t)(1 << k);
+        }
+        first += columns * rows;
+    }
+}
+
+/** Counts the segments of sharp curves, and writes them if rows is not NULL. */
+static size_t list_lines(const qm_reconstruction *r, double *rows)
+{
+    size_t count = 0;
+    for (size_t c = 0; c < r->layout.curve_count; c++) {
+        const qm_polyline *polyline = &r->polylines[c];
+        if (r->layout.curves[c].mark != QM_CURVE_SHARP || polyline->chord == QM_NO_INDEX) continue;
+        for (size_t i = 0; i + 1 < polyline->point_count; i++, count++)
+            if (rows) memcpy(rows + 6 * count, polyline->points + 3 * i, (size_t)2 * POINT_SIZE);
+    }
+    return count;
+}
+
+static qm_status find_marks(qm_context *ctx, numbering *n, qm_quads_marks *out)
+{
+    number_curves(n);
+    for (size_t p = 0; p < n->r->layout.patch_count; p++) {
+        qm_reconstruction_patch patch = qm_reconstruction_get_patch(n->r, p);
+        n->vertex_count += (size_t)(patch.columns - 1) * (patch.rows - 1);
+        n->face_count += (size_t)patch.columns * patch.rows;
+    }
+    out->vertex_count = n->vertex_count;
+    out->face_count = n->face_count;
+    out->line_count = list_lines(n->r, NULL);
+    out->stays = qm_context_alloc(ctx, out->vertex_count, 1);
+    out->sharp = qm_context_alloc(ctx, out->face_count, 1);
+    if (out->line_count > 0) out->lines = qm_context_alloc(ctx, out->line_count, 6 * sizeof *out->lines);
+    if (!out->stays || !out->sharp || (out->line_count > 0 && !out->lines)) {
+        qm_quads_marks_reset(ctx, out);
+        return no_memory(ctx);
+    }
+    memset(out->stays, 0, out->vertex_count);
+    memset(out->sharp, 0, out->face_count);
+    mark_vertices(n, out);
+    mark_sides(n, out);
+    list_lines(n->r, out->lines);
+    return QM_OK;
+}
+
+qm_status qm_reconstruction_find_marks(qm_context *ctx, const qm_reconstruction *r, qm_quads_marks *out)
+{
+    QM_ASSERT(ctx && r && out);
+    const qm_layout *layout = &r->layout;
+    bool has_marks = layout->corner_count > 0;
+    for (size_t c = 0; c < layout->curve_count; c++)
+        has_marks |= layout->curves[c].mark != QM_CURVE_SMOOTH;
+    *out = (qm_quads_marks){0};
+    if (!has_marks) return QM_OK;
+    numbering n = {.r = r};
+    n.node = qm_context_alloc(ctx, layout->node_count, sizeof *n.node);
+    n.curve = qm_context_alloc(ctx, layout->curve_count, sizeof *n.curve);
+    qm_status status = n.node && n.curve ? find_marks(ctx, &n, out) : no_memory(ctx);
     qm_context_free(ctx, n.node, layout->node_count, sizeof *n.node);
     qm_context_free(ctx, n.curve, layout->curve_count, sizeof *n.curve);
     return status;

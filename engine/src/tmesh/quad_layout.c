@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "layout/layout_creases.h"
 #include "tmesh/tmesh.h"
 #include "tmesh/tmesh_route.h"
 
@@ -112,6 +113,8 @@ static qm_status route_along(layout_work *work, const qm_ref_surface *surface, c
     memcpy(grids, drawing->grids, drawing->grid_count * GRID_SIZE);
     qm_status status = qm_tmesh_route(&work->scratch, &work->triangles, &drawing->layout, drawing->is_fixed,
                                       drawing->is_line, guides, grids, &routed, &is_made);
+    for (size_t c = 0; c < routed.curve_count; c++)
+        routed.curves[c].mark = drawing->layout.curves[c].mark;
     if (status == QM_OK && is_made) status = qm_layout_find_crossings(work->ctx, &routed, surface, &issues);
     if (status == QM_OK && is_made && issues.count < drawing->issues.count) {
         qm_layout spare = drawing->layout;
@@ -177,6 +180,21 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_drawi
     return QM_OK;
 }
 
+/** Puts sharp curves onto the creases; the corners of grids follow the nodes. */
+static qm_status settle_curves(qm_context *ctx, const qm_ref_surface *surface, qm_drawing *drawing)
+{
+    static const size_t corner[4] = {0, QM_LAYOUT_GRID, QM_LAYOUT_GRID_POINTS - 1,
+                                     QM_LAYOUT_GRID_POINTS - 1 - QM_LAYOUT_GRID};
+    const qm_layout *layout = &drawing->layout;
+    qm_status status = qm_creases_settle_curves(ctx, &drawing->layout, surface, &drawing->issues);
+    for (size_t p = 0; p < layout->patch_count && status == QM_OK; p++)
+        for (int k = 0; k < 4; k++)
+            memcpy(drawing->grids + 3 * (QM_LAYOUT_GRID_POINTS * p + corner[k]),
+                   layout->nodes + 3 * (size_t)qm_layout_corner(layout, &layout->patches[p], k),
+                   3 * sizeof(double));
+    return status;
+}
+
 static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surface *surface,
                       const qm_quad_layout_options *options, qm_drawing *out)
 {
@@ -195,8 +213,8 @@ static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surfa
         status = qm_tmesh_source_of_quads(&work->lasting, &work->quads, &work->set, &work->tmesh, surface,
                                           &work->source);
     if (status == QM_OK) status = draw(work, surface, out);
-    return status == QM_OK && out->issues.count > 0 && !surface->is_cloud ? route(work, surface, out)
-                                                                          : status;
+    if (status == QM_OK && out->issues.count > 0 && !surface->is_cloud) status = route(work, surface, out);
+    return status == QM_OK ? settle_curves(work->ctx, surface, out) : status;
 }
 
 /** As qm_quad_layout_make; *out is the caller's, also after an error. */

@@ -955,6 +955,25 @@ static size_t count_seeds(const curve_drawer *d, const bool *is_seed)
     return count;
 }
 
+/** True when a curve lies along one feature: its inner points slide on that. */
+static bool is_along_feature(const layout_maker *maker, size_t curve)
+{
+    const uint32_t *line = maker->lines + (STEPS + 1) * curve;
+    const qm_tmesh_point *points = maker->d->lattice.points;
+    for (int k = 1; k < STEPS; k++)
+        if (!points[line[k]].is_fixed || points[line[k]].chain == QM_NO_INDEX ||
+            points[line[k]].chain != points[line[1]].chain)
+            return false;
+    return true;
+}
+
+/** Marks the curves along features as sharp. */
+static void mark_features(const layout_maker *maker)
+{
+    for (size_t c = 0; c < maker->out->curve_count; c++)
+        if (is_along_feature(maker, c)) maker->out->curves[c].mark = QM_CURVE_SHARP;
+}
+
 /** Numbers the guides by the lattice points inside their curves: *start is the lattice point that each begins at. */
 static void number_guides(const curve_drawer *d, const qm_tmesh_guides *all, uint32_t *of_point,
                           uint32_t *start)
@@ -1060,6 +1079,7 @@ static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed
         qm_layout_reset(ctx, out);
         qm_layout_issues_reset(ctx, &drawing->issues);
     }
+    mark_features(&maker);
     mark_faults(&maker, &drawing->issues, fault);
     if (!mark_origins(&maker, drawing)) return QM_E_NO_MEMORY;
     for (size_t i = 0; i < d->classes->point_count; i++)
