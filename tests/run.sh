@@ -26,7 +26,7 @@ released="test_sandbox test_large_pages"
 # These search for long: ASan would make minutes of it.
 slow="test_align test_reconstruct test_collide test_distance test_bilinear_pair test_hausdorff test_hausdorff_adversarial
     test_hausdorff_invariance test_hausdorff_property test_rigour test_wide test_locator test_pairs test_noise
-    test_fill_grids"
+    test_cloud test_fill_grids"
 sanitized=
 for source in tests/unit/test_*.c; do
     name=$(basename "$source" .c)

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/host.h"
+#include "ops/faced_surface.h"
 #include "ops/json_layout.h"
 #include "options.h"
 #include "qm/quad_layout.h"
@@ -117,6 +118,22 @@ static int make_of_features(qm_context *ctx, const layout_options *options, cons
     return is_written ? EXIT_OK : EXIT_BAD_INPUT;
 }
 
+/** Makes the layout, of a surface by quads that are made of it, or of its points; or of quads. */
+static qm_status make_layout(qm_context *ctx, layout_options *options, const qm_mesh *quads,
+                             const qm_ref_surface *source, qm_layout *layout, qm_layout_issues *issues,
+                             qm_quad_layout_facts *facts)
+{
+    if (!options->is_auto)
+        return qm_quad_layout_make(ctx, quads, source, &options->make, layout, issues, facts);
+    qm_faced_surface faced;
+    qm_status status = qm_faced_surface_make(ctx, source, options->quads.thread_count, &faced);
+    if (status == QM_OK)
+        status = qm_symmetric_layout_make(ctx, &faced.surface, &options->symmetry, &options->quads,
+                                          &options->make, layout, issues, facts);
+    qm_faced_surface_reset(ctx, &faced);
+    return status;
+}
+
 /** bvh is of the surface, and quads is not used with is_auto. */
 static int make(qm_context *ctx, layout_options *options, const qm_mesh *quads, const qm_bvh *bvh)
 {
@@ -125,11 +142,7 @@ static int make(qm_context *ctx, layout_options *options, const qm_mesh *quads, 
     qm_layout_issues issues;
     qm_quad_layout_facts facts;
     qm_status status = qm_ref_surface_init(ctx, bvh, &source);
-    if (status == QM_OK)
-        status = options->is_auto
-                     ? qm_symmetric_layout_make(ctx, &source, &options->symmetry, &options->quads,
-                                                &options->make, &layout, &issues, &facts)
-                     : qm_quad_layout_make(ctx, quads, &source, &options->make, &layout, &issues, &facts);
+    if (status == QM_OK) status = make_layout(ctx, options, quads, &source, &layout, &issues, &facts);
     if (status != QM_OK) {
         cli_report_status(options->path, status, ctx, options->as_json);
         return EXIT_BAD_INPUT;
@@ -191,7 +204,7 @@ static int run(int argc, char **argv)
         {.name = "auto",
          .type = CLI_FLAG,
          .target = &o.is_auto,
-         .help = "the file is any surface of triangles and quads: make quads of it first"},
+         .help = "the file is any surface of triangles and quads, or a point set: make quads of it first"},
         {.name = "features",
          .type = CLI_FLAG,
          .target = &o.has_features,

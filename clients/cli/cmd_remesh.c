@@ -20,6 +20,25 @@ static bool is_near(const qm_json *result)
     return !qm_json_has(result, "reached") || qm_json_is_true(result, "reached");
 }
 
+/** What was found of points, and how far the quads are from the surface of these. */
+static void print_points(FILE *file, const qm_json *result)
+{
+    char bound[CLI_BOUND_SIZE];
+    fprintf(file,
+            "of %.0f points, %.0f outliers, noise %.2g %% of the diagonal, normals %s, %.0f holes filled, "
+            "%.0f borders; ",
+            qm_json_get_number(result, "points.used"), qm_json_get_number(result, "points.outliers"),
+            100.0 * qm_json_get_number(result, "points.noise_relative"),
+            qm_json_get_string(result, "points.normals"), qm_json_get_number(result, "points.holes_filled"),
+            qm_json_get_number(result, "points.borders"));
+    double thin = qm_json_get_number(result, "points.thin_share");
+    if (thin > 0.001)
+        fprintf(file, "%.1f %% of them on parts too thin for their density, which may be lost; ",
+                100.0 * thin);
+    fprintf(file, "distance from the surface of the points at most %s of the diagonal\n",
+            cli_format_bound(qm_json_get_number(result, "points.hausdorff.upper_relative"), true, bound));
+}
+
 static void print_text(FILE *file, const qm_json *result)
 {
     char bound[CLI_BOUND_SIZE], patches[40] = "";
@@ -34,6 +53,7 @@ static void print_text(FILE *file, const qm_json *result)
         qm_json_get_number(result, "least_scaled_jacobian"),
         cli_format_bound(qm_json_get_number(result, "hausdorff.upper_relative"), true, bound),
         is_near(result) ? "" : ", which is more than was wanted", qm_json_get_number(result, "elapsed_ms"));
+    if (qm_json_has(result, "points")) print_points(file, result);
 }
 
 /** Fetches the mesh that a job on a daemon has made; false after a report. */
@@ -130,7 +150,9 @@ const cli_command cmd_remesh = {
     .description =
         "Makes a mesh of quads of about equal size. Boundaries and creases become edges of it, and its "
         "distance\nto the surface is measured, with a proven bound.\n"
-        "Parts that are thinner than a quad, with round rims, may lose their shape: more quads keep them.\n",
+        "Parts that are thinner than a quad, with round rims, may lose their shape: more quads keep them.\n"
+        "Of a point set a surface of triangles is made first, without its noise and outliers; small holes "
+        "are filled.\n",
     .exit_status =
         "Exit status: 0 done, 2 bad input or wrong usage, 3 the distance was not reached, or interrupted.",
     .run = run};

@@ -155,7 +155,9 @@
  *   elapsed_ms: number }} StepResult */
 /** @typedef {{ mesh: string, quads: number, irregular_vertices: number, components: number, patches?: number, folded: number,
  *   least_scaled_jacobian: number, hausdorff: LengthInterval, from_surface: LengthInterval, from_quads: LengthInterval,
- *   reached?: boolean, rounds: number, prepare_ms: number, elapsed_ms: number }} RemeshResult */
+ *   reached?: boolean, points?: SurfaceOfPoints, rounds: number, prepare_ms: number, elapsed_ms: number }} RemeshResult */
+/** @typedef {{ used: number, outliers: number, noise_relative: number, spacing_relative: number, normals: "given" | "estimated",
+ *   holes_filled: number, filled_share: number, thin_share: number, borders: number, hausdorff: LengthInterval }} SurfaceOfPoints */
 /** @typedef {{ transform: Transform, rms: number, scale: number, mirrored: boolean, floor: number | null,
  *   certainty: { runner_up_rms: number | null }, hausdorff: LengthInterval & { converged: boolean },
  *   fit: "least_squares" | "min_max", quads: QuadReading, gap: number, iterations: number, rounds: number,
@@ -208,7 +210,7 @@
 /** @typedef {StepRecord & { event: "step", seq: number }} StepEvent */
 /** @typedef {{ event: "pairs", seq: number, elapsed_ms: number, pair_count: number, searched_pairs: number,
  *   bounded_pairs: number, searches: number, pairs: PairRow[] }} PairsEvent */
-/** @typedef {{ elapsed_ms: number, stage: "quads" | "layout" | "steps" | "measure", quads: number,
+/** @typedef {{ elapsed_ms: number, stage: "surface" | "quads" | "layout" | "steps" | "measure", quads: number,
  *   hausdorff?: LengthInterval }} Stage */
 /** @typedef {Stage & { event: "stage", seq: number }} StageEvent */
 /** @typedef {BoundsEvent | StepEvent | StageEvent | PairsEvent | ResultEvent | ErrorEvent} JobEvent */

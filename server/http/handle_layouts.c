@@ -6,6 +6,7 @@
 
 #include "handlers.h"
 #include "layout_session.h"
+#include "ops/faced_surface.h"
 #include "ops/json_layout.h"
 #include "ops/json_out.h"
 #include "store/store_problem.h"
@@ -50,12 +51,16 @@ static bool add_features(qm_layout_session *s, const qm_layout_features_options 
                s, qm_layout_add_features(&s->ctx, &s->layout, &s->source, wanted, &added), problem);
 }
 
-/** Makes the layout of quads that are made of the surface. False with a problem. */
+/** Makes the layout of quads that are made of the surface, or of one that is made of its points. False with a problem. */
 static bool make_of_surface(qm_layout_session *s, const qm_json_quad_layout *wanted, qm_problem *problem)
 {
     qm_symmetry_wish symmetry = wanted->symmetry;
-    qm_status status = qm_symmetric_layout_make(&s->ctx, &s->source, &symmetry, &wanted->make_quads,
-                                                &wanted->options, &s->layout, &s->issues, NULL);
+    qm_faced_surface faced;
+    qm_status status = qm_faced_surface_make(&s->ctx, &s->source, wanted->make_quads.thread_count, &faced);
+    if (status == QM_OK)
+        status = qm_symmetric_layout_make(&s->ctx, &faced.surface, &symmetry, &wanted->make_quads,
+                                          &wanted->options, &s->layout, &s->issues, NULL);
+    qm_faced_surface_reset(&s->ctx, &faced);
     return qm_layout_session_outcome(s, status, problem);
 }
 

@@ -12,6 +12,7 @@
 #include "base/id.h"
 #include "base/notes.h"
 #include "base/scheduler.h"
+#include "faced_surface.h"
 #include "listed_pairs.h"
 #include "problem.h"
 #include "projections.h"
@@ -313,6 +314,7 @@ typedef struct qm_job_result {
 
     /* remesh */
     qm_remesh_result remesh;
+    qm_faced_points faced;    /* of a point set */
     qm_mesh_facts made_facts; /* of its mesh */
     qm_quality made_quality;
 } qm_job_result;

@@ -5,16 +5,42 @@
 
 #include "job_kinds_internal.h"
 #include "json_request.h"
+#include "settle.h"
+
+/** Replaces the distance, which is that of the surface that was made of points, by that of the points themselves. */
+static qm_status measure_points(const qm_job_call *call, const qm_ref_surface *points,
+                                const qm_faced_surface *faced, const qm_remesh_options *options,
+                                qm_job_result *out)
+{
+    qm_remesh_result *made = &out->remesh;
+    const qm_settle_goal goal = {.quads = options->quads};
+    qm_settle_distance distance;
+    out->faced = (qm_faced_points){true, faced->record, {made->lower, made->upper}};
+    qm_status status = qm_settle_measure(call->ctx, points, &goal, &made->mesh, &distance);
+    if (status != QM_OK) return status;
+    qm_interval both = qm_settle_two_sided(&distance);
+    made->from_surface = distance.from_surface;
+    made->from_quads = distance.from_quads;
+    made->lower = both.lower;
+    made->upper = both.upper;
+    return QM_OK;
+}
 
 static qm_status run(const qm_job_call *call, qm_job_result *out)
 {
     qm_remesh_options options = call->request->remesh;
     options.quads.thread_count = call->threads;
-    qm_ref_surface surface;
-    qm_status status = qm_ref_surface_init(call->ctx, call->a->bvh, &surface);
+    qm_ref_surface given;
+    qm_status status = qm_ref_surface_init(call->ctx, call->a->bvh, &given);
     if (status != QM_OK) return status;
-    options.distance = call->request->distance_relative * surface.diagonal;
-    status = qm_remesh(call->ctx, &surface, &options, &out->remesh);
+    options.distance = call->request->distance_relative * given.diagonal;
+    qm_faced_surface faced;
+    const qm_remesh_stage stage = {.work = QM_REMESH_SURFACE};
+    if (given.is_cloud && options.on_stage) options.on_stage(options.user, &stage);
+    status = qm_faced_surface_make(call->ctx, &given, call->threads, &faced);
+    if (status == QM_OK) status = qm_remesh(call->ctx, &faced.surface, &options, &out->remesh);
+    if (status == QM_OK && faced.is_made) status = measure_points(call, &given, &faced, &options, out);
+    qm_faced_surface_reset(call->ctx, &faced);
     if (status == QM_OK) status = qm_mesh_find_facts(call->ctx, &out->remesh.mesh, &out->made_facts);
     if (status == QM_OK) qm_quality_measure(&out->remesh.mesh, &out->made_quality);
     return status;
@@ -61,8 +87,10 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     qm_json_add_interval(out, "hausdorff", (qm_interval){made->lower, made->upper}, result->diagonal);
     qm_json_add_interval(out, "from_surface", made->from_surface, result->diagonal);
     qm_json_add_interval(out, "from_quads", made->from_quads, result->diagonal);
+    double reached = result->faced.is_made ? result->faced.hausdorff.upper : made->upper;
     if (request->distance_relative > 0.0)
-        qm_json_add_bool(out, "reached", made->upper <= request->distance_relative * result->diagonal);
+        qm_json_add_bool(out, "reached", reached <= request->distance_relative * result->diagonal);
+    qm_faced_surface_describe(out, &result->faced, result->diagonal);
     qm_json_add_count(out, "rounds", made->rounds);
     qm_json_add_ms(out, "prepare_ms", result->prepare_a_ms);
     qm_json_add_ms(out, "elapsed_ms", result->elapsed_ms);

@@ -36,7 +36,7 @@ static qm_refine_goal goal_of(const qm_remesh_options *options)
                             .thread_count = options->quads.thread_count};
 }
 
-const char *const qm_remesh_work_names[] = {"quads", "layout", "steps", "measure", NULL};
+const char *const qm_remesh_work_names[] = {"quads", "layout", "steps", "measure", "surface", NULL};
 
 /** How many quads options mean that name no number. */
 static size_t usual_quads(const qm_remesh_options *options)

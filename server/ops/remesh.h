@@ -11,12 +11,13 @@
 #define QM_REMESH_FIRST_QUADS 1000 /* that a search for a distance starts with */
 #define QM_REMESH_MOST_QUADS 1000000
 
-/** What is done at a moment: quads are made, a layout, a step of refinement, or the distance is measured. */
+/** What is done at a moment: quads are made, a layout, a step of refinement, the distance is measured, or a surface is made of points. */
 typedef enum qm_remesh_work {
     QM_REMESH_QUADS,
     QM_REMESH_LAYOUT,
     QM_REMESH_STEPS,
-    QM_REMESH_MEASURE
+    QM_REMESH_MEASURE,
+    QM_REMESH_SURFACE /* by the caller: of points, before the quads */
 } qm_remesh_work;
 extern const char *const qm_remesh_work_names[];
 

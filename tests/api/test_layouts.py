@@ -367,8 +367,19 @@ def test_the_daemon_limits_the_time_for_a_layout(make_daemon):
         assert "1 s" in check_problem(reply, 504, "deadline_exceeded")["detail"]
 
 
-def test_a_point_set_gives_no_automatic_layout(client):
+def test_points_that_are_no_surface_give_no_automatic_layout(client):
     points = client.upload(b"0 0 0\n1 0 0\n0 1 0\n0 0 1\n", name="points.xyz")["id"]
     reply = client.post("/v1/layouts", json={"mesh": points, "auto": True})
-    check_problem(reply, 422, "invalid_layout")
-    assert "point set" in reply.json()["detail"]
+    check_problem(reply, 422, "empty_mesh")
+    assert "too few for a surface" in reply.json()["detail"]
+
+
+def test_a_point_set_gives_an_automatic_layout_and_quads_on_it(client):
+    points = client.upload(shapes.xyz(shapes.sphere(0.03)), name="points.xyz")["id"]
+    layout = client.post("/v1/layouts", json={"mesh": points, "auto": True, "quad_count": 600}).json()
+    assert layout["issues"] == [] and layout["mesh"] == points
+    for curve in layout["curves"]:
+        for x, y, z in curve["points"]:
+            assert abs(math.hypot(x, y, z) - 1) < 0.01
+    made = client.post("/v1/reconstructions", json={"layout": layout["id"]})
+    assert made.status_code == 201, made.text

@@ -113,11 +113,33 @@ def test_faults_of_the_request_are_named(client, surface, fields, pointer):
 def test_what_is_no_surface_fails(client):
     check_problem(client.post("/v1/jobs", json={"type": "remesh", "mesh": "m_2222222222222222222a"}), 404, "mesh_not_found")
     chance = random.Random(4)
-    cloud = client.upload(shapes.xyz(([[chance.random() for _ in range(3)] for _ in range(50)], [])), format="xyz")["id"]
-    for semi_regular in (False, True):
-        job = remesh(client, cloud, semi_regular=semi_regular)
-        assert job["state"] == "failed" and job["problem"]["code"] == "invalid_field" and "result" not in job
-        assert "point" in job["problem"]["detail"]
+    cases = {"fill space": [[chance.random() for _ in range(3)] for _ in range(50)],
+             "too few": [[1, 2, 3]] * 40 + [[chance.random() for _ in range(3)] for _ in range(8)],
+             "along lines": [[i, 2 * i, 3 * i] for i in range(60)]}
+    for words, points in cases.items():
+        cloud = client.upload(shapes.xyz((points, [])), format="xyz")["id"]
+        for semi_regular in (False, True):
+            job = remesh(client, cloud, semi_regular=semi_regular)
+            assert job["state"] == "failed" and job["problem"]["code"] == "empty_mesh" and "result" not in job
+            assert words in job["problem"]["detail"]
+
+
+def test_quads_of_points(client):
+    points = [p for p in torus(90, 40)[0] if math.dist(p, (1.3, 0, 0)) > 0.32]
+    cloud = client.upload(shapes.xyz((points + [(0, 0, 1), (3, 1, 2)], [])), format="xyz", name="points")["id"]
+    for fields in ({"quads": 900}, {"quads": 2000, "semi_regular": True}):
+        result = remesh(client, cloud, **fields)["result"]
+        mesh = client.get("/v1/meshes/" + result["mesh"]).json()
+        assert mesh["euler_number"] == 0 and mesh["watertight"] and result["folded"] == 0
+        told = result["points"]
+        assert told["used"] == len(points) and told["outliers"] == 2 and told["noise_relative"] == 0 and told["normals"] == "estimated"
+        assert told["holes_filled"] == 1 and 0 < told["filled_share"] < 0.01 and told["borders"] == 0
+        # The distance told is that of the points, of which two are far; the quads are near their surface.
+        assert result["from_surface"]["lower"] > 1 and told["hausdorff"]["upper_relative"] < 0.01
+        again = client.hausdorff(cloud, result["mesh"])["result"]
+        assert result["hausdorff"]["lower"] <= again["upper"] and again["lower"] <= result["hausdorff"]["upper"]
+    events = ndjson(client.post("/v1/jobs", headers={"Accept": "application/x-ndjson"}, json={"type": "remesh", "mesh": cloud}).text)
+    assert [event["stage"] for event in events if event["event"] == "stage"] == ["surface", "quads", "measure"]
 
 
 @pytest.mark.parametrize("fields", [{"quads": 100000}, {"quads": 20000, "semi_regular": True}])

@@ -1,4 +1,4 @@
-"""Point sets made worse in one way each, to 8,000 quads: how far these are from the true surface, by both ways.
+"""Point sets made worse in one way each, to quads by a layout and without: how far these are from the true surface, by both ways.
 
 The points are drawn evenly from models of the data folder, and worsened here: Gaussian noise along every axis, holes, a density that
 falls fifty-fold along x, points anywhere in the box, no normals. The true surface is the model."""
@@ -17,7 +17,7 @@ import tables
 OUT = catalogue.OUT / "clouds"
 MODELS = (("bunny", "pairs/bunny/tri.obj", "tests/layouts/bunny.json"), ("spot", "pairs/spot/tri.obj", "tests/layouts/spot.json"),
           ("torus", None, "layouts/torus_6x4.json"))
-POINTS, QUADS = 40000, 8000
+POINTS, QUADS, REMESHED = 40000, 8000, 4000
 HOLES, HOLE_SHARE = 12, 0.02  # holes of 4 % of the diagonal
 GRADIENT, OUTLIERS = 50.0, 400
 
@@ -122,32 +122,59 @@ def middle(interval):
     return 0.5 * (interval["lower"] + interval["upper"])
 
 
-def reconstruct(points, layout, truth, diagonal):
-    quads = OUT / "quads.ply"
-    lines, seconds, words = quadmesh("reconstruct", points, layout, "-o", quads, "--quads", QUADS, "--no-measure", "--threads", 1)
-    if not lines:
-        return {"failed": words}
-    found = {"seconds": seconds, "quads": lines[-1]["quads"], "quality": lines[-2]["quality"],
-             "told": [w["kind"] for w in lines[-1]["warnings"]]}
+def measure(quads, truth, diagonal):
+    """How far the quads are from the true surface, and it from them."""
+    found = {}
     for name, a, b in (("from_quads", quads, truth), ("from_truth", truth, quads)):
         measured = quadmesh("deviation", a, b, "--accuracy", "0.05", "--gap", "1e-4")[0]
         found[name] = {"rms": middle(measured[0]["rms"]) / diagonal, "max": measured[0]["max"]["upper"] / diagonal}
     return found
 
 
+def reconstruct(points, layout, truth, diagonal):
+    quads = OUT / "quads.ply"
+    lines, seconds, words = quadmesh("reconstruct", points, layout, "-o", quads, "--quads", QUADS, "--no-measure", "--threads", 1)
+    if not lines:
+        return {"failed": words}
+    quality = lines[-2]["quality"]
+    return {"seconds": seconds, "quads": lines[-1]["quads"], "bad": f"{quality['folded_quads']} / {quality['turned_quads']}",
+            "least": quality["least_jacobian"], "told": sorted({w["kind"] for w in lines[-1]["warnings"]}),
+            **measure(quads, truth, diagonal)}
+
+
+def remesh(points, truth, diagonal):
+    quads = OUT / "quads.ply"
+    lines, seconds, words = quadmesh("remesh", points, "-o", quads, "--quads", REMESHED, "--threads", 1)
+    if not lines:
+        return {"failed": words}
+    made = lines[-1]
+    told = made["points"]
+    words = [f"{told['outliers']} outliers"] * (told["outliers"] > 0) + [f"noise {told['noise_relative']:.1e}"] * (told["noise_relative"] > 0)
+    words += [f"{told['holes_filled']} holes"] * (told["holes_filled"] > 0) + [f"{told['borders']} borders"] * (told["borders"] > 0)
+    return {"seconds": seconds, "quads": made["quads"], "bad": f"{made['folded']} / {made['components']}",
+            "least": made["least_scaled_jacobian"], "told": words + ["normals estimated"] * (told["normals"] == "estimated"),
+            **measure(quads, truth, diagonal)}
+
+
+def sigma_of(name):
+    """The noise of points by their name, as a share of the diagonal; 0 without."""
+    return next((share / 100 for share in (0.2, 0.5) if f"{share} %" in name), 0.0)
+
+
 def describe(model, name, row):
     if "failed" in row:
-        return [model, name, row["failed"], *[""] * 5]
+        return [model, name, row["failed"], *[""] * 6]
     ways = row["from_quads"], row["from_truth"]
-    return [model, name, " / ".join(f"{way['rms']:.1e}" for way in ways), " / ".join(f"{way['max']:.1e}" for way in ways),
-            f"{row['quality']['folded_quads']} / {row['quality']['turned_quads']}", f"{row['quality']['least_jacobian']:.2f}",
-            f"{row['seconds']:.1f}", ", ".join(sorted(set(row["told"])))]
+    sigma = sigma_of(name)
+    return [model, name, " / ".join(f"{way['rms']:.1e}" for way in ways), f"{ways[0]['rms'] / sigma:.2f}" if sigma > 0 else "",
+            " / ".join(f"{way['max']:.1e}" for way in ways), row["bad"], f"{row['least']:.2f}", f"{row['seconds']:.1f}",
+            ", ".join(row["told"])]
 
 
 def run(settings, programs, pairs, say):
     del settings, programs, pairs
     OUT.mkdir(parents=True, exist_ok=True)
-    rows, faults, lines = [], [], []
+    rows, faults, lines, made = [], [], [], []
     for number, (model, path, drawn) in enumerate(MODELS):
         data = meshes.data_folder()
         layout = (catalogue.ROOT if drawn.startswith("tests") else data) / drawn
@@ -161,14 +188,18 @@ def run(settings, programs, pairs, say):
         for name, points, has_normals in worsen(mesh, random.Random(number)):
             say(f"points of {model}, {name}")
             write_points(OUT / "points.ply", points, has_normals)
-            row = reconstruct(OUT / "points.ply", layout, truth, diagonal)
-            rows.append({"model": model, "points": name, **row})
-            lines.append(describe(model, name, row))
-            if "failed" in row:
-                faults.append(f"{model}, {name}: {row['failed']}")
+            for row, way, table in ((reconstruct(OUT / "points.ply", layout, truth, diagonal), "by a layout", lines),
+                                    (remesh(OUT / "points.ply", truth, diagonal), "remeshed", made)):
+                rows.append({"model": model, "points": name, "way": way, **row})
+                table.append(describe(model, name, row))
+                if "failed" in row:
+                    faults.append(f"{model}, {name}, {way}: {row['failed']}")
     if lines:
-        print(f"## Point sets\n\n{POINTS:,} points of each model, made worse in one way each, to at most {QUADS:,} quads, one thread: "
-              "distances from the true surface, quads to it / it to quads, as shares of the diagonal; quads folded / turned; least "
-              "scaled Jacobian; seconds of the processor; what is told.\n")
-        print(tables.table(["model", "points", "rms:", "max:", "bad:", "least:", "s:", "told"], lines))
+        heads = ["model", "points", "rms:", "in noise:", "max:", "bad:", "least:", "s:", "told"]
+        print(f"## Point sets\n\n{POINTS:,} points of each model, made worse in one way each, to at most {QUADS:,} quads by a layout, one "
+              "thread: distances from the true surface, quads to it / it to quads, as shares of the diagonal; the first rms in standard "
+              "deviations of the noise; quads folded / turned; least scaled Jacobian; seconds of the processor; what is told.\n")
+        print(tables.table(heads, lines))
+        print(f"\nThe same points by `remesh`, to about {REMESHED:,} quads, without a layout; quads folded / components.\n")
+        print(tables.table(heads, made))
     return rows, faults

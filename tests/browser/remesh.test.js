@@ -105,7 +105,7 @@ test("it can be stopped, goes on when the page is left, and says what is wrong",
   const { mesh: cloud } = await daemon.client().meshes.create("0 0 0\n1 0 0\n0 1 0\n0 0 1\n", { name: "cloud.xyz" });
   const points = await open(`#remesh?a=${cloud.id}`);
   await ask(points, { quads: "100" });
-  await points.locator(".is-fault", { hasText: "point" }).waitFor();
+  await points.locator(".is-fault", { hasText: "too few for a surface" }).waitFor();
   await finish(points);
   await finish(page);
 });

@@ -52,6 +52,20 @@ def test_what_is_no_mesh_of_quads_is_refused(quadmesh, tmp_path):
     assert run.returncode == 2
 
 
+def test_points_give_a_layout(quadmesh, tmp_path):
+    ball(tmp_path / "ball.obj", 24)
+    points = [line[2:] for line in (tmp_path / "ball.obj").read_text().splitlines() if line.startswith("v ")]
+    (tmp_path / "ball.xyz").write_text("\n".join(points) + "\n")
+    run = quadmesh("layout", "ball.xyz", "--auto", "--quads", "400", "-o", "layout.json", "--json")
+    assert run.returncode == 0, run.stderr
+    assert json.loads(run.stdout)["issues"] == []
+    run = quadmesh("reconstruct", "ball.xyz", "layout.json", "-o", "quads.obj", "--quads", "600")
+    assert run.returncode == 0, run.stderr
+    (tmp_path / "line.xyz").write_text("".join(f"{i} 0 0\n" for i in range(50)))
+    run = quadmesh("layout", "line.xyz", "--auto", "-o", "layout.json")
+    assert run.returncode == 2 and "along lines" in run.stderr
+
+
 def test_a_surface_alone_gives_a_layout(quadmesh, tmp_path):
     ball(tmp_path / "ball.obj", 12)
     run = quadmesh("layout", "ball.obj", "--auto", "--quads", "400", "-o", "layout.json", "--json")

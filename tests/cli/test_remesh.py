@@ -68,12 +68,31 @@ def test_faults_of_a_daemon_are_told(quadmesh, server, tmp_path):
     points = tmp_path / "points.xyz"
     points.write_text("0 0 0\n1 0 0\n0 1 0\n")
     run = quadmesh("remesh", points, "-o", "out.obj", "--server", server)
-    assert run.returncode == 2 and "point set" in run.stderr
+    assert run.returncode == 2 and "too few for a surface" in run.stderr
     torus = write_torus(tmp_path / "torus.obj", 8, 8, 0.3)
     run = quadmesh("remesh", torus, "-o", "out.obj", "--server", "http://127.0.0.1:1")
     assert run.returncode == 2
     run = quadmesh("remesh", torus, "-o", "out.obj", "--quads", "1000001", "--server", server)
     assert run.returncode == 2 and "quads must be an integer from 1 to 1000000" in run.stderr
+
+
+def test_points_become_quads(quadmesh, tmp_path, where):
+    torus = write_torus(tmp_path / "torus.obj", 90, 40, 0.3)
+    points = [line[2:] for line in torus.read_text().splitlines() if line.startswith("v ")]
+    (tmp_path / "points.xyz").write_text("\n".join(points) + "\n")
+    run = quadmesh("remesh", "points.xyz", "-o", "out.obj", "--quads", "900", "--json", *where)
+    assert run.returncode == 0, run.stderr
+    result = json.loads(run.stdout)
+    assert 700 < result["quads"] < 1100 and result["folded"] == 0 and result["components"] == 1
+    told = result["points"]
+    assert told["used"] == 3600 and told["normals"] == "estimated" and told["outliers"] == told["holes_filled"] == told["borders"] == 0
+    assert told["hausdorff"]["upper_relative"] < 0.01
+    check_distance(quadmesh, "points.xyz", "out.obj", result, 0.03)
+    run = quadmesh("remesh", "points.xyz", "-o", "out.obj", "--distance", "0.002", "--json", *where)
+    result = json.loads(run.stdout)
+    assert run.returncode == 0 and result["reached"] and result["points"]["hausdorff"]["upper_relative"] <= 0.002
+    run = quadmesh("remesh", "points.xyz", "-o", "out.obj", "--quads", "900", *where)
+    assert "of 3600 points" in run.stdout and "normals estimated" in run.stdout
 
 
 def test_an_interrupt_ends_it(quadmesh, tmp_path, where):
@@ -93,7 +112,7 @@ def test_faults_are_told(quadmesh, tmp_path):
     points = tmp_path / "points.xyz"
     points.write_text("0 0 0\n1 0 0\n0 1 0\n")
     run = quadmesh("remesh", points, "-o", "out.obj")
-    assert run.returncode == 2 and "point set" in run.stderr
+    assert run.returncode == 2 and "too few for a surface" in run.stderr
     torus = write_torus(tmp_path / "torus.obj", 4, 4, 0.3)
     run = quadmesh("remesh", torus, "-o", tmp_path / "no" / "out.obj")
     assert run.returncode == 2 and "cannot be written" in run.stderr

@@ -406,6 +406,52 @@ static void a_surface_alone_has_its_creases_as_curves(void **state)
     qm_ground_free(&g);
 }
 
+/** A cylinder of radius and half height 1 with flat caps. */
+static qm_mesh cylinder_of(int n)
+{
+    qm_mesh m = qm_shape_cube_grid(n);
+    for (size_t v = 0; v < m.vertex_count; v++) {
+        double *p = m.positions + 3 * v, radius = fmax(fabs(p[0]), fabs(p[1])), length = hypot(p[0], p[1]);
+        for (int k = 0; k < 2 && length > 0.0; k++)
+            p[k] *= radius / length;
+    }
+    return m;
+}
+
+/**
+ * The four irregular vertices of each cap came to lie on its rim, where arcs between them and the rim had no length: quads
+ * there had a straight angle. Now four curves meet in every node of a rim.
+ */
+static void irregular_vertices_stay_off_creases(void **state)
+{
+    (void)state;
+    for (size_t quads = 600; quads <= 2400; quads *= 2) {
+        qm_ground g;
+        qm_ground_make(&g, cylinder_of(24));
+        const qm_quad_layout_options options = {.effort = 100};
+        const qm_quads_options how = {.quads = quads, .crease_angle = 40, .thread_count = 1};
+        qm_layout layout;
+        qm_layout_issues issues;
+        assert_int_equal(qm_quad_layout_make_of_surface(&g.ctx, &g.source, &how, NULL, &options, &layout,
+                                                        &issues, NULL, NULL),
+                         QM_OK);
+        size_t on_rims = 0;
+        for (uint32_t n = 0; n < layout.node_count; n++) {
+            const double *p = layout.nodes + 3 * (size_t)n;
+            if (fabs(fabs(p[2]) - 1.0) > 1e-9 || hypot(p[0], p[1]) < 0.99) continue;
+            size_t degree = 0;
+            for (size_t c = 0; c < layout.curve_count; c++)
+                degree += (size_t)(layout.curves[c].from == n) + (size_t)(layout.curves[c].to == n);
+            QM_CHECK(degree == 4, "%zu quads: %zu curves meet at %g %g %g", quads, degree, p[0], p[1], p[2]);
+            on_rims++;
+        }
+        assert_true(on_rims >= 8);
+        qm_layout_reset(&g.ctx, &layout);
+        qm_layout_issues_reset(&g.ctx, &issues);
+        qm_ground_free(&g);
+    }
+}
+
 /** Reconstructs a box by a layout, from grids or without. Returns the status of its creation. */
 static qm_status reconstruct_box(qm_ground *g, const qm_layout *layout, const double *grids, qm_mesh *mesh)
 {
@@ -901,6 +947,7 @@ int main(void)
         cmocka_unit_test(random_meshes_keep_their_counts),
         cmocka_unit_test(creases_become_curves),
         cmocka_unit_test(a_surface_alone_has_its_creases_as_curves),
+        cmocka_unit_test(irregular_vertices_stay_off_creases),
         cmocka_unit_test(a_reconstruction_starts_at_grids),
         cmocka_unit_test(grids_keep_horns),
         cmocka_unit_test(a_layout_is_divided_as_wanted),

@@ -8,10 +8,10 @@ import { run } from "../core/messages.js";
 import { setParameters } from "../core/route.js";
 import { Search } from "../core/search.js";
 
-/** @import { RemeshRequest, RemeshResult, StageEvent } from "../../js/types.js" */
+/** @import { RemeshRequest, RemeshResult, StageEvent, SurfaceOfPoints } from "../../js/types.js" */
 /** @import { Found } from "../core/search.js" */
 
-const STAGES = { quads: "Making quads", layout: "Making a layout", steps: "Refining", measure: "Measuring the distance" };
+const STAGES = { surface: "Making a surface of the points", quads: "Making quads", layout: "Making a layout", steps: "Refining", measure: "Measuring the distance" };
 
 /** Follows such a job by its stages. */
 class Work extends Search {
@@ -33,7 +33,7 @@ class Work extends Search {
   draw() {
     const { stage, hausdorff, quads } = this.stage ?? {};
     const far = hausdorff ? `; ${percent(hausdorff.upper_relative)} of the diagonal at most so far` : "";
-    const words = this.stopper.disabled ? "Stopping" : stage ? `${STAGES[stage]}, ${count(quads)} quads` : "Waiting";
+    const words = this.stopper.disabled ? "Stopping" : stage ? `${STAGES[stage]}${quads ? `, ${count(quads)} quads` : ""}` : "Waiting";
     this.words.textContent = `${words}, ${duration(performance.now() - this.start)}${far}`;
   }
 }
@@ -103,7 +103,15 @@ export function makeOnce({ surface, onMade }) {
 }
 
 /** @param {RemeshResult} result */
-function wordsOf({ quads, patches, hausdorff, reached }) {
+function wordsOf({ quads, patches, hausdorff, reached, points }) {
   const what = `${count(quads)} quads${patches ? ` in ${count(patches)} patches` : ""}`;
+  if (points) return `${what}, ${wordsOfPoints(points)}; ${percent(points.hausdorff.upper_relative)} of the diagonal from the surface of the points, ${percent(hausdorff.upper_relative)} from the points themselves, at most${reached === false ? ": the distance was not reached" : ""}.`;
   return `${what}, proven to be no farther from the surface than ${percent(hausdorff.upper_relative)} of its diagonal${reached === false ? ": the distance was not reached" : ""}.`;
+}
+
+/** What was found of points. @param {SurfaceOfPoints} points */
+function wordsOfPoints({ used, outliers, noise_relative: noise, normals, holes_filled: holes, thin_share: thin, borders }) {
+  return [`of ${count(used)} points`, outliers > 0 ? `${count(outliers)} outliers left out` : "", noise > 0 ? `noise of ${percent(noise)}` : "",
+    normals === "estimated" ? "normals estimated" : "", holes > 0 ? `${count(holes)} holes filled` : "", borders > 0 ? `${count(borders)} borders` : "", thin > 0.001 ? `${percent(thin)} of them on parts too thin for their density, which may be lost` : ""]
+    .filter((words) => words !== "").join(", ");
 }

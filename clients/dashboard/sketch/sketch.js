@@ -130,10 +130,8 @@ export function showSketch(panel) {
   }
 
   function drawMake() {
-    const mesh = meshOf(state.a);
-    make.disabled = isMaking || !mesh || mesh.kind === "points";
-    make.title = mesh?.kind === "points" ? "Quads are made of surfaces with faces; this is a point set."
-      : "Of the whole surface; with a mirror plane both sides are alike.";
+    make.disabled = isMaking || !meshOf(state.a);
+    make.title = "Of the whole surface; with a mirror plane both sides are alike.";
   }
 
   function drawCurves() {

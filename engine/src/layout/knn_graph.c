@@ -87,6 +87,21 @@ typedef struct orientation {
     qm_heap heap;
 } orientation;
 
+/** How much the normals of two points agree, from 1 to -1. On a surface of one curvature one is the image of the other in the plane
+ * between the points, whatever angle they are at: so round the thin rim of an ear as on a plane. */
+static double find_agreement(const qm_knn_graph *graph, uint32_t from, uint32_t to)
+{
+    qm_vec between = qm_vec_sub(qm_vec_load(graph->positions + 3 * (size_t)to),
+                                qm_vec_load(graph->positions + 3 * (size_t)from)),
+           image = graph->normal[from];
+    double length = qm_vec_norm(between);
+    if (length > 0.0) {
+        qm_vec along = qm_vec_scale(1.0 / length, between);
+        image = qm_vec_axpy(image, -2.0 * qm_vec_dot(image, along), along);
+    }
+    return qm_vec_dot(image, graph->normal[to]);
+}
+
 static qm_status push_links(orientation *work, uint32_t from)
 {
     for (int k = 0; k < QM_KNN_MAX_LINKS; k++) {
@@ -94,8 +109,8 @@ static qm_status push_links(orientation *work, uint32_t from)
         if (to == QM_NO_INDEX) break;
         QM_ASSERT(to < work->graph->count);
         if (work->is_oriented[to]) continue;
-        double dot = qm_vec_dot(work->graph->normal[from], work->graph->normal[to]);
-        qm_heap_item item = {.key = 1.0 - fabs(dot), .number = to, .origin = from};
+        double agreement = find_agreement(work->graph, from, to);
+        qm_heap_item item = {.key = 1.0 - fabs(agreement), .number = to, .origin = from};
         qm_status status = qm_heap_push(work->ctx, &work->heap, item);
         if (status != QM_OK) return status;
     }
@@ -113,7 +128,7 @@ static qm_status orient_component(orientation *work, uint32_t start)
         qm_heap_item item = qm_heap_pop(&work->heap);
         if (work->is_oriented[item.number]) continue;
         work->is_oriented[item.number] = true;
-        if (qm_vec_dot(normal[item.origin], normal[item.number]) < 0.0)
+        if (find_agreement(work->graph, item.origin, item.number) < 0.0)
             normal[item.number] = qm_vec_scale(-1.0, normal[item.number]);
         status = push_links(work, item.number);
     }

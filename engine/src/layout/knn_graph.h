@@ -32,10 +32,11 @@ void qm_knn_graph_reset(qm_context *ctx, qm_knn_graph *graph);
 
 /**
  * Flips normals so that they agree along a minimum spanning tree of each connected component, in which links
- * between nearly parallel normals weigh least. At the highest point of a component, the normal has z >= 0.
+ * between normals that agree best weigh least. At the highest point of a component, the normal has z >= 0.
  *
  * Returns QM_OK or QM_E_NO_MEMORY. Source: H. Hoppe, T. DeRose, T. Duchamp, J. McDonald, W. Stuetzle, Surface
- * reconstruction from unorganized points, 1992, section 3.3.
+ * reconstruction from unorganized points, 1992, section 3.3; H. Xie, J. Wang, J. Hua, H. Qin, A. Kaufman, Piecewise C1 continuous
+ * surface reconstruction of noisy point clouds via local implicit quadric regression, 2003 (which normals agree).
  */
 qm_status qm_knn_graph_orient(qm_context *ctx, qm_knn_graph *graph);
 

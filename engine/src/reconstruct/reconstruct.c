@@ -107,7 +107,7 @@ static bool is_near_surface(const qm_reconstruction *r, const qm_lattice *lattic
                      qm_vec_distance(qm_lattice_at(lattice, i, j - 1), qm_lattice_at(lattice, i, j)));
             const double *vertex = qm_lattice_vertex(lattice, i, j);
             /* The edges of a small patch may be shorter than the spacing of points. */
-            bool is_dense = r->surface.is_cloud && !qm_reconstruction_is_in_gap(r->surface.bvh, vertex);
+            bool is_dense = r->surface.is_cloud && !qm_cloud_is_in_gap(r->surface.bvh, vertex);
             double reach = qm_reconstruction_cover_distance(r);
             near += gap(&r->surface, vertex) <= (is_dense ? reach : fmin(0.5 * edge, reach));
         }

@@ -12,8 +12,6 @@
  *   reconstruct_lattice_fit.c         inner vertices of lattices from the samples around them
  *   reconstruct_lattice_untangle.c    repair of folded and inverted quads
  *   reconstruct_lattice_mesh.c        lattices to a mesh, and its boundary
- *   reconstruct_noise.c       the noise of the surface's points, and outliers
- *   reconstruct_guide.c       a smooth surface through noisy points, that the stages work on
  *   reconstruct_noise_fit.c   lattices as a least-squares fit to noisy points
  *   reconstruct_bending.c     the bending energy of that fit
  *   reconstruct_warnings.c    whether the layout fits the surface; what the result does not show by itself
@@ -25,12 +23,12 @@
 #ifndef QM_RECONSTRUCT_INTERNAL_H
 #define QM_RECONSTRUCT_INTERNAL_H
 
+#include "cloud/cloud_points.h"
 #include "core/vec.h"
 #include "layout/knn_graph.h"
 #include "layout/layout_creases.h"
 #include "mesh/quad_shape.h"
 #include "qm/reconstruct.h"
-#include "reconstruct_points.h"
 
 /** The curves that are doubled together. */
 typedef struct qm_chord {
@@ -142,9 +140,6 @@ static inline qm_chord *qm_chord_of_patch(const qm_reconstruction *r, size_t pat
 /** Checks that the layout lies where the surface does, in its unit. QM_OK or QM_E_LAYOUT. */
 qm_status qm_reconstruction_check_place(qm_context *ctx, const qm_ref_surface *surface,
                                         const qm_layout *layout, double cover_distance);
-
-/** True if a position is farther from all points of a tree than these are from each other there. */
-bool qm_reconstruction_is_in_gap(const qm_bvh *tree, const double position[3]);
 
 /** Finds the chords of the layout. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r);

@@ -34,8 +34,8 @@
 
 #include <string.h>
 
+#include "cloud/cloud_points.h"
 #include "reconstruct_bending.h"
-#include "reconstruct_points.h"
 
 #define SMOOTH_SHARE 0.02 /* of the equations: the free parameters of the first fit */
 #define FIRST_LENGTH 0.35 /* of averaging, in mean edges */

@@ -8,8 +8,6 @@
 #define MAX_OUTSIDE 1.0    /* diagonals by which a point of a curve may lie outside the box of the surface */
 #define MAX_SIZE 3.0       /* times the surface: a larger layout is in another unit */
 #define MIN_SIZE 0.1       /* times the surface: a smaller layout beside it is in another unit */
-#define SPACING_POINTS 7   /* a point and its neighbours, whose distance is the spacing there */
-#define GAP_RATIO 2.0      /* spacings: a vertex farther from all points is in a hole */
 #define MIN_UNCOVERED 0.01 /* of the samples: fewer uncovered ones are outliers */
 
 /** The box of all points of the curves. */
@@ -118,14 +116,6 @@ static double enclosed_volume(const qm_reconstruction *r)
     return sum;
 }
 
-bool qm_reconstruction_is_in_gap(const qm_bvh *tree, const double position[3])
-{
-    qm_nearest_points near, around;
-    qm_nearest_points_find(tree, qm_frame_local(&tree->frame, position), 1, &near);
-    qm_nearest_points_find(tree, near.position[0], SPACING_POINTS, &around);
-    return near.d2[0] > GAP_RATIO * GAP_RATIO * around.d2[around.count - 1];
-}
-
 /** The share of the inner vertices that lie in holes of a point set, but those of patches that span one as a whole. */
 static double share_in_holes(const qm_reconstruction *r)
 {
@@ -135,7 +125,7 @@ static double share_in_holes(const qm_reconstruction *r)
         size_t vertices = qm_lattice_vertex_count(lattice);
         count += vertices;
         for (size_t k = 0; k < vertices && !lattice->spans_hole; k++)
-            in_holes += qm_reconstruction_is_in_gap(r->surface.bvh, lattice->vertices + 3 * k);
+            in_holes += qm_cloud_is_in_gap(r->surface.bvh, lattice->vertices + 3 * k);
     }
     return (double)in_holes / (double)count;
 }

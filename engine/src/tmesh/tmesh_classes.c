@@ -283,6 +283,10 @@ static bool is_full(const classes_maker *maker)
     return maker->out->fault_count >= maker->fault_limit;
 }
 
+/**
+ * Finds classes in which two nodes meet that a layout needs, two features, or a feature and an irregular vertex beside it: a
+ * quad would have a straight angle on the feature there.
+ */
 static bool find_meetings(classes_maker *maker)
 {
     qm_tmesh_classes *out = maker->out;
@@ -297,9 +301,12 @@ static bool find_meetings(classes_maker *maker)
         if (i < tmesh->node_count && maker->quads->is_required[tmesh->node_vertex[i]]) {
             met = required[root];
             if (met == QM_NO_INDEX) required[root] = i;
+            if (met == QM_NO_INDEX && !maker->on_feature[i]) met = feature[root];
         }
         if (met == QM_NO_INDEX && maker->on_feature[i]) {
-            if (feature[root] == QM_NO_INDEX)
+            if (required[root] != QM_NO_INDEX && !maker->on_feature[required[root]])
+                met = required[root];
+            else if (feature[root] == QM_NO_INDEX)
                 feature[root] = i;
             else if (qm_union_find_root(maker->label, feature[root]) != qm_union_find_root(maker->label, i))
                 met = feature[root];

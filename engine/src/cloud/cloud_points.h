@@ -1,11 +1,11 @@
 /**
- * reconstruct_points.h: the points that a surface is known by, with what is off it.
+ * cloud_points.h: the points that a surface is known by, with what is off it.
  *
- *   reconstruct_noise.c    the noise of points, and outliers among them
- *   reconstruct_guide.c    a smooth surface through noisy points, that lattices are made on
+ *   cloud_noise.c      the noise of points, and outliers among them
+ *   cloud_guide.c      a smooth surface through noisy points, that lattices are made on
  */
-#ifndef QM_RECONSTRUCT_POINTS_H
-#define QM_RECONSTRUCT_POINTS_H
+#ifndef QM_CLOUD_POINTS_H
+#define QM_CLOUD_POINTS_H
 
 #include "qm/source.h"
 
@@ -22,24 +22,44 @@ void qm_noise_points_reset(qm_context *ctx, qm_noise_points *points);
 qm_status qm_noise_points_thin(qm_context *ctx, const double *positions, const float *normals, size_t count,
                                size_t wanted, qm_noise_points *out);
 
+/** Drops the marked points. */
+void qm_noise_points_drop(qm_noise_points *points, const bool *is_marked);
+
 /** Builds a tree to search for the points' neighbours. It borrows them. */
 qm_status qm_noise_points_build_tree(qm_context *ctx, const qm_noise_points *points, int thread_count,
                                      qm_bvh **out);
+
+/** True if the normals of most neighbours agree, so that they tell sides. Those that are opposed do where they lie behind each other as the
+ * two walls of a sheet, or of a gap, do, and not beside each other as normals of random signs. */
+bool qm_noise_points_have_sides(const qm_noise_points *points, const qm_bvh *tree);
 
 /** The standard deviation of the points from their surface, in their unit; 0 where they are exact, or where noise cannot be told
  * from shape. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
 qm_status qm_noise_estimate(qm_context *ctx, const qm_noise_points *points, double diagonal, int thread_count,
                             double *sigma);
 
+/** True if the neighbours of most points lie on a line. */
+bool qm_noise_are_lines(const qm_noise_points *points, const qm_bvh *tree);
+
+/** The median distance of points from polynomials over their neighbours, in their unit and to the radius: with noise as wide as their
+ * spacing, or for points that fill space, 0.4. False where most neighbours define no plane. */
+bool qm_noise_probe(const qm_noise_points *points, const qm_bvh *tree, double *residual, double *flatness);
+
 /** The standard deviation of the points' normals, in radians along each tangent; their signs do not matter. QM_OK; QM_E_NO_MEMORY;
  * QM_E_CANCELED. */
 qm_status qm_noise_estimate_turn(qm_context *ctx, const qm_noise_points *points, int thread_count,
                                  double *turn);
 
+/** Of the distance of an outlier from its neighbours to theirs: so sure that the points that are left out can be told. */
+#define QM_OUTLIER_RATIO 3.0
+
 /** Marks the points that do not belong to the surface of the others, which have noise sigma. QM_OK; QM_E_NO_MEMORY;
  * QM_E_CANCELED. */
-qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points, double sigma,
+qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points, double sigma, double ratio,
                                  int thread_count, bool *is_outlier, size_t *count);
+
+/** True if a position is farther from all points of a tree than these are from each other there. */
+bool qm_cloud_is_in_gap(const qm_bvh *tree, const double position[3]);
 
 /** A smooth surface that stands for noisy points. */
 typedef struct qm_guide qm_guide;

@@ -1,5 +1,5 @@
 /**
- * reconstruct_noise.c: how far the points of a surface are off it, and which of them belong to it.
+ * cloud_noise.c: how far the points of a surface are off it, and which of them belong to it.
  *
  * A surface of noise s looks the same from near and from twice as far: of a polynomial of second order that is fitted to a
  * neighbourhood the points are off by s, however wide it is. A surface without noise does not: its parts of higher order grow with
@@ -15,13 +15,13 @@
  *
  * Source: M. Breunig, H.-P. Kriegel, R. Ng, J. Sander, LOF: identifying density-based local outliers, 2000.
  */
-#include "reconstruct_internal.h"
+#include "cloud_points.h"
 
 #include <string.h>
 
 #include "bvh/bvh_tree.h"
+#include "bvh/nearest.h"
 #include "core/linear.h"
-#include "reconstruct_points.h"
 
 #define MIN_POINTS 1600   /* in which four levels of detail cannot be told from noise */
 #define PROBES 600        /* neighbourhoods that are fitted */
@@ -37,7 +37,11 @@
 #define MIN_SIGMA 1e-4    /* of the diagonal: less is exact */
 #define MIN_TURN 0.02     /* radians: that of normals in files of few digits, or of a surface that bends */
 #define LEVELS 4          /* of thinning */
-#define OUTLIER_RATIO 3.0 /* of the distance to the neighbours to theirs */
+#define SPACING_POINTS 7  /* a point and its neighbours, whose distance is the spacing there */
+#define GAP_RATIO 2.0     /* spacings: what is farther from all points is in a hole */
+#define MIN_AGREEING 0.75 /* of neighbours, whose normals must agree for normals to be used */
+#define MIN_BREADTH                                                                                          \
+    1e-3 /* of the variances of neighbours along their first two axes: below it they lie on a line */
 #define OUTLIER_NEIGHBOURS 8
 #define OUTLIER_HEIGHT 1.0 /* above the neighbours' plane, in their distances */
 #define MIN_ROUND 0.08     /* of the variance along the normal: those neighbours are no surface */
@@ -83,12 +87,59 @@ qm_status qm_noise_points_thin(qm_context *ctx, const double *positions, const f
     return QM_OK;
 }
 
+void qm_noise_points_drop(qm_noise_points *points, const bool *is_marked)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < points->count; i++) {
+        if (is_marked[i]) continue;
+        memmove(points->positions + 3 * kept, points->positions + 3 * i, POINT_SIZE);
+        if (points->normals)
+            memmove(points->normals + 3 * kept, points->normals + 3 * i, 3 * sizeof *points->normals);
+        kept++;
+    }
+    points->count = kept;
+}
+
 qm_status qm_noise_points_build_tree(qm_context *ctx, const qm_noise_points *points, int thread_count,
                                      qm_bvh **out)
 {
     const qm_mesh cloud = {
         .positions = points->positions, .vertex_count = points->count, .normals = points->normals};
     return qm_bvh_build(ctx, &cloud, QM_BVH_TARGET, thread_count, out);
+}
+
+bool qm_cloud_is_in_gap(const qm_bvh *tree, const double position[3])
+{
+    qm_nearest_points near, around;
+    qm_nearest_points_find(tree, qm_frame_local(&tree->frame, position), 1, &near);
+    qm_nearest_points_find(tree, near.position[0], SPACING_POINTS, &around);
+    return near.d2[0] > GAP_RATIO * GAP_RATIO * around.d2[around.count - 1];
+}
+
+static qm_vec normal_at(const float *normals, size_t i)
+{
+    const float *row = normals + 3 * i;
+    return (qm_vec){(double)row[0], (double)row[1], (double)row[2]};
+}
+
+bool qm_noise_points_have_sides(const qm_noise_points *points, const qm_bvh *tree)
+{
+    size_t along = 0, inside = 0, outside = 0, step = points->count / 2000 + 1;
+    for (size_t i = 0; i < points->count; i += step) {
+        qm_nearest_points near;
+        qm_vec at = qm_frame_local(&tree->frame, points->positions + 3 * i),
+               normal = normal_at(points->normals, i);
+        qm_nearest_points_find(tree, at, NEIGHBOURS, &near);
+        for (int k = 0; k < near.count; k++) {
+            double dot = qm_vec_dot(normal, normal_at(points->normals, near.index[k])),
+                   height = qm_vec_dot(normal, qm_vec_sub(near.position[k], at));
+            along += dot > 0.0;
+            inside += dot < 0.0 && height < 0.0;
+            outside += dot < 0.0 && height >= 0.0;
+        }
+    }
+    size_t against = inside + outside, walls = inside > outside ? inside - outside : outside - inside;
+    return (double)(along + walls) > MIN_AGREEING * (double)(along + against);
 }
 
 /** What a polynomial over a neighbourhood leaves: the standard deviation of its points, as it is and to the radius, and their kurtosis. */
@@ -115,7 +166,7 @@ static bool fit_probe(const qm_nearest_points *near, probe *out)
     qm_vec centroid = find_axes(near, value, axis);
     /* Of a disc, the variances along two axes are a quarter of the square of the radius each. */
     double radius = sqrt(2.0 * (value[1] + value[2]) / near->count), sum = 0.0, fourth = 0.0;
-    if (!(radius > 0.0) || !(value[1] > 1e-3 * value[2])) return false;
+    if (!(radius > 0.0) || !(value[1] > MIN_BREADTH * value[2])) return false;
     qm_least_squares sums = {.count = UNKNOWNS};
     double row[NEIGHBOURS][UNKNOWNS], height[NEIGHBOURS];
     for (int i = 0; i < near->count; i++) {
@@ -187,6 +238,30 @@ static bool probe_level(const qm_bvh *tree, const qm_noise_points *points, probe
     return true;
 }
 
+bool qm_noise_are_lines(const qm_noise_points *points, const qm_bvh *tree)
+{
+    size_t lines = 0, count = 0, step = points->count / PROBES + 1;
+    for (size_t i = 0; i < points->count; i += step, count++) {
+        qm_nearest_points near;
+        qm_vec axis[3];
+        double value[3];
+        qm_nearest_points_find(tree, qm_frame_local(&tree->frame, points->positions + 3 * i), NEIGHBOURS,
+                               &near);
+        find_axes(&near, value, axis);
+        lines += !(value[1] > MIN_BREADTH * value[2]);
+    }
+    return 2 * lines > count;
+}
+
+bool qm_noise_probe(const qm_noise_points *points, const qm_bvh *tree, double *residual, double *flatness)
+{
+    probe found;
+    if (!probe_level(tree, points, &found)) return false;
+    *residual = found.residual;
+    *flatness = found.flatness;
+    return true;
+}
+
 qm_status qm_noise_estimate(qm_context *ctx, const qm_noise_points *points, double diagonal, int thread_count,
                             double *sigma)
 {
@@ -224,7 +299,7 @@ static bool fit_normals(const float *normals, const qm_nearest_points *near, dou
     qm_vec axis[3];
     double value[3], x[3][QM_LEAST_SQUARES_MAX], sum = 0.0;
     qm_vec centroid = find_axes(near, value, axis);
-    if (!(value[1] > 1e-3 * value[2])) return false;
+    if (!(value[1] > MIN_BREADTH * value[2])) return false;
     qm_least_squares sums[3] = {{.count = 3}, {.count = 3}, {.count = 3}};
     double radius = sqrt(2.0 * (value[1] + value[2]) / near->count);
     for (int pass = 0; pass < 2; pass++) {
@@ -302,6 +377,7 @@ typedef struct outlier_search {
     const qm_noise_points *points;
     double sigma; /* local */
     float *reach; /* local */
+    double ratio; /* of the distance to the neighbours to theirs */
     double usual; /* the median of it */
     bool *is_outlier;
     bool marks;
@@ -335,18 +411,16 @@ static void search_block(void *user, int worker, size_t block)
         }
         double theirs = dense_reach(s->reach, &near), value[3], own = (double)s->reach[i];
         s->is_outlier[i] = false;
-        if (own <= OUTLIER_RATIO * fmin(theirs, s->usual)) continue;
+        if (own <= s->ratio * fmin(theirs, s->usual)) continue;
         qm_vec centroid = find_axes(&near, value, axis);
         double height = fabs(qm_vec_dot(axis[0], qm_vec_sub(at, centroid)));
-        bool is_off =
-            own > OUTLIER_RATIO * theirs && height > OUTLIER_HEIGHT * theirs + MAX_DEVIATIONS * s->sigma;
-        bool is_loose =
-            own > OUTLIER_RATIO * s->usual && value[0] > MIN_ROUND * (value[0] + value[1] + value[2]);
+        bool is_off = own > s->ratio * theirs && height > OUTLIER_HEIGHT * theirs + MAX_DEVIATIONS * s->sigma;
+        bool is_loose = own > s->ratio * s->usual && value[0] > MIN_ROUND * (value[0] + value[1] + value[2]);
         s->is_outlier[i] = is_off || is_loose;
     }
 }
 
-qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points, double sigma,
+qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points, double sigma, double ratio,
                                  int thread_count, bool *is_outlier, size_t *count)
 {
     *count = 0;
@@ -357,6 +431,7 @@ qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points,
     if (status != QM_OK) return status;
     outlier_search search = {.tree = tree,
                              .points = points,
+                             .ratio = ratio,
                              .sigma = sigma * tree->frame.scale,
                              .reach = qm_context_alloc(ctx, points->count, sizeof(float)),
                              .is_outlier = is_outlier};
@@ -366,7 +441,8 @@ qm_status qm_noise_find_outliers(qm_context *ctx, const qm_noise_points *points,
         if (search.marks) search.usual = usual_reach(search.reach, points->count);
         qm_context_parallel_for(ctx, thread_count, (points->count + BLOCK - 1) / BLOCK, search_block,
                                 &search);
-        if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "reconstruction canceled");
+        if (qm_context_canceled(ctx))
+            status = qm_context_fail(ctx, QM_E_CANCELED, "smoothing of points canceled");
     }
     for (size_t i = 0; i < points->count && status == QM_OK; i++)
         *count += is_outlier[i];

@@ -1,5 +1,5 @@
 /**
- * reconstruct_guide.c: a smooth surface through noisy points, on which all stages work but the last: curves, labels and lattices
+ * cloud_guide.c: a smooth surface through noisy points, on which all stages work but the last: curves, labels and lattices
  * would follow the noise otherwise.
  *
  * Each point goes to the polynomial surface of its neighbours (qm_ref_surface_project), of as many of them as the shape allows:
@@ -10,7 +10,7 @@
  * Source: A. Goldenshluger, A. Nemirovski, On spatially adaptive estimation of nonparametric regression, 1997 (the intersection
  * of confidence intervals).
  */
-#include "reconstruct_points.h"
+#include "cloud_points.h"
 
 #include <math.h>
 #include <stdatomic.h>
@@ -26,9 +26,8 @@
 /* The variance of the value of the polynomial at the middle of k neighbours with the weights of ref_surface.c is this over k: 5.2
  * to 5.9 by the inverse of the normal equations over 300 random discs, for 20 to 128 neighbours. */
 #define VARIANCE 5.4
-#define MIN_REACH 3.0     /* of the noise: the radius of a neighbourhood in which a plane shows */
-#define MIN_AGREEING 0.75 /* of neighbours, whose normals must agree for normals to be used */
-#define SMOOTHING 2       /* rounds of averaging normals at the corners of faces */
+#define MIN_REACH 3.0 /* of the noise: the radius of a neighbourhood in which a plane shows */
+#define SMOOTHING 2   /* rounds of averaging normals at the corners of faces */
 
 enum { POINT_SIZE = 3 * sizeof(double), SIZES = 5, BLOCK = 256 };
 
@@ -122,23 +121,6 @@ static qm_status find_vertex_normals(qm_context *ctx, const qm_mesh *mesh, float
     return QM_OK;
 }
 
-/** True if the normals of most neighbours agree, so that they tell sides. */
-static bool have_sides(const qm_bvh *tree, const qm_noise_points *points)
-{
-    size_t along = 0, against = 0, step = points->count / 2000 + 1;
-    for (size_t i = 0; i < points->count; i += step) {
-        qm_nearest_points near;
-        qm_nearest_points_find(tree, qm_frame_local(&tree->frame, points->positions + 3 * i), QM_FIT_POINTS,
-                               &near);
-        for (int k = 0; k < near.count; k++) {
-            double dot = qm_vec_dot(normal_at(points->normals, i), normal_at(points->normals, near.index[k]));
-            along += dot > 0.0;
-            against += dot < 0.0;
-        }
-    }
-    return (double)along > MIN_AGREEING * (double)(along + against);
-}
-
 /** The smoothing of all points: each block writes its own. */
 typedef struct smoothing {
     const qm_bvh *tree;
@@ -210,20 +192,6 @@ static void smooth_block(void *user, int worker, size_t block)
     }
 }
 
-/** Drops the marked points. */
-static void drop_marked(qm_noise_points *points, const bool *is_marked)
-{
-    size_t kept = 0;
-    for (size_t i = 0; i < points->count; i++) {
-        if (is_marked[i]) continue;
-        memmove(points->positions + 3 * kept, points->positions + 3 * i, POINT_SIZE);
-        if (points->normals)
-            memmove(points->normals + 3 * kept, points->normals + 3 * i, 3 * sizeof *points->normals);
-        kept++;
-    }
-    points->count = kept;
-}
-
 /** Copies the points of a surface: of a point set, or the vertices of a mesh. QM_OK or QM_E_NO_MEMORY. */
 static qm_status load_points(qm_context *ctx, const qm_ref_surface *surface, size_t wanted,
                              qm_noise_points *out)
@@ -250,7 +218,7 @@ static qm_status smooth_points(qm_context *ctx, qm_guide *guide, int thread_coun
     qm_ref_surface surface;
     status = qm_noise_points_build_tree(ctx, &from, thread_count, &tree);
     if (status == QM_OK) status = qm_ref_surface_init(ctx, tree, &surface);
-    if (status == QM_OK && from.normals && !have_sides(tree, &from)) {
+    if (status == QM_OK && from.normals && !qm_noise_points_have_sides(&from, tree)) {
         qm_context_free(ctx, from.normals, from.capacity, 3 * sizeof *from.normals);
         from.normals = NULL;
     }
@@ -260,7 +228,8 @@ static qm_status smooth_points(qm_context *ctx, qm_guide *guide, int thread_coun
     if (status == QM_OK) {
         smoothing s = {tree, &surface, &from, &guide->smooth, guide->sigma};
         qm_context_parallel_for(ctx, thread_count, (from.count + BLOCK - 1) / BLOCK, smooth_block, &s);
-        if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "reconstruction canceled");
+        if (qm_context_canceled(ctx))
+            status = qm_context_fail(ctx, QM_E_CANCELED, "smoothing of points canceled");
     }
     qm_bvh_destroy(ctx, tree);
     qm_noise_points_reset(ctx, &from);
@@ -275,10 +244,10 @@ static qm_status make_guide(qm_context *ctx, const qm_ref_surface *surface, int 
     size_t outliers, capacity = guide->data.count;
     if (status == QM_OK && surface->is_cloud) {
         is_outlier = qm_context_alloc(ctx, capacity, sizeof *is_outlier);
-        status = is_outlier ? qm_noise_find_outliers(ctx, &guide->data, guide->sigma, thread_count,
-                                                     is_outlier, &outliers)
+        status = is_outlier ? qm_noise_find_outliers(ctx, &guide->data, guide->sigma, QM_OUTLIER_RATIO,
+                                                     thread_count, is_outlier, &outliers)
                             : no_memory(ctx);
-        if (status == QM_OK) drop_marked(&guide->data, is_outlier);
+        if (status == QM_OK) qm_noise_points_drop(&guide->data, is_outlier);
         qm_context_free(ctx, is_outlier, capacity, sizeof *is_outlier);
     }
     if (status == QM_OK && surface->is_cloud)
@@ -304,7 +273,8 @@ static qm_status study(qm_context *ctx, const qm_ref_surface *surface, double sh
     if (status == QM_OK && surface->is_cloud) {
         bool *is_outlier = qm_context_alloc(ctx, points.count, sizeof *is_outlier);
         size_t count = 0;
-        status = is_outlier ? qm_noise_find_outliers(ctx, &points, *sigma, thread_count, is_outlier, &count)
+        status = is_outlier ? qm_noise_find_outliers(ctx, &points, *sigma, QM_OUTLIER_RATIO, thread_count,
+                                                     is_outlier, &count)
                             : no_memory(ctx);
         qm_context_free(ctx, is_outlier, points.count, sizeof *is_outlier);
         *outliers = (double)count / (double)points.count;
