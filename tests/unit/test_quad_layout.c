@@ -543,6 +543,68 @@ static void a_reconstruction_starts_at_grids(void **state)
     qm_ground_free(&g);
 }
 
+enum { HORNS = 5 };
+
+/** A ball with horns, 1.5 radii high, in directions at random at least 0.8 apart. */
+static qm_mesh horned_ball(qm_random *random, qm_vec tip[HORNS])
+{
+    voxels cube = {0};
+    fill(&cube, 0, 0, 0, 2, 2, 2, true);
+    qm_mesh mesh = boundary_of(&cube, 16);
+    make_round(&mesh, 1.0);
+    for (int h = 0; h < HORNS;) {
+        double direction[3];
+        qm_random_direction(random, direction);
+        const qm_vec way = qm_vec_load(direction);
+        bool is_apart = true;
+        for (int k = 0; k < h; k++)
+            is_apart &= qm_vec_distance(way, tip[k]) > 0.8;
+        if (is_apart) tip[h++] = way;
+    }
+    for (size_t v = 0; v < mesh.vertex_count; v++) {
+        qm_vec at = qm_vec_load(mesh.positions + 3 * v);
+        double height = 1;
+        for (int h = 0; h < HORNS; h++) {
+            double distance = qm_vec_distance(at, tip[h]) / 0.2;
+            height += 1.5 * exp(-distance * distance);
+        }
+        qm_vec_store(mesh.positions + 3 * v, qm_vec_scale(height, at));
+    }
+    for (int h = 0; h < HORNS; h++)
+        tip[h] = qm_vec_scale(2.5, tip[h]);
+    return mesh;
+}
+
+/** The grids of a layout reach into horns: relaxed by the least pull alone, they end up to 1.05 below. */
+static void grids_keep_horns(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 2; seed <= 3; seed++) {
+        qm_random random = qm_random_make(seed, 0);
+        qm_vec tip[HORNS];
+        qm_ground g;
+        qm_ground_make(&g, horned_ball(&random, tip));
+        const qm_quad_layout_options options = {.effort = 100, .patches = 100};
+        const qm_quads_options quads = {.quads = 1500, .crease_angle = 40, .thread_count = 1};
+        qm_layout layout;
+        qm_layout_issues issues;
+        double *grids;
+        assert_int_equal(qm_quad_layout_make_of_surface(&g.ctx, &g.source, &quads, NULL, &options, &layout,
+                                                        &issues, NULL, &grids),
+                         QM_OK);
+        for (int h = 0; h < HORNS; h++) {
+            double least = INFINITY;
+            for (size_t i = 0; i < layout.patch_count * QM_LAYOUT_GRID_POINTS; i++)
+                least = fmin(least, qm_vec_distance(tip[h], qm_vec_load(grids + 3 * i)));
+            QM_CHECK(least < 0.8, "seed %d: the grids end %g below horn %d of 1.5", (int)seed, least, h);
+        }
+        qm_quad_layout_free_grids(&g.ctx, &layout, grids);
+        qm_layout_reset(&g.ctx, &layout);
+        qm_layout_issues_reset(&g.ctx, &issues);
+        qm_ground_free(&g);
+    }
+}
+
 static void a_layout_is_divided_as_wanted(void **state)
 {
     (void)state;
@@ -887,6 +949,7 @@ int main(void)
         cmocka_unit_test(a_surface_alone_has_its_creases_as_curves),
         cmocka_unit_test(irregular_vertices_stay_off_creases),
         cmocka_unit_test(a_reconstruction_starts_at_grids),
+        cmocka_unit_test(grids_keep_horns),
         cmocka_unit_test(a_layout_is_divided_as_wanted),
         cmocka_unit_test(lengths_are_the_best_of_all),
         cmocka_unit_test(bad_input_is_a_status),

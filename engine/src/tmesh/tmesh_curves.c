@@ -15,13 +15,16 @@
 
 #define STEPS QM_LAYOUT_GRID
 /* Rounds of sweeps, until no cell is folded. A point is pulled to its place by LEAST_PULL of the way: a lattice round an ear
- * would come off it otherwise. A required vertex is pulled by PULL, and by SLACKEN times less after each round in
+ * would come off it otherwise. Where it does even so, so that a place has no point within LOST edges, all is relaxed again
+ * by FIRM_PULL. A required vertex is pulled by PULL, and by SLACKEN times less after each round in
  * which it is a corner of a folded face. */
 #define ROUNDS 12
 #define SWEEPS 6
 #define PULL 0.3
 #define SLACKEN 0.5
 #define LEAST_PULL 0.03
+#define FIRM_PULL 0.1
+#define LOST 3.0
 #define REACH 0.1 /* of the diagonal: how far from the surface a lattice may be */
 /* Folds that sweeps do not take out: rounds over their points, each of which tries places in TRIAL_WAYS directions at
  * TRIAL_SIZES distances, from half the mean edge on by halves, until all sines round it are GOOD_SINE. From farther places
@@ -59,6 +62,7 @@ typedef struct curve_drawer {
     const qm_tmesh_source *source;
     qm_tmesh_triangles *triangles; /* of the surface, made when they are needed */
     qm_tmesh_lattice lattice;
+    double least_pull;      /* of a point to its place */
     qm_tmesh_traces traces; /* of curves that were drawn in charts */
     uint32_t *of_class;     /* by point class: its lattice point */
     uint32_t *of_segment;   /* by segment class: the first of its STEPS - 1 */
@@ -524,7 +528,7 @@ static void loosen_face(curve_drawer *d, const qm_tmesh_cell *cell)
         for (uint32_t j = 0; j <= STEPS; j++) {
             qm_tmesh_point *at = &d->lattice.points[d->grid[cell->face + (size_t)i * cell->stride + j]];
             at->is_loose = true;
-            if (i % STEPS == 0 && j % STEPS == 0) at->pull = fmax(LEAST_PULL, SLACKEN * at->pull);
+            if (i % STEPS == 0 && j % STEPS == 0) at->pull = fmax(d->least_pull, SLACKEN * at->pull);
         }
 }
 
@@ -570,7 +574,6 @@ static void place_on_surface(curve_drawer *d)
         qm_tmesh_point *point = &d->lattice.points[i];
         project(d, point);
         if (!point->is_pinned) point->pin = point->at;
-        point->pull = point->is_pinned ? PULL : LEAST_PULL;
     }
 }
 
@@ -671,14 +674,62 @@ static size_t untangle(curve_drawer *d, size_t folds)
     return folds;
 }
 
-static qm_status relax(curve_drawer *d, size_t *folds)
+/** A point's neighbour number n of those that its cells have; each is met twice inside. */
+static uint32_t neighbour(const curve_drawer *d, uint32_t index, uint32_t n)
 {
-    qm_tmesh_point *best = qm_arena_alloc(d->arena, d->lattice.point_count, sizeof *best);
-    if (!best || !list_cells(d))
-        return qm_context_fail(d->arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves");
-    place_on_surface(d);
-    find_signs(d);
+    uint32_t at = d->lattice.at[d->lattice.first_at[index] + n / 2];
+    return d->lattice.cells[at / 4].corner[(at + (n & 1 ? 3 : 1)) & 3];
+}
+
+static uint32_t neighbour_count(const curve_drawer *d, uint32_t index)
+{
+    return 2 * (d->lattice.first_at[index + 1] - d->lattice.first_at[index]);
+}
+
+/** How far the place that a point started at is from the lattice now: from there over neighbours that are nearer. */
+static double distance_of_place(const curve_drawer *d, uint32_t index)
+{
+    const qm_tmesh_point *points = d->lattice.points;
+    qm_vec place = points[index].pin;
+    double least = qm_vec_distance(place, points[index].at);
+    for (bool is_nearer = true; is_nearer;) {
+        uint32_t from = index;
+        is_nearer = false;
+        for (uint32_t n = 0; n < neighbour_count(d, from); n++) {
+            uint32_t other = neighbour(d, from, n);
+            double distance = qm_vec_distance(place, points[other].at);
+            if (!(distance < least)) continue;
+            least = distance;
+            index = other;
+            is_nearer = true;
+        }
+    }
+    return least;
+}
+
+/** Counts the places of points that the lattice has left: the tips of limbs. */
+static size_t count_lost(const curve_drawer *d)
+{
+    size_t lost = 0;
+    for (uint32_t i = 0; i < d->lattice.point_count; i++) {
+        double sum = 0;
+        uint32_t count = neighbour_count(d, i);
+        for (uint32_t n = 0; n < count; n++)
+            sum += qm_vec_distance(d->lattice.points[i].pin, d->lattice.points[neighbour(d, i, n)].pin);
+        lost += count > 0 && distance_of_place(d, i) > LOST * sum / count;
+    }
+    return lost;
+}
+
+/** Relaxes the points from where they are, pulled to their places; of all rounds the one with the fewest folds remains. best has room
+ * for them. */
+static qm_status relax_by(curve_drawer *d, double pull, qm_tmesh_point *best, size_t *folds)
+{
+    const size_t size = d->lattice.point_count * sizeof *best;
     size_t least = SIZE_MAX;
+    d->least_pull = pull;
+    for (size_t i = 0; i < d->lattice.point_count; i++)
+        d->lattice.points[i].pull = d->lattice.points[i].is_pinned ? PULL : pull;
     for (int round = 0; round <= ROUNDS && least > 0; round++) {
         for (int sweep = 0; sweep < SWEEPS && round > 0; sweep++) {
             if (qm_context_canceled(d->arena->ctx))
@@ -690,9 +741,41 @@ static qm_status relax(curve_drawer *d, size_t *folds)
         size_t now = count_folds(d);
         if (now >= least) continue;
         least = now;
-        memcpy(best, d->lattice.points, d->lattice.point_count * sizeof *best);
+        memcpy(best, d->lattice.points, size);
     }
-    memcpy(d->lattice.points, best, d->lattice.point_count * sizeof *best);
+    memcpy(d->lattice.points, best, size);
+    *folds = least;
+    return QM_OK;
+}
+
+/** Relaxes the points, and more firmly if they leave tips: that is kept if it leaves fewer and folds no more. */
+static qm_status relax(curve_drawer *d, size_t *folds)
+{
+    const size_t count = d->lattice.point_count, size = count * sizeof *d->lattice.points;
+    qm_tmesh_point *best = qm_arena_alloc(d->arena, count, sizeof *best);
+    qm_tmesh_point *start = qm_arena_alloc(d->arena, count, sizeof *start);
+    if (!best || !start || !list_cells(d))
+        return qm_context_fail(d->arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves");
+    place_on_surface(d);
+    find_signs(d);
+    memcpy(start, d->lattice.points, size);
+    size_t least;
+    qm_status status = relax_by(d, LEAST_PULL, best, &least);
+    size_t lost = status == QM_OK ? count_lost(d) : 0;
+    if (lost > 0) {
+        size_t firm_folds = 0;
+        for (size_t i = 0; i < count; i++) {
+            qm_tmesh_point loose = d->lattice.points[i];
+            d->lattice.points[i] = start[i];
+            start[i] = loose;
+        }
+        status = relax_by(d, FIRM_PULL, best, &firm_folds);
+        if (status == QM_OK && firm_folds <= least && count_lost(d) < lost)
+            least = firm_folds;
+        else
+            memcpy(d->lattice.points, start, size);
+    }
+    if (status != QM_OK) return status;
     count_folds(d);
     *folds = untangle(d, least);
     return QM_OK;
