@@ -343,6 +343,13 @@ static void open_shapes_keep_their_boundaries(void **state)
     check_quads(triangles_of(qm_shape_saddle(20)), &saddle);
     const wanted strip = {"twisted strip", 600, 1, 1, false, 0, 12, 0.3};
     check_quads(triangles_of(qm_shape_strip(60, 15, 3.0)), &strip);
+    for (double length = 200.0; length <= 3000.0; length *= 15.0) {
+        qm_mesh ribbon = triangles_of(qm_shape_plane(20, 0.0));
+        for (size_t v = 0; v < ribbon.vertex_count; v++)
+            ribbon.positions[3 * v] *= length;
+        const wanted narrow = {"ribbon narrower than a quad", 100, 1, 1, false, 0, 0, 1e-3};
+        check_quads_off(ribbon, &narrow, 0.2);
+    }
     const wanted moebius = {"slit Moebius strip", 600, 1, 1, false, 0, 20, 0.4};
     check_quads(triangles_of(qm_shape_grid(80, 12, false, false, moebius_point, NULL)), &moebius);
 }

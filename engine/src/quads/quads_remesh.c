@@ -16,6 +16,7 @@
 #define MAX_PASSES 24
 #define MIN_NORMAL_COSINE 0.5 /* between normals of a face before and after a contraction */
 #define FLAT_COSINE 0.8       /* between faces whose common edge may be turned */
+#define EDGES_A_POLL 4096
 
 /** The longest edges come first: the halves of a needle are then no thinner than it was. */
 static qm_status split_long(qm_context *ctx, qm_trimesh *m, double longest)
@@ -26,13 +27,13 @@ static qm_status split_long(qm_context *ctx, qm_trimesh *m, double longest)
     while (limit > longest) {
         limit = qm_max(limit / 1.4, longest);
         for (uint32_t h = 0; h < 3 * m->face_count; h++) {
+            if (h % EDGES_A_POLL == 0 && qm_context_canceled(ctx)) return QM_E_CANCELED;
             if (!qm_trimesh_has_face(m, h / 3)) continue;
             uint32_t u = m->from[h], v = qm_trimesh_to(m, h), vertex;
             if (qm_vec_distance(m->position[u], m->position[v]) <= limit) continue;
             qm_vec middle = qm_vec_mix(m->position[u < v ? u : v], m->position[u < v ? v : u], 0.5);
             if (qm_trimesh_split(ctx, m, h, middle, &vertex) != QM_OK) return QM_E_NO_MEMORY;
         }
-        if (qm_context_canceled(ctx)) return QM_E_CANCELED;
     }
     return QM_OK;
 }
@@ -78,10 +79,12 @@ static bool collapse_edge(qm_trimesh *m, uint32_t h, double longest)
     return false;
 }
 
-static size_t collapse_short(qm_trimesh *m, double shortest, double longest)
+/** Ends early when canceled. */
+static size_t collapse_short(qm_context *ctx, qm_trimesh *m, double shortest, double longest)
 {
     size_t count = 0;
     for (uint32_t h = 0; h < 3 * m->face_count; h++) {
+        if (h % EDGES_A_POLL == 0 && qm_context_canceled(ctx)) break;
         if (!qm_trimesh_has_face(m, h / 3)) continue;
         if (qm_vec_norm2(qm_trimesh_edge(m, h)) >= shortest * shortest) continue;
         count += collapse_edge(m, h, longest);
@@ -201,7 +204,7 @@ qm_status qm_quads_remesh(qm_context *ctx, qm_trimesh *m, const qm_bvh *bvh, dou
     for (int round = 0; round < ROUNDS && status == QM_OK; round++) {
         status = split_long(ctx, m, LONG * length);
         for (int pass = 0; pass < MAX_PASSES && status == QM_OK; pass++) {
-            if (collapse_short(m, SHORT * length, LONG * length) * 100 <= m->face_count) break;
+            if (collapse_short(ctx, m, SHORT * length, LONG * length) * 100 <= m->face_count) break;
             if (qm_context_canceled(ctx)) status = QM_E_CANCELED;
         }
         qm_trimesh_compact(m);

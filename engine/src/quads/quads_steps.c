@@ -208,12 +208,12 @@ static void mark_across(const steps_work *w, uint32_t h, int axis, int direction
     w->is_across[t] |= (uint8_t)(1 << twin_axis);
 }
 
-/** True if a feature at a vertex runs along the half-edge of another, and the walls beyond both look apart. */
+/** True if a feature at a vertex runs along the half-edge of another, and the walls beyond both look apart, or both are boundaries. */
 static bool is_opposite(const qm_trimesh *m, uint32_t half, uint32_t vertex)
 {
     qm_vec along = qm_trimesh_edge(m, half), strip = qm_trimesh_normal(m, half / 3);
-    if (m->twin[half] == QM_NO_INDEX) return false;
-    qm_vec wall = qm_trimesh_normal(m, m->twin[half] / 3);
+    bool is_boundary = m->twin[half] == QM_NO_INDEX;
+    qm_vec wall = is_boundary ? strip : qm_trimesh_normal(m, m->twin[half] / 3);
     uint32_t first = qm_trimesh_first(m, vertex), h = first;
     do {
         uint32_t back = qm_trimesh_prev(h);
@@ -221,9 +221,10 @@ static bool is_opposite(const qm_trimesh *m, uint32_t half, uint32_t vertex)
         for (int k = 0; k < 2; k++) {
             uint32_t t = m->twin[side[k]];
             qm_vec edge = qm_trimesh_edge(m, side[k]);
-            if (!m->is_feature[side[k]] || t == QM_NO_INDEX ||
+            if (!m->is_feature[side[k]] || (t == QM_NO_INDEX) != is_boundary ||
                 !(fabs(qm_vec_dot(edge, along)) > STRIP_COSINE * qm_vec_norm(along) * qm_vec_norm(edge)))
                 continue;
+            if (is_boundary) return true;
             /* the strip lies on one side of it */
             qm_vec a = qm_trimesh_normal(m, side[k] / 3), b = qm_trimesh_normal(m, t / 3);
             double scale_a = qm_vec_norm(a), scale_b = qm_vec_norm(b);
