@@ -21,7 +21,7 @@ typedef struct qm_ref_surface {
  *
  * Ownership: borrows the tree, which must outlive it.
  * Returns:   QM_OK; QM_E_ARGUMENT (no target); QM_E_EMPTY (the surface has no extent); QM_E_SCALE (its coordinates are beyond
- *            2^200, or its diagonal below the inverse).
+ *            2^310, or its diagonal below the inverse).
  */
 qm_status qm_ref_surface_init(qm_context *ctx, const qm_bvh *bvh, qm_ref_surface *out);
 

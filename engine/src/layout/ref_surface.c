@@ -15,7 +15,7 @@
 #include "ref_points.h"
 
 #define MOST_LOCAL 0x1p40 /* sizes of the surface: a point that is farther away is taken from there */
-#define MOST_SIZE 0x1p200 /* of a surface, and the inverse of the least: products of squares stay finite */
+#define MOST_SIZE 0x1p310 /* of a surface, and the inverse of the least: products of squares stay finite */
 #define MIN_SIDE 1e-2     /* of the diagonal: thinner sides of a box count as this thick */
 
 qm_status qm_ref_surface_init(qm_context *ctx, const qm_bvh *bvh, qm_ref_surface *out)
@@ -33,7 +33,7 @@ qm_status qm_ref_surface_init(qm_context *ctx, const qm_bvh *bvh, qm_ref_surface
         farthest = fmax(farthest, fmax(fabs(box.min[k]), fabs(box.max[k])));
     if (!(out->diagonal >= 1 / MOST_SIZE && farthest <= MOST_SIZE))
         return qm_context_fail(ctx, QM_E_SCALE,
-                               "the surface is larger than 2^200, or smaller than its inverse");
+                               "the surface is larger than 2^310, or smaller than its inverse");
     return QM_OK;
 }
 
