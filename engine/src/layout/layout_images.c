@@ -35,6 +35,22 @@ static void take_samples(const qm_curve *curve, double out[SAMPLES][3])
         qm_vec_store(out[k], qm_section_at(&line, length * k / (SAMPLES - 1)));
 }
 
+/** Reflects samples of a curve. Its chords leave the surface: only their feet are projected on the other side, and the samples lie off
+ * these as they did. */
+static void reflect_samples(const qm_ref_surface *surface, const double point[3], const double normal[3],
+                            double samples[SAMPLES][3])
+{
+    for (int k = 0; k < SAMPLES; k++) {
+        qm_ref_surface_point foot;
+        qm_ref_surface_project(surface, samples[k], &foot);
+        double off[3];
+        qm_vec_store(off, qm_vec_sub(qm_vec_load(samples[k]), qm_vec_load(foot.position)));
+        qm_layout_reflect(surface, point, normal, foot.position, 1);
+        qm_layout_reflect_direction(normal, off);
+        qm_vec_store(samples[k], qm_vec_add(qm_vec_load(foot.position), qm_vec_load(off)));
+    }
+}
+
 uint32_t qm_layout_find_image_curve(const qm_layout *layout, const qm_ref_surface *surface,
                                     const double point[3], const double normal[3], uint32_t id, double radius,
                                     bool *is_reversed)
@@ -44,7 +60,7 @@ uint32_t qm_layout_find_image_curve(const qm_layout *layout, const qm_ref_surfac
     QM_ASSERT(index != QM_NO_INDEX);
     double image[SAMPLES][3], own[SAMPLES][3];
     take_samples(&layout->curves[index], image);
-    qm_layout_reflect(surface, point, normal, image[0], SAMPLES);
+    reflect_samples(surface, point, normal, image);
     *is_reversed = false;
     for (size_t i = 0; i < layout->curve_count; i++) {
         take_samples(&layout->curves[i], own);
