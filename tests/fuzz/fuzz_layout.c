@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "fuzz_check.h"
 #include "ops/json_layout.h"
 #include "sheet.h"
 
@@ -14,21 +15,6 @@
 #define PIECES 4
 #define STEPS 3
 #define STEP_QUADS 400
-
-#define CHECK(condition)                                                                                     \
-    do {                                                                                                     \
-        if (!(condition)) {                                                                                  \
-            fprintf(stderr, "%s:%d: %s\n", __FILE__, __LINE__, #condition);                                  \
-            abort();                                                                                         \
-        }                                                                                                    \
-    } while (0)
-
-/** A refusal has words. */
-static bool is_done(const qm_context *ctx, qm_status status)
-{
-    CHECK(status == QM_OK || ctx->message[0]);
-    return status == QM_OK;
-}
 
 /* ---- the drawing ---- */
 
@@ -41,7 +27,7 @@ static void draw(qm_context *ctx, qm_layout *layout, const qm_sheet_grid *grid, 
         double t = (double)i / PIECES;
         qm_sheet_at(grid, way[0] + t * (way[2] - way[0]), way[1] + t * (way[3] - way[1]), points + 3 * i);
     }
-    CHECK(is_done(ctx, qm_layout_add_curve(ctx, layout, from, to, points, PIECES + 1)));
+    CHECK(qm_fuzz_succeeded(ctx, qm_layout_add_curve(ctx, layout, from, to, points, PIECES + 1)));
 }
 
 static void draw_grid(qm_context *ctx, qm_layout *layout, const qm_sheet_grid *grid)
@@ -50,7 +36,7 @@ static void draw_grid(qm_context *ctx, qm_layout *layout, const qm_sheet_grid *g
     qm_sheet_make(grid, &sheet);
     double du = 1.0 / grid->columns, dv = 1.0 / grid->rows;
     for (size_t i = 0; i < sheet.mesh.vertex_count; i++)
-        CHECK(is_done(ctx, qm_layout_add_node(ctx, layout, sheet.positions + 3 * i)));
+        CHECK(qm_fuzz_succeeded(ctx, qm_layout_add_node(ctx, layout, sheet.positions + 3 * i)));
     for (int j = 0; j < grid->rows + !grid->wrap_v; j++)
         for (int i = 0; i < grid->columns; i++)
             draw(ctx, layout, grid, qm_sheet_number(grid, i, j), qm_sheet_number(grid, i + 1, j),
@@ -78,7 +64,7 @@ static void add_straight(qm_context *ctx, qm_layout *layout, uint32_t from, uint
     double ends[6];
     memcpy(ends, layout->nodes + 3 * (size_t)from, 3 * sizeof *ends);
     memcpy(ends + 3, layout->nodes + 3 * (size_t)to, 3 * sizeof *ends);
-    CHECK(is_done(ctx, qm_layout_add_curve(ctx, layout, from, to, ends, 2)));
+    CHECK(qm_fuzz_succeeded(ctx, qm_layout_add_curve(ctx, layout, from, to, ends, 2)));
 }
 
 /** Hundreds of curves between places that a sequence names. */
@@ -87,7 +73,7 @@ static void scribble(qm_context *ctx, qm_layout *layout, const qm_sheet_grid *gr
     uint32_t state = qm_bytes_take(bytes);
     double last[2] = {0.5, 0.5}, place[3];
     qm_sheet_at(grid, 0.5, 0.5, place);
-    CHECK(is_done(ctx, qm_layout_add_node(ctx, layout, place)));
+    CHECK(qm_fuzz_succeeded(ctx, qm_layout_add_node(ctx, layout, place)));
     for (int left = 2 * qm_bytes_take(bytes); left > 0; left--) {
         double way[4] = {last[0], last[1]};
         for (int k = 2; k < 4; k++) {
@@ -96,7 +82,7 @@ static void scribble(qm_context *ctx, qm_layout *layout, const qm_sheet_grid *gr
         }
         qm_sheet_at(grid, way[2], way[3], place);
         uint32_t from = (uint32_t)layout->node_count - 1;
-        CHECK(is_done(ctx, qm_layout_add_node(ctx, layout, place)));
+        CHECK(qm_fuzz_succeeded(ctx, qm_layout_add_node(ctx, layout, place)));
         draw(ctx, layout, grid, from, from + 1, way);
     }
 }
@@ -108,7 +94,7 @@ static void add_junction(qm_context *ctx, qm_layout *layout, qm_bytes *bytes)
     double place[3];
     memcpy(place, curve->points + 3 * (curve->point_count / 2), sizeof place);
     uint32_t to = take_node(layout, bytes);
-    CHECK(is_done(ctx, qm_layout_add_node(ctx, layout, place)));
+    CHECK(qm_fuzz_succeeded(ctx, qm_layout_add_node(ctx, layout, place)));
     add_straight(ctx, layout, (uint32_t)layout->node_count - 1, to);
 }
 
@@ -150,7 +136,7 @@ static void break_layout(qm_context *ctx, qm_layout *layout, const qm_sheet_grid
         else if (way == 7) /* lies on another curve */
             memcpy(curve->points, take_curve(layout, bytes)->points, 6 * sizeof(double));
         else if (way == 8)
-            CHECK(is_done(ctx, qm_layout_set_corner(ctx, layout, node, true)));
+            CHECK(qm_fuzz_succeeded(ctx, qm_layout_set_corner(ctx, layout, node, true)));
         else
             scribble(ctx, layout, grid, bytes);
     }
@@ -164,7 +150,7 @@ static void add_patches(qm_context *ctx, qm_layout *layout, qm_bytes *bytes)
         for (int k = 0; k < 4; k++)
             id[k] = take_curve(layout, bytes)->id;
         if (qm_bytes_take(bytes) % 2) id[2] = id[0];
-        (void)is_done(ctx, qm_layout_add_patch(ctx, layout, id));
+        (void)qm_fuzz_succeeded(ctx, qm_layout_add_patch(ctx, layout, id));
     }
 }
 
@@ -199,8 +185,8 @@ static void check_issues(const qm_layout *layout, const qm_layout_issues *issues
 static void check_mesh(qm_context *ctx, const qm_reconstruction *made)
 {
     qm_mesh mesh;
-    CHECK(is_done(ctx, qm_reconstruction_mesh(ctx, made, &mesh)));
-    CHECK(is_done(ctx, qm_mesh_validate(ctx, &mesh)));
+    CHECK(qm_fuzz_succeeded(ctx, qm_reconstruction_mesh(ctx, made, &mesh)));
+    CHECK(qm_fuzz_succeeded(ctx, qm_mesh_validate(ctx, &mesh)));
     qm_mesh_reset(ctx, &mesh);
 }
 
@@ -208,10 +194,10 @@ static void reconstruct(qm_context *ctx, const qm_ref_surface *surface, const qm
 {
     qm_reconstruction_options options = qm_reconstruction_options_default();
     qm_reconstruction *made;
-    if (!is_done(ctx, qm_reconstruction_create(ctx, surface, layout, &options, &made))) return;
+    if (!qm_fuzz_succeeded(ctx, qm_reconstruction_create(ctx, surface, layout, &options, &made))) return;
     for (int step = 0; step < STEPS; step++) {
         qm_reconstruction_record record;
-        CHECK(is_done(ctx, qm_reconstruction_step(ctx, made, STEP_QUADS, &record)));
+        CHECK(qm_fuzz_succeeded(ctx, qm_reconstruction_step(ctx, made, STEP_QUADS, &record)));
         check_mesh(ctx, made);
         CHECK(record.quads <= STEP_QUADS || record.chords_changed == 0);
     }
@@ -224,12 +210,12 @@ static void use(qm_context *ctx, const qm_ref_surface *surface, qm_layout *layou
 {
     qm_layout_issues issues = {0};
     if (!has_patches || layout->patch_count == 0)
-        CHECK(is_done(ctx, qm_layout_find_patches(ctx, surface, layout, &issues)));
+        CHECK(qm_fuzz_succeeded(ctx, qm_layout_find_patches(ctx, surface, layout, &issues)));
     check_issues(layout, &issues);
-    CHECK(is_done(ctx, qm_layout_find_crossings(ctx, layout, surface, &issues)));
+    CHECK(qm_fuzz_succeeded(ctx, qm_layout_find_crossings(ctx, layout, surface, &issues)));
     check_issues(layout, &issues);
     qm_layout_issues_reset(ctx, &issues);
-    (void)is_done(ctx, qm_layout_validate(ctx, layout, surface->diagonal, surface));
+    (void)qm_fuzz_succeeded(ctx, qm_layout_validate(ctx, layout, surface->diagonal, surface));
     reconstruct(ctx, surface, layout);
 }
 
@@ -263,8 +249,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     if (qm_mesh_validate(&ctx, &sheet.mesh) != QM_OK) return 0;
     qm_bvh *tree;
     qm_ref_surface surface;
-    if (!is_done(&ctx, qm_bvh_build(&ctx, &sheet.mesh, QM_BVH_TARGET, 1, &tree))) return 0;
-    if (is_done(&ctx, qm_ref_surface_init(&ctx, tree, &surface))) ask(&ctx, &surface, &grid, &bytes);
+    if (!qm_fuzz_succeeded(&ctx, qm_bvh_build(&ctx, &sheet.mesh, QM_BVH_TARGET, 1, &tree))) return 0;
+    if (qm_fuzz_succeeded(&ctx, qm_ref_surface_init(&ctx, tree, &surface)))
+        ask(&ctx, &surface, &grid, &bytes);
     qm_bvh_destroy(&ctx, tree);
     return 0;
 }

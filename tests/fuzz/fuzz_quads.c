@@ -6,27 +6,13 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "fuzz_check.h"
 #include "qm/quad_layout.h"
 #include "qm/reconstruct.h"
 #include "sheet.h"
 
 #define EFFORT 20
 #define STEP_QUADS 300
-
-#define CHECK(condition)                                                                                     \
-    do {                                                                                                     \
-        if (!(condition)) {                                                                                  \
-            fprintf(stderr, "%s:%d: %s\n", __FILE__, __LINE__, #condition);                                  \
-            abort();                                                                                         \
-        }                                                                                                    \
-    } while (0)
-
-/** A refusal has words. */
-static bool is_made(const qm_context *ctx, qm_status status)
-{
-    CHECK(status == QM_OK || ctx->message[0]);
-    return status == QM_OK;
-}
 
 static void check_mesh(qm_context *ctx, const qm_mesh *mesh)
 {
@@ -41,17 +27,17 @@ static void reconstruct(qm_context *ctx, const qm_ref_surface *surface, const qm
     qm_reconstruction_options options = qm_reconstruction_options_default();
     options.grids = grids;
     qm_mesh mesh;
-    if (grids &&
-        is_made(ctx, qm_reconstruction_fill_grids(ctx, surface, layout, &options, STEP_QUADS, &mesh))) {
+    if (grids && qm_fuzz_succeeded(
+                     ctx, qm_reconstruction_fill_grids(ctx, surface, layout, &options, STEP_QUADS, &mesh))) {
         check_mesh(ctx, &mesh);
         CHECK(mesh.face_count <= STEP_QUADS);
         qm_mesh_reset(ctx, &mesh);
     }
     qm_reconstruction *made;
     qm_reconstruction_record record;
-    if (!is_made(ctx, qm_reconstruction_create(ctx, surface, layout, &options, &made))) return;
-    CHECK(is_made(ctx, qm_reconstruction_step(ctx, made, STEP_QUADS, &record)));
-    CHECK(is_made(ctx, qm_reconstruction_mesh(ctx, made, &mesh)));
+    if (!qm_fuzz_succeeded(ctx, qm_reconstruction_create(ctx, surface, layout, &options, &made))) return;
+    CHECK(qm_fuzz_succeeded(ctx, qm_reconstruction_step(ctx, made, STEP_QUADS, &record)));
+    CHECK(qm_fuzz_succeeded(ctx, qm_reconstruction_mesh(ctx, made, &mesh)));
     check_mesh(ctx, &mesh);
     qm_mesh_reset(ctx, &mesh);
     qm_reconstruction_destroy(ctx, made);
@@ -75,7 +61,7 @@ static void check_layout(const qm_layout *layout)
 static void take_over(qm_context *ctx, const qm_ref_surface *surface, qm_status status, qm_layout *layout,
                       qm_layout_issues *issues, double *grids)
 {
-    if (is_made(ctx, status)) {
+    if (qm_fuzz_succeeded(ctx, status)) {
         check_layout(layout);
         reconstruct(ctx, surface, layout, grids);
     } else {
@@ -128,8 +114,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     if (qm_mesh_validate(&ctx, &quads.mesh) != QM_OK || qm_mesh_validate(&ctx, target) != QM_OK) return 0;
     qm_bvh *tree;
     qm_ref_surface surface;
-    if (!is_made(&ctx, qm_bvh_build(&ctx, target, QM_BVH_TARGET, 1, &tree))) return 0;
-    if (is_made(&ctx, qm_ref_surface_init(&ctx, tree, &surface)))
+    if (!qm_fuzz_succeeded(&ctx, qm_bvh_build(&ctx, target, QM_BVH_TARGET, 1, &tree))) return 0;
+    if (qm_fuzz_succeeded(&ctx, qm_ref_surface_init(&ctx, tree, &surface)))
         lay_out(&ctx, &quads.mesh, &surface, choice);
     qm_bvh_destroy(&ctx, tree);
     return 0;

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 
 #include "exact_twin.h"
+#include "fuzz_check.h"
 #include "qm/collide.h"
 #include "qm/deform.h"
 #include "qm/deviation.h"
@@ -18,14 +19,6 @@
 #define CELLS 300 /* of the slow twin, which holds its bracket when they run out */
 #define WORK 2000
 #define PATCH_PAIRS 8
-
-#define CHECK(condition)                                                                                     \
-    do {                                                                                                     \
-        if (!(condition)) {                                                                                  \
-            fprintf(stderr, "%s:%d: %s\n", __FILE__, __LINE__, #condition);                                  \
-            abort();                                                                                         \
-        }                                                                                                    \
-    } while (0)
 
 /** The queries of one input. */
 typedef struct question {
