@@ -105,6 +105,19 @@ static inline double qm_vec_distance(qm_vec a, qm_vec b)
     return qm_vec_norm(qm_vec_sub(a, b));
 }
 
+/** The vector with length 1; 0 stays 0. */
+static inline qm_vec qm_vec_unit(qm_vec a)
+{
+    double length = qm_vec_norm(a);
+    return length > 0.0 ? qm_vec_scale(1.0 / length, a) : a;
+}
+
+/** The angle between two vectors, from 0 to pi. */
+static inline double qm_vec_angle(qm_vec a, qm_vec b)
+{
+    return atan2(qm_vec_norm(qm_vec_cross(a, b)), qm_vec_dot(a, b));
+}
+
 /** Box of count points, count >= 1. */
 static inline qm_box qm_vec_box(const qm_vec *point, int count)
 {

@@ -47,12 +47,6 @@ void qm_deviation_normals_reset(qm_context *ctx, qm_deviation_normals *normals)
 
 /* ---- normals ---- */
 
-static qm_vec unit(qm_vec v)
-{
-    double length = qm_vec_norm(v);
-    return length > 0.0 ? qm_vec_scale(1.0 / length, v) : v;
-}
-
 /** A face: its corners, in turn, and how many triangles it is: 0 for a patch. */
 typedef struct normal_face {
     int count, triangles;
@@ -76,7 +70,7 @@ static qm_vec triangle_normal(qm_vec a, qm_vec b, qm_vec c, bool has_weight)
 {
     qm_vec on = qm_vec_sub(b, a), back = qm_vec_sub(c, a), cross = qm_vec_cross(on, back);
     double angle = has_weight ? atan2(qm_vec_norm(cross), qm_vec_dot(on, back)) : 1.0;
-    return qm_vec_scale(angle, unit(cross));
+    return qm_vec_scale(angle, qm_vec_unit(cross));
 }
 
 /** The normals of a face at one of its corners, by their angles. */
@@ -109,7 +103,7 @@ static qm_vec edge_normal(const normal_face *face, int corner, double fraction)
                                qm_vec_sub(face->corner[(corner + 3) % 4], face->corner[corner]));
     qm_vec to = qm_vec_cross(qm_vec_sub(face->corner[(next + 1) % 4], face->corner[next]),
                              qm_vec_sub(face->corner[corner], face->corner[next]));
-    return unit(qm_vec_mix(from, to, fraction));
+    return qm_vec_unit(qm_vec_mix(from, to, fraction));
 }
 
 /** The normal of a face inside of it; of two triangles, both on their common edge. */
@@ -117,7 +111,7 @@ static qm_vec inner_normal(const normal_face *face, const double uv[2])
 {
     if (face->triangles == 0) {
         qm_bilinear patch = qm_bilinear_make(face->corner);
-        return unit(
+        return qm_vec_unit(
             qm_vec_cross(qm_vec_axpy(patch.e1, uv[1], patch.w), qm_vec_axpy(patch.e2, uv[0], patch.w)));
     }
     qm_vec first = triangle_normal(face->corner[0], face->corner[1], face->corner[2], false);

@@ -67,7 +67,7 @@ static double divided(double a, double b)
 static double angle_at(const face_edges *face, int i)
 {
     qm_vec before = face->edge[(i + face->count - 1) % face->count], after = face->edge[i];
-    return 180.0 - DEGREES * atan2(qm_vec_norm(qm_vec_cross(before, after)), qm_vec_dot(before, after));
+    return 180.0 - DEGREES * qm_vec_angle(before, after);
 }
 
 static double extreme_angle(const face_edges *face, bool is_largest)

@@ -55,7 +55,7 @@ void qm_quality_measure(const qm_mesh *mesh, qm_quality *out)
         for (int k = 0; k < 4; k++) {
             qm_vec on = qm_vec_sub(corner[(k + 1) % 4], corner[k]);
             qm_vec back = qm_vec_sub(corner[(k + 3) % 4], corner[k]);
-            double angle = degrees * atan2(qm_vec_norm(qm_vec_cross(on, back)), qm_vec_dot(on, back));
+            double angle = degrees * qm_vec_angle(on, back);
             sum += fabs(angle - 90.0);
             out->max_angle = fmax(out->max_angle, fabs(angle - 90.0));
         }

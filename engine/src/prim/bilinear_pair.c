@@ -234,12 +234,6 @@ static qm_vec across(qm_vec v, qm_vec direction)
     return qm_vec_axpy(v, -qm_vec_dot(v, direction), direction);
 }
 
-static qm_vec unit(qm_vec v)
-{
-    double size = qm_vec_norm(v);
-    return size > 0.0 ? qm_vec_scale(1.0 / size, v) : v;
-}
-
 /** The mean direction in which a part leaves the line of the shared corners; false when all corners are
  * shared. */
 static bool leaving_direction(const face_part *part, qm_vec origin, qm_vec line, qm_vec *out)
@@ -248,10 +242,10 @@ static bool leaving_direction(const face_part *part, qm_vec origin, qm_vec line,
     int count = 0;
     for (int i = 0; i < part->count; i++) {
         if (part->is_shared[i]) continue;
-        sum = qm_vec_add(sum, unit(across(qm_vec_sub(part->corner[i], origin), line)));
+        sum = qm_vec_add(sum, qm_vec_unit(across(qm_vec_sub(part->corner[i], origin), line)));
         count++;
     }
-    *out = unit(sum);
+    *out = qm_vec_unit(sum);
     return count > 0;
 }
 
@@ -271,10 +265,10 @@ static bool are_separated(const face_part *p, const face_part *q)
     if (farthest_shared(p, p->corner[0], &origin) < 0.0) return false;
     double in_p = farthest_shared(p, origin, &end_p), in_q = farthest_shared(q, origin, &end_q);
     if (in_q < 0.0) return false;
-    qm_vec line = unit(qm_vec_sub(in_p > in_q ? end_p : end_q, origin));
+    qm_vec line = qm_vec_unit(qm_vec_sub(in_p > in_q ? end_p : end_q, origin));
     if (!leaving_direction(p, origin, line, &up_p) || !leaving_direction(q, origin, line, &up_q))
         return false;
-    qm_vec normal = unit(across(qm_vec_sub(up_p, up_q), line));
+    qm_vec normal = qm_vec_unit(across(qm_vec_sub(up_p, up_q), line));
     return lies_above(p, origin, normal) && lies_above(q, origin, qm_vec_scale(-1.0, normal));
 }
 

@@ -56,18 +56,12 @@ static double side_length(const qm_trimesh *m, uint32_t from, uint32_t to)
     return qm_vec_distance(m->position[to], start);
 }
 
-static qm_vec unit(qm_vec a)
-{
-    double length = qm_vec_norm(a);
-    return length > 0.0 ? qm_vec_scale(1.0 / length, a) : a;
-}
-
 /** The angle between two edges from a vertex. */
 static double angle_at(const qm_trimesh *m, uint32_t vertex, uint32_t a, uint32_t b)
 {
     qm_vec u = qm_vec_sub(m->position[a], m->position[vertex]),
            v = qm_vec_sub(m->position[b], m->position[vertex]);
-    return atan2(qm_vec_norm(qm_vec_cross(u, v)), qm_vec_dot(u, v));
+    return qm_vec_angle(u, v);
 }
 
 /** True if h leads to a vertex that nothing holds. */
@@ -90,7 +84,7 @@ static uint32_t next_vertex(const qm_trimesh *m, const axes *x, const corner *c,
            at = qm_vec_dot(qm_vec_sub(m->position[last], x->origin), x->inward);
     do {
         qm_vec d = qm_vec_sub(m->position[qm_trimesh_to(m, h)], x->origin);
-        double score = qm_vec_dot(unit(d), x->inward);
+        double score = qm_vec_dot(qm_vec_unit(d), x->inward);
         if (is_free(m, h) && score > best_score && qm_vec_dot(d, x->inward) > at)
             best = qm_trimesh_to(m, h), best_score = score;
         h = qm_trimesh_around(m, h);
@@ -121,9 +115,9 @@ static uint32_t edge_ahead(const qm_trimesh *m, const axes *x, uint32_t last, do
 /** Writes the path of a corner; edges are split where it has no vertex to go to. */
 static qm_status add_path(qm_context *ctx, qm_trimesh *m, const corner *c, double size, qm_quads_corners *out)
 {
-    qm_vec origin = m->position[c->vertex], a = unit(qm_vec_sub(m->position[c->end[0]], origin)),
-           b = unit(qm_vec_sub(m->position[c->end[1]], origin));
-    const axes x = {origin, unit(qm_vec_add(a, b)), unit(qm_vec_sub(b, a))};
+    qm_vec origin = m->position[c->vertex], a = qm_vec_unit(qm_vec_sub(m->position[c->end[0]], origin)),
+           b = qm_vec_unit(qm_vec_sub(m->position[c->end[1]], origin));
+    const axes x = {origin, qm_vec_unit(qm_vec_add(a, b)), qm_vec_unit(qm_vec_sub(b, a))};
     double side = qm_min(side_length(m, c->vertex, c->end[0]), side_length(m, c->vertex, c->end[1]));
     double reach = qm_min(REACH * sin(0.5 * c->angle), MAX_REACH) * side;
     if (2.0 * side * sin(0.5 * c->angle) < MIN_WIDTH * size) return QM_OK;

@@ -34,7 +34,7 @@ qm_quads_sector qm_quads_sector_at(const qm_quads_sides *t, uint32_t side)
         qm_vec p = qm_quads_at(t, qm_quads_from(t, s)),
                a = qm_vec_sub(qm_quads_at(t, qm_quads_from(t, qm_quads_next(s))), p),
                b = qm_vec_sub(qm_quads_at(t, qm_quads_from(t, back)), p);
-        angle += atan2(qm_vec_norm(qm_vec_cross(a, b)), qm_vec_dot(a, b));
+        angle += qm_vec_angle(a, b);
         found.quads++;
         is_whole = !is_feature[back];
         s = t->twin[back];

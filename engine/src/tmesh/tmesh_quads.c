@@ -214,11 +214,6 @@ static qm_vec face_normal(const qm_mesh *mesh, uint32_t face)
     return qm_vec_cross(qm_vec_sub(p[2], p[0]), qm_vec_sub(p[3], p[1]));
 }
 
-static double angle_between(qm_vec a, qm_vec b)
-{
-    return atan2(qm_vec_norm(qm_vec_cross(a, b)), qm_vec_dot(a, b));
-}
-
 static bool same_way(const qm_mesh *mesh, const qm_tmesh_edge *edge)
 {
     bool way[2] = {false, false};
@@ -237,7 +232,7 @@ static void mark_sharp(qm_tmesh_quads *quads, double crease_angle)
         if (edge->face[1] == QM_NO_INDEX) continue;
         qm_vec a = face_normal(&quads->mesh, edge->face[0]), b = face_normal(&quads->mesh, edge->face[1]);
         if (same_way(&quads->mesh, edge)) b = qm_vec_scale(-1, b);
-        edge->is_feature = angle_between(a, b) > crease_angle * QM_DEGREE;
+        edge->is_feature = qm_vec_angle(a, b) > crease_angle * QM_DEGREE;
     }
 }
 
@@ -344,7 +339,7 @@ static bool turns_sharply(const qm_tmesh_quads *quads, uint32_t v, const uint32_
     for (int i = 0; i < 2; i++)
         way[i] = qm_vec_sub(
             qm_vec_load(quads->mesh.positions + 3 * (size_t)other_end(&quads->edges[pair[i]], v)), at);
-    return angle_between(way[0], qm_vec_scale(-1, way[1])) > SHARP_TURN * QM_DEGREE;
+    return qm_vec_angle(way[0], qm_vec_scale(-1, way[1])) > SHARP_TURN * QM_DEGREE;
 }
 
 static bool is_required(const qm_tmesh_quads *quads, const feature_stars *stars, uint32_t v, uint32_t valence)
