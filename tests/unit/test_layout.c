@@ -159,6 +159,48 @@ static int64_t turn_of(const int p[2], const int q[2], const int r[2])
     return (turn > 0) - (turn < 0);
 }
 
+/** Adds a curve of the torus through places of it, in degrees round the tube and in lengths along its outer circle. */
+static void add_torus_curve(qm_context *ctx, qm_layout *layout, const double (*place)[2], size_t count)
+{
+    double points[9];
+    uint32_t node[2];
+    assert_true(count <= 3);
+    for (size_t i = 0; i < count; i++)
+        qm_torus_at(NULL, place[i][1] / (2 * M_PI * 1.35), place[i][0] / 360, points + 3 * i);
+    for (size_t k = 0; k < 2; k++) {
+        node[k] = (uint32_t)layout->node_count;
+        assert_int_equal(qm_layout_add_node(ctx, layout, points + 3 * k * (count - 1)), QM_OK);
+    }
+    assert_int_equal(qm_layout_add_curve(ctx, layout, node[0], node[1], points, count), QM_OK);
+}
+
+/** Curves side by side, of segments so coarse that they cut the surface's corners and pass each other, do not cross; those that
+ * do cross on the surface do. On points as on a mesh. */
+static void coarse_curves_cross_on_the_surface_only(void **state)
+{
+    (void)state;
+    for (int is_cloud = 0; is_cloud < 2; is_cloud++) {
+        qm_mesh torus = qm_shape_torus(144, 64, 1.0, 0.35);
+        qm_ground g;
+        qm_ground_make(&g, is_cloud ? points_of(torus) : torus);
+        qm_layout layout = {0};
+        qm_layout_issues issues = {0};
+        add_torus_curve(&g.ctx, &layout, (const double[][2]){{0, 0}, {50, 0}}, 2);
+        add_torus_curve(&g.ctx, &layout, (const double[][2]){{-5, 0.02}, {20, 0.02}, {60, 0.02}}, 3);
+        assert_int_equal(qm_layout_find_crossings(&g.ctx, &layout, NULL, &issues), QM_OK);
+        assert_int_equal(issues.count, 1); /* as drawn through space */
+        qm_layout_issues_reset(&g.ctx, &issues);
+        assert_int_equal(qm_layout_find_crossings(&g.ctx, &layout, &g.source, &issues), QM_OK);
+        assert_int_equal(issues.count, 0);
+        add_torus_curve(&g.ctx, &layout, (const double[][2]){{10, -0.06}, {40, 0.06}}, 2);
+        assert_int_equal(qm_layout_find_crossings(&g.ctx, &layout, &g.source, &issues), QM_OK);
+        assert_int_equal(issues.count, 2);
+        qm_layout_issues_reset(&g.ctx, &issues);
+        qm_layout_free(&layout);
+        qm_ground_free(&g);
+    }
+}
+
 /** Segments with small integer coordinates in planes across each axis, against exact tests of all pairs. */
 static void crossings_are_those_of_all_pairs(void **state)
 {
@@ -527,6 +569,7 @@ int main(void)
         cmocka_unit_test(patches_are_found_at_sharp_corners),
         cmocka_unit_test(cells_that_are_no_patch_are_explained),
         cmocka_unit_test(crossing_curves_are_named),
+        cmocka_unit_test(coarse_curves_cross_on_the_surface_only),
         cmocka_unit_test(crossings_are_those_of_all_pairs),
         cmocka_unit_test(a_scribble_ends),
         cmocka_unit_test(sizes_beyond_doubles_are_a_status),

@@ -2,8 +2,8 @@
  * layout_crossings.c: curves that cross without a node.
  *
  * Two segments cross if the nearest points of their lines lie inside both and are much nearer to each other
- * than the segments are long, unless they lie on two walls of the surface: of a thin part of a mesh, where they must
- * still cross as they are halved again and again on it, and be connected there. A sweep compares segments whose
+ * than the segments are long, unless they lie on two walls of the surface. They must still cross as they are halved again
+ * and again on it, down to the spacing of points, and be connected there by a mesh. A sweep compares segments whose
  * ranges along two directions overlap, and no others. The directions are oblique, as the curves of a part lie
  * in planes parallel to the axes, often thousands in one, which a sweep along an axis would meet all at once.
  */
@@ -14,7 +14,8 @@
 #define NEAR 0.1           /* of the sum of two lengths: crossing segments are nearer than that */
 #define TOUCH 1e-6         /* of that sum: nearer ones meet, whatever walls they lie on */
 #define END_TOLERANCE 1e-9 /* of a segment's length */
-#define HALVINGS 5         /* of two segments that seem to cross on a mesh: they must still do */
+#define HALVINGS 5         /* of two segments that seem to cross: they must still do */
+#define FINEST 0.4         /* of the radius of 20 fitted points, sqrt(pi / 20): their spacing */
 #define COARSE 0.5 /* of the shorter piece: one that is so far off the mesh in its middle crosses elsewhere */
 #define BEYOND 0.1 /* of a piece: a crossing may move so far as pieces are projected */
 #define SHEET_REACH 2.0 /* of two pieces' lengths: they cross if the surface connects them within it */
@@ -103,17 +104,20 @@ typedef struct piece {
     bool is_last[2]; /* the end is one of the curve */
 } piece;
 
-static void place(const qm_ref_surface *surface, qm_vec toward, qm_vec *at, qm_vec *normal)
+/** Moves a point onto the surface. Returns the radius of the fitted points, 0 on a mesh. */
+static double place(const qm_ref_surface *surface, qm_vec toward, qm_vec *at, qm_vec *normal)
 {
     double p[3], facing[3];
     qm_vec_store(p, *at);
     qm_vec_store(facing, toward);
     qm_ref_surface_point on;
-    if (!(qm_vec_norm2(toward) > 0) ||
+    /* Normals of fitted points have no orientation. */
+    if (surface->is_cloud || !(qm_vec_norm2(toward) > 0) ||
         !qm_ref_surface_project_toward(surface, p, facing, WALL_REACH * surface->diagonal, &on))
         qm_ref_surface_project(surface, p, &on);
     *at = qm_vec_load(on.position);
     *normal = qm_vec_load(on.normal);
+    return on.spacing;
 }
 
 static piece half(const piece *whole, int which, qm_vec middle, qm_vec normal)
@@ -148,21 +152,23 @@ static bool are_connected(const qm_ref_surface *surface, const piece *a, const p
 }
 
 /** True when two pieces still cross as they are halved, on the surface. Walls that are apart no longer do when the pieces are
- * shorter than the walls are thick. Pieces too coarse to be near the surface do as they are. */
+ * shorter than the walls are thick, nor curves side by side whose coarse segments cut corners. Pieces too coarse to be near
+ * the surface do as they are, and those as short as points are apart, between which nobody knows the surface. */
 static bool pieces_cross(const qm_ref_surface *surface, const piece *a, const piece *b, int depth)
 {
     meeting m;
     if (!find_meeting(a->end, b->end, &m) || !is_on_piece(a, m.s) || !is_on_piece(b, m.t) ||
         !(m.gap < NEAR * m.size))
         return false;
-    if (depth == 0) return are_connected(surface, a, b, &m);
+    if (depth == 0) return surface->is_cloud || are_connected(surface, a, b, &m);
     const piece *whole[2] = {a, b};
     piece part[2][2];
     double shorter = fmin(qm_vec_distance(a->end[0], a->end[1]), qm_vec_distance(b->end[0], b->end[1]));
     for (int i = 0; i < 2; i++) {
         qm_vec straight = qm_vec_mix(whole[i]->end[0], whole[i]->end[1], 0.5), middle = straight, normal;
-        place(surface, qm_vec_add(whole[i]->normal[0], whole[i]->normal[1]), &middle, &normal);
-        if (qm_vec_distance(straight, middle) > COARSE * shorter) return true;
+        double fitted =
+            place(surface, qm_vec_add(whole[i]->normal[0], whole[i]->normal[1]), &middle, &normal);
+        if (qm_vec_distance(straight, middle) > COARSE * shorter || shorter < FINEST * fitted) return true;
         for (int k = 0; k < 2; k++)
             part[i][k] = half(whole[i], k, middle, normal);
     }
@@ -210,7 +216,6 @@ static bool segments_cross(const qm_layout *layout, const qm_ref_surface *surfac
     qm_vec_store(on_a, m.at[0]);
     qm_vec_store(on_b, m.at[1]);
     if (qm_ref_surface_is_between_walls(surface, on_a, on_b)) return false;
-    if (surface->is_cloud) return true;
     piece part[2] = {make_piece(layout, surface, a), make_piece(layout, surface, b)};
     return pieces_cross(surface, &part[0], &part[1], HALVINGS);
 }
