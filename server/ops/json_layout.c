@@ -379,8 +379,7 @@ void qm_json_warning_text(const qm_reconstruction_warning *warning, char out[QM_
     else if (warning->kind == QM_RECONSTRUCTION_NORMALS)
         snprintf(out, QM_WARNING_TEXT, "the points have no normals that agree: normals are estimated");
     else if (warning->kind == QM_RECONSTRUCTION_FILLS_HOLE)
-        snprintf(out, QM_WARNING_TEXT,
-                 "%.2g %% of the vertices lie in holes between the points, which are filled",
+        snprintf(out, QM_WARNING_TEXT, "%.2g %% of the mesh lies in holes of the surface, which are filled",
                  100.0 * warning->share);
     else
         snprintf(out, QM_WARNING_TEXT,

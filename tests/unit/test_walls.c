@@ -304,30 +304,36 @@ static size_t warnings_of(qm_mesh surface, const qm_layout *layout, qm_reconstru
     return count;
 }
 
-/** True beyond a patch of 3 x 3 on the saddle, whose middle third is [-1/3, 1/3] squared. */
-static bool is_outside_the_middle(const double p[3])
+static bool is_outside(const double p[3], double half)
 {
-    return fmax(fabs(p[0]), fabs(p[1])) > 0.36;
+    return fmax(fabs(p[0]), fabs(p[1])) > half;
 }
 
-static void a_patch_in_a_hole_is_spanned_and_told(void **state)
+/** Without the faces that have a corner in [-half, half] squared. */
+static qm_mesh with_hole(qm_mesh scan, double half)
 {
-    (void)state;
-    qm_mesh truth = qm_shape_saddle(64), scan = qm_shape_saddle(64);
     size_t faces = 0;
     for (size_t f = 0; f < scan.face_count; f++) {
         bool keeps = true;
         for (size_t k = 0; k < 4; k++)
-            keeps &= is_outside_the_middle(scan.positions + 3 * (size_t)scan.faces[4 * f + k]);
+            keeps &= is_outside(scan.positions + 3 * (size_t)scan.faces[4 * f + k], half);
         for (size_t k = 0; k < 4 && keeps; k++)
             scan.faces[4 * faces + k] = scan.faces[4 * f + k];
         faces += keeps;
     }
     scan.face_count = faces;
+    return scan;
+}
+
+/** The layout has 3 x 3 patches, the middle one over [-1/3, 1/3] squared. */
+static void a_patch_in_a_hole_is_spanned_and_told(void **state)
+{
+    (void)state;
+    qm_mesh truth = qm_shape_saddle(64), scan = with_hole(qm_shape_saddle(64), 0.36);
     qm_mesh points = qm_ground_sample(qm_saddle_at, 8000, 0.0, 33);
     size_t count = 0;
     for (size_t i = 0; i < points.vertex_count; i++)
-        if (is_outside_the_middle(points.positions + 3 * i)) {
+        if (is_outside(points.positions + 3 * i, 0.36)) {
             for (size_t k = 0; k < 3; k++)
                 points.positions[3 * count + k] = points.positions[3 * i + k];
             count++;
@@ -351,6 +357,55 @@ static void a_patch_in_a_hole_is_spanned_and_told(void **state)
     }
     qm_layout_free(&layout);
     qm_shape_free(&truth);
+}
+
+/** A hill over [-1, 1] squared whose foot is flat: the Coons patch of its boundary is a square below it. */
+static void hill_at(const void *user, double u, double v, double out[3])
+{
+    (void)user;
+    out[0] = 2.0 * u - 1.0;
+    out[1] = 2.0 * v - 1.0;
+    out[2] = 0.8 * (1.0 - out[0] * out[0]) * (1.0 - out[1] * out[1]);
+}
+
+/** A hole in the middle of a patch is filled by quads of their usual size, and told with its area. */
+static void a_hole_in_a_patch_is_filled_and_told(void **state)
+{
+    (void)state;
+    /* Faces with a corner at 11 / 32 or nearer are gone. */
+    const double half = 12.0 / 32;
+    qm_ground g;
+    qm_ground_make(&g, with_hole(qm_shape_grid(64, 64, false, false, hill_at, NULL), 0.35));
+    qm_layout layout = qm_layout_of_grid(1, 1, false, false, 16, hill_at, NULL);
+    qm_reconstruction_options options = qm_reconstruction_options_default();
+    qm_reconstruction *r;
+    QM_CHECK(qm_reconstruction_create(&g.ctx, &g.source, &layout, &options, &r) == QM_OK, "%s",
+             g.ctx.message);
+    qm_reconstruction_record record;
+    do
+        assert_int_equal(qm_reconstruction_step(&g.ctx, r, 1024, &record), QM_OK);
+    while (record.chords_changed > 0);
+    qm_mesh mesh;
+    assert_int_equal(qm_reconstruction_mesh(&g.ctx, r, &mesh), QM_OK);
+    double longest = 0.0;
+    for (size_t f = 0; f < mesh.face_count; f++)
+        for (size_t k = 0; k < 4; k++) {
+            const uint32_t *corner = mesh.faces + 4 * f;
+            longest =
+                fmax(longest, qm_vec_distance(qm_vec_load(mesh.positions + 3 * (size_t)corner[k]),
+                                              qm_vec_load(mesh.positions + 3 * (size_t)corner[(k + 1) % 4])));
+        }
+    QM_CHECK(longest < half, "an edge of %g over a hole of %g", longest, 2.0 * half);
+    /* The hill is steep beside the hole, and has less than twice the area of its square. */
+    double share = half * half;
+    qm_reconstruction_warning warning[2];
+    assert_int_equal(qm_reconstruction_find_warnings(r, warning, 2), 1);
+    assert_int_equal(warning[0].kind, QM_RECONSTRUCTION_FILLS_HOLE);
+    QM_CHECK(warning[0].share > 0.4 * share && warning[0].share < share, "%g of %g", warning[0].share, share);
+    qm_mesh_reset(&g.ctx, &mesh);
+    qm_reconstruction_destroy(&g.ctx, r);
+    qm_layout_free(&layout);
+    qm_ground_free(&g);
 }
 
 static void a_strip(const void *user, double u, double v, double out[3])
@@ -424,6 +479,7 @@ int main(void)
         cmocka_unit_test(curves_on_sheets_that_meet_do_not_cross),
         cmocka_unit_test(curves_round_the_edge_of_a_blade_do_not_cross),
         cmocka_unit_test(a_patch_in_a_hole_is_spanned_and_told),
+        cmocka_unit_test(a_hole_in_a_patch_is_filled_and_told),
         cmocka_unit_test(one_sided_and_inside_out_results_are_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -145,7 +145,8 @@ typedef enum qm_reconstruction_warning_kind {
     QM_RECONSTRUCTION_NOISE,      /* the points are off the surface: the mesh is fitted to them */
     QM_RECONSTRUCTION_OUTLIERS,   /* points that are not of the surface, and do not count */
     QM_RECONSTRUCTION_NORMALS,    /* normals of the points are missing or do not agree: they are estimated */
-    QM_RECONSTRUCTION_FILLS_HOLE, /* some of the mesh lies where there are no points: it spans holes smoothly */
+    QM_RECONSTRUCTION_FILLS_HOLE, /* some of the mesh lies where there are no points, or beyond the boundary of a mesh: it
+                                     spans holes smoothly */
     QM_RECONSTRUCTION_WARNING_COUNT
 } qm_reconstruction_warning_kind;
 
@@ -154,7 +155,7 @@ typedef struct qm_reconstruction_warning {
     size_t patch; /* that spans the hole */
     double
         share; /* of the samples that is uncovered; of the diagonal that the noise is; of the points that are
-                     outliers; of the inner vertices that are in holes */
+                     outliers; of the vertices that are in holes between points, or of the area that is in holes of a mesh */
 } qm_reconstruction_warning;
 
 /** Finds the warnings of a reconstruction as it is; writes up to capacity of them, and returns their number. */

@@ -87,6 +87,14 @@ bool qm_ref_surface_connects(const qm_ref_surface *source, const double a[3], co
                              const double middle[3], double reach);
 
 /**
+ * True if the nearest point of a mesh to p lies on its boundary: on a side that no other triangle has, by the places of its ends.
+ * False where more triangles meet there than are looked at.
+ *
+ * source  a mesh
+ */
+bool qm_ref_surface_ends_at(const qm_ref_surface *source, const double p[3]);
+
+/**
  * Radius of the discs that draw the points of a set: 0.15 (V / n)^(1/3), where V is the volume of its box,
  * whose thin sides count as a hundredth of its diagonal. 0 for a mesh.
  *

@@ -1,6 +1,6 @@
 /**
- * ref_sheets.c: which sheets of a mesh are connected near a place. Parts of a surface that touch or pass through each other, as the
- * handle of a pot that was put through its wall, are near in space and far along the surface.
+ * ref_sheets.c: which sheets of a mesh are connected near a place, and where they end. Parts of a surface that touch or pass through
+ * each other, as the handle of a pot that was put through its wall, are near in space and far along the surface.
  */
 #include "qm/source.h"
 
@@ -9,6 +9,9 @@
 #include "prim/triangle.h"
 
 enum { MOST_TRIANGLES = 256 };
+
+#define ON_SIDE                                                                                              \
+    1e-9 /* of the frame, in which a surface has a size of about 1: what rounding moves a foot off its side */
 
 typedef struct sheets {
     qm_vec corner[MOST_TRIANGLES][3];
@@ -71,4 +74,34 @@ bool qm_ref_surface_connects(const qm_ref_surface *surface, const double a[3], c
         for (uint32_t j = 0; j < i; j++)
             if (are_linked(&s, i, j)) qm_union_find_join(s.parent, i, j);
     return nearest_sheet(&s, qm_frame_local(frame, a)) == nearest_sheet(&s, qm_frame_local(frame, b));
+}
+
+/** True if a side of a triangle, from corner k on, is one of another triangle, too, or has no length. */
+static bool is_shared(const sheets *s, size_t triangle, int k)
+{
+    qm_vec from = s->corner[triangle][k], to = s->corner[triangle][(k + 1) % 3];
+    if (qm_vec_equal(from, to)) return true;
+    for (size_t j = 0; j < s->count; j++) {
+        int ends = 0;
+        for (int l = 0; l < 3 && j != triangle; l++)
+            ends += qm_vec_equal(s->corner[j][l], from) || qm_vec_equal(s->corner[j][l], to);
+        if (ends >= 2) return true;
+    }
+    return false;
+}
+
+bool qm_ref_surface_ends_at(const qm_ref_surface *surface, const double p[3])
+{
+    QM_ASSERT(surface && surface->bvh && !surface->is_cloud && p);
+    qm_ref_surface_point foot;
+    qm_ref_surface_project(surface, p, &foot);
+    sheets s = {.middle = qm_frame_local(&surface->bvh->frame, foot.position), .reach2 = ON_SIDE * ON_SIDE};
+    s.count = qm_near_triangles(surface->bvh, s.middle, ON_SIDE, s.corner, MOST_TRIANGLES);
+    if (s.count > MOST_TRIANGLES) return false;
+    for (size_t i = 0; i < s.count; i++)
+        for (int k = 0; k < 3; k++) {
+            double d2 = segment_distance2(s.corner[i][k], s.corner[i][(k + 1) % 3], s.middle);
+            if (d2 <= s.reach2 && !is_shared(&s, i, k)) return true;
+        }
+    return false;
 }

@@ -120,13 +120,21 @@ static inline size_t qm_lattice_vertex_count(const qm_lattice *lattice)
     return ((size_t)lattice->rows + 1) * ((size_t)lattice->columns + 1);
 }
 
+/** The corners of a quad, in order. */
+static inline void qm_lattice_quad(const qm_lattice *lattice, uint32_t column, uint32_t row, qm_vec out[4])
+{
+    QM_ASSERT(column < lattice->columns && row < lattice->rows);
+    out[0] = qm_lattice_at(lattice, column, row);
+    out[1] = qm_lattice_at(lattice, column + 1, row);
+    out[2] = qm_lattice_at(lattice, column + 1, row + 1);
+    out[3] = qm_lattice_at(lattice, column, row + 1);
+}
+
 /** The scaled Jacobian of a quad: the least sine at its corners; not above 0 where it is folded. */
 static inline double qm_lattice_quad_sine(const qm_lattice *lattice, uint32_t column, uint32_t row)
 {
-    QM_ASSERT(column < lattice->columns && row < lattice->rows);
-    const qm_vec corner[4] = {qm_lattice_at(lattice, column, row), qm_lattice_at(lattice, column + 1, row),
-                              qm_lattice_at(lattice, column + 1, row + 1),
-                              qm_lattice_at(lattice, column, row + 1)};
+    qm_vec corner[4];
+    qm_lattice_quad(lattice, column, row, corner);
     return qm_quad_min_sine(corner);
 }
 
@@ -227,7 +235,7 @@ qm_status qm_lattices_choose(qm_context *ctx, qm_reconstruction *r);
 qm_vec qm_lattice_normal(const qm_lattice *lattice, uint32_t column, uint32_t row);
 
 /** Projects a position of an inner vertex onto the wall that the lattice faces there, if it does. True if there
- * is such a wall near. */
+ * is such a wall near. In a hole of a mesh the position stays. */
 bool qm_lattice_project(const qm_ref_surface *surface, const qm_lattice *lattice, uint32_t column,
                         uint32_t row, const double p[3], qm_ref_surface_point *out);
 

@@ -11,11 +11,12 @@
 #define FLAT_TURN 20.0 /* curvature that flat regions are given: radians along the surface's diagonal */
 
 #define CLOUD_REACH 0.05 /* of the diagonal: a wall of points is sought no farther away */
-#define OFF_WALL 0.5     /* of its shortest edge: a vertex farther from its wall is off it */
-#define MIN_ALONG 0.98   /* of the vertices of a Coons patch that lies along its walls */
-#define EXACT 0.02       /* of the longest edge: a Coons patch no farther from its wall is as good as it */
-#define SILENT 0.1       /* of the longest edge: a wall without points is no farther from those of others */
-#define CHOOSE_RATIO 2   /* times fewer vertices off their wall make the Coons patch the better start */
+#define NEAR_RIM 0.25  /* of the shortest edge: a vertex farther beyond the boundary of a mesh is in a hole */
+#define OFF_WALL 0.5   /* of its shortest edge: a vertex farther from its wall is off it */
+#define MIN_ALONG 0.98 /* of the vertices of a Coons patch that lies along its walls */
+#define EXACT 0.02     /* of the longest edge: a Coons patch no farther from its wall is as good as it */
+#define SILENT 0.1     /* of the longest edge: a wall without points is no farther from those of others */
+#define CHOOSE_RATIO 2 /* times fewer vertices off their wall make the Coons patch the better start */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
 
@@ -142,11 +143,11 @@ static void measure_edges(const qm_lattice *lattice, uint32_t i, uint32_t j, dou
     }
 }
 
-bool qm_lattice_project(const qm_ref_surface *surface, const qm_lattice *lattice, uint32_t i, uint32_t j,
-                        const double p[3], qm_ref_surface_point *out)
+/** Projects as qm_lattice_project, into holes of a mesh onto their boundaries. */
+static bool project_onto_wall(const qm_ref_surface *surface, const qm_lattice *lattice, uint32_t i,
+                              uint32_t j, double longest, const double p[3], qm_ref_surface_point *out)
 {
-    double shortest, longest, toward[3];
-    measure_edges(lattice, i, j, &shortest, &longest);
+    double toward[3];
     qm_vec normal = qm_lattice_normal(lattice, i, j);
     double reach = surface->is_cloud ? CLOUD_REACH * surface->diagonal : longest;
     qm_vec_store(toward, normal);
@@ -158,6 +159,18 @@ bool qm_lattice_project(const qm_ref_surface *surface, const qm_lattice *lattice
     /* A wall of too few points, of which those of the walls beside it do not tell where it is, or a hole. */
     if (surface->is_cloud || out->distance > longest)
         *out = (qm_ref_surface_point){.position = {p[0], p[1], p[2]}, .spacing = out->spacing};
+    return false;
+}
+
+bool qm_lattice_project(const qm_ref_surface *surface, const qm_lattice *lattice, uint32_t i, uint32_t j,
+                        const double p[3], qm_ref_surface_point *out)
+{
+    double shortest, longest;
+    measure_edges(lattice, i, j, &shortest, &longest);
+    bool has_wall = project_onto_wall(surface, lattice, i, j, longest, p, out);
+    if (surface->is_cloud || !(out->distance > NEAR_RIM * shortest) || !qm_ref_surface_ends_at(surface, p))
+        return has_wall;
+    *out = (qm_ref_surface_point){.position = {p[0], p[1], p[2]}};
     return false;
 }
 

@@ -9,6 +9,8 @@
 #define MAX_SIZE 3.0       /* times the surface: a larger layout is in another unit */
 #define MIN_SIZE 0.1       /* times the surface: a smaller layout beside it is in another unit */
 #define MIN_UNCOVERED 0.01 /* of the samples: fewer uncovered ones are outliers */
+#define MIN_BEYOND                                                                                           \
+    0.25 /* of a quad's edge: its middle is half of one beyond a boundary on which its corners lie */
 
 /** The box of all points of the curves. */
 static qm_box layout_box(const qm_layout *layout)
@@ -130,11 +132,43 @@ static double share_in_holes(const qm_reconstruction *r)
     return (double)in_holes / (double)count;
 }
 
-/** What points are rather than their surface: noise, outliers, normals, holes. Adds to the count of warnings. */
-static size_t find_point_warnings(const qm_reconstruction *r, qm_reconstruction_warning *out, size_t capacity,
-                                  size_t count)
+/** True if the middle of a quad lies beyond the boundary of a mesh. */
+static bool is_beyond_boundary(const qm_ref_surface *mesh, const qm_vec corner[4])
 {
-    double in_holes = r->surface.is_cloud ? share_in_holes(r) : 0.0;
+    double edge = 0.0, middle[3];
+    for (int k = 0; k < 4; k++)
+        edge = fmax(edge, qm_vec_distance(corner[k], corner[(k + 1) % 4]));
+    qm_vec_store(middle, qm_vec_mix(qm_vec_mix(corner[0], corner[2], 0.5),
+                                    qm_vec_mix(corner[1], corner[3], 0.5), 0.5));
+    qm_ref_surface_point foot;
+    qm_ref_surface_project(mesh, middle, &foot);
+    return foot.distance > MIN_BEYOND * edge && qm_ref_surface_ends_at(mesh, middle);
+}
+
+/** The share of the area that lies in holes of a mesh or beyond its boundary, but that of patches that span a hole as a whole. */
+static double share_beyond_boundary(const qm_reconstruction *r)
+{
+    double total = 0.0, beyond = 0.0;
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        const qm_lattice *lattice = &r->lattices[p];
+        for (uint32_t j = 0; j < lattice->rows; j++)
+            for (uint32_t i = 0; i < lattice->columns; i++) {
+                qm_vec corner[4];
+                qm_lattice_quad(lattice, i, j, corner);
+                double area = 0.5 * qm_vec_norm(qm_vec_cross(qm_vec_sub(corner[2], corner[0]),
+                                                             qm_vec_sub(corner[3], corner[1])));
+                total += area;
+                if (!lattice->spans_hole && is_beyond_boundary(&r->surface, corner)) beyond += area;
+            }
+    }
+    return total > 0.0 ? beyond / total : 0.0;
+}
+
+/** What of the surface is not as it was given: noise, outliers, normals, holes. Adds to the count of warnings. */
+static size_t find_surface_warnings(const qm_reconstruction *r, qm_reconstruction_warning *out,
+                                    size_t capacity, size_t count)
+{
+    double in_holes = r->surface.is_cloud ? share_in_holes(r) : share_beyond_boundary(r);
     const qm_reconstruction_warning found[] = {
         {.kind = QM_RECONSTRUCTION_NOISE, .share = qm_reconstruction_noise(r) / r->given.diagonal},
         {.kind = QM_RECONSTRUCTION_OUTLIERS, .share = r->outlier_share},
@@ -168,5 +202,5 @@ size_t qm_reconstruction_find_warnings(const qm_reconstruction *r, qm_reconstruc
         out[count - 1] = (qm_reconstruction_warning){.kind = QM_RECONSTRUCTION_ONE_SIDED};
     if (is_closed && !is_one_sided && enclosed_volume(r) < 0.0 && count++ < capacity)
         out[count - 1] = (qm_reconstruction_warning){.kind = QM_RECONSTRUCTION_INSIDE_OUT};
-    return find_point_warnings(r, out, capacity, count);
+    return find_surface_warnings(r, out, capacity, count);
 }
