@@ -298,12 +298,12 @@ const cli_command cmd_layout = {
     .name = "layout",
     .arguments = "QUADS -o OUT [options], or SURFACE --auto|--features -o OUT [options]",
     .summary = "a layout of few patches from a mesh of quads, or from any surface",
-    .takes = "a mesh and -o OUT",
+    .takes = "one mesh",
     .path_count = 1,
     .description =
         "Makes a layout for reconstruct: patches of four sides, with "
         "nodes at the irregular vertices of the quads\n"
         "and curves along their boundaries and creases. With --auto the quads are made first. With\n"
-        "--features only curves along creases and boundaries are made, to go on from.\n\n",
+        "--features only curves along creases and boundaries are made, to go on from.\n",
     .exit_status = "Exit status: 0 done, 2 bad input or wrong usage.",
     .run = run};

@@ -145,7 +145,7 @@ const cli_command cmd_remesh = {
     .name = "remesh",
     .arguments = "SURFACE -o OUT [options]",
     .summary = "a quad mesh of a surface",
-    .takes = "a surface and -o OUT",
+    .takes = "one surface",
     .path_count = 1,
     .description =
         "Makes a mesh of quads of about equal size. Boundaries and creases become edges of it, and its "

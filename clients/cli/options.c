@@ -222,7 +222,8 @@ static bool check_complete(const cli_command *command, const cli_option *options
     int least = command->path_count - command->optional_paths;
     int most = command->most_paths > 0 ? command->most_paths : command->path_count;
     if (given < least || given > most) {
-        fprintf(stderr, "quadmesh: %s takes %s, got %d\n", command->name, command->takes, given);
+        fprintf(stderr, "quadmesh: %s takes %s, got %d file%s\n", command->name, command->takes, given,
+                given == 1 ? "" : "s");
         return false;
     }
     int from_stdin = 0;

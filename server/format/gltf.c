@@ -474,10 +474,12 @@ static bool is_supported(const char *extension)
     return false;
 }
 
-/** Version 1 is another format. */
+/** Version 1 is another format, and a layout, whose nodes are places, no mesh at all. */
 static qm_status check_version(json_reader *reader)
 {
     const char *version = cJSON_GetStringValue(find(find(reader->root, "asset"), "version"));
+    if (!version && find(reader->root, "curves"))
+        return fail_json(reader, "this is a layout of curves, not a mesh");
     if (!version || strncmp(version, "1.", 2) != 0) return QM_OK;
     return qm_codec_fail(reader->builder->report, QM_E_UNSUPPORTED, "glTF %.16s is not supported, only 2.0",
                          version);

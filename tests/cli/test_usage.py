@@ -95,7 +95,7 @@ def test_what_may_be_repeated(quadmesh, boxes):
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_no_files(quadmesh, command):
-    fails(quadmesh(command), f"{command} takes ", ", got 0")
+    fails(quadmesh(command), f"{command} takes ", ", got 0 files\n")
 
 
 @pytest.mark.parametrize("command", ["report", "project"])

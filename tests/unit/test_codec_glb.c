@@ -321,6 +321,7 @@ static void json_faults_are_refused(void **state)
         {"{\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"children\":[0]}]}", QM_E_FORMAT, "two parents"},
         {"{\"scenes\":[{\"nodes\":{}}],\"nodes\":[{}]}", QM_E_FORMAT, "must be an array"},
         {"{\"nodes\":[1]}", QM_E_FORMAT, "must be an object"},
+        {"{\"nodes\":[[0,0,0]],\"curves\":[]}", QM_E_FORMAT, "this is a layout of curves, not a mesh"},
         {"{\"nodes\":{}}", QM_E_FORMAT, "must be an array"},
         {"{\"nodes\":[{\"mesh\":0}]}", QM_E_FORMAT, "`mesh` refers to entry 0 of 0"},
         {"{\"nodes\":[{\"matrix\":[1,2]}]}", QM_E_FORMAT, "16 numbers"},
