@@ -13,7 +13,8 @@ OBJ := build/obj/$(config)
 
 CONFIG_FLAGS_release  := -O3 -DNDEBUG -g1
 CONFIG_FLAGS_debug    := -O0 -g3
-CONFIG_FLAGS_asan     := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=all
+# -g1: what a report tells is the lines of calls, and variables take a quarter of the time to compile.
+CONFIG_FLAGS_asan     := -O1 -g1 -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=all
 # Assertions on, as fast as they allow: for tests that search for long.
 CONFIG_FLAGS_check    := -O2 -g1 -fsanitize=undefined -fno-sanitize-recover=all
 CONFIG_FLAGS_tsan     := -O2 -g -fno-omit-frame-pointer -fsanitize=thread

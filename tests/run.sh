@@ -23,10 +23,13 @@ jobs=$(nproc)
 
 # The sandbox forbids what sanitizers do, and they put their own memory in place of large pages.
 released="test_sandbox test_large_pages"
-# These search for long: ASan would make minutes of it.
-slow="test_align test_reconstruct test_collide test_distance test_bilinear_pair test_hausdorff test_hausdorff_adversarial
-    test_hausdorff_invariance test_hausdorff_property test_rigour test_wide test_locator test_pairs test_noise
-    test_cloud test_fill_grids"
+# These search for long: ASan would make minutes of it. What takes longest is first, as several run at a time.
+slow="test_hausdorff_overlay test_bilinear_match test_deviation_piece test_comparison_sides test_reconstruct test_cloud
+    test_noise test_hausdorff test_hausdorff_adversarial test_hausdorff_invariance test_hausdorff_property
+    test_hausdorff_parts test_bilinear_over test_bilinear_pair test_walls test_layout_features test_quad_layout test_quads
+    test_align test_collide test_comparison test_deviation test_deviation_loss test_deviation_regions
+    test_deviation_sides test_distance test_extent test_fill_grids test_locator test_pairs test_project test_rigour
+    test_wide"
 sanitized=
 for source in tests/unit/test_*.c; do
     name=$(basename "$source" .c)
@@ -161,11 +164,13 @@ failed=$((failed + $(grep -c '^FAILED ' "$output")))
 
 make -s npm || exit 1
 check "types" make -s check-types
-# Each test file has its own daemon and, for the page, its own browser.
+# Each test file has its own daemon and, for the page, its own browser: as many at a time as there are processors.
+printf '%s\n' tests/browser/*.test.js | QM_BUILD=build/asan xargs -P "$jobs" -I{} sh -c \
+    'name=$(basename "$1"); node --test --test-reporter=tap "$1" >"$outputs/$name" 2>&1; echo $? >"$outputs/$name.status"' page {}
 for file in tests/browser/*.test.js; do
     echo "== $file"
-    QM_BUILD=build/asan node --test --test-reporter=tap "$file" >"$output" 2>&1
-    status=$?
+    output=$outputs/$(basename "$file")
+    status=$(cat "$output.status")
     good=$(sed -n 's/^# pass //p' "$output")
     bad=$(awk '/^# (fail|cancelled|skipped|todo) / { sum += $3 } END { print sum + 0 }' "$output")
     if [ "$status" -ne 0 ] && [ "$bad" -eq 0 ]; then bad=1; fi
