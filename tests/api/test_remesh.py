@@ -138,7 +138,7 @@ def test_quads_of_points(client):
         assert result["from_surface"]["lower"] > 1 and told["hausdorff"]["upper_relative"] < 0.01
         again = client.hausdorff(cloud, result["mesh"])["result"]
         assert result["hausdorff"]["lower"] <= again["upper"] and again["lower"] <= result["hausdorff"]["upper"]
-    events = ndjson(client.post("/v1/jobs", headers={"Accept": "application/x-ndjson"}, json={"type": "remesh", "mesh": cloud}).text)
+    events = ndjson(client.post("/v1/jobs", headers={"Accept": "application/x-ndjson"}, json={"type": "remesh", "mesh": cloud, "quads": 900}).text)
     assert [event["stage"] for event in events if event["event"] == "stage"] == ["surface", "quads", "measure"]
 
 
@@ -194,10 +194,10 @@ def test_it_shares_the_memory(make_daemon):
 
 
 def test_its_mesh_is_within_the_quota(make_daemon):
-    running = make_daemon("--max-data-bytes", 3 << 18)
+    running = make_daemon("--max-data-bytes", 3 << 17)
     with running.client() as client:
         mesh = client.upload(torus(40, 20))["id"]
-        job = remesh(client, mesh, quads=20000)
+        job = remesh(client, mesh, quads=10000)
         assert job["state"] == "failed" and job["problem"]["code"] == "storage_full"
         assert remesh(client, mesh, quads=200)["state"] == "succeeded"
 
