@@ -68,8 +68,10 @@ static bool route_all(qm_router *r)
             if (turn[c] != phase) continue;
             if (qm_context_canceled(r->ctx)) return true;
             qm_route_guide g = qm_router_curve_guide(r, c);
-            if (!(phase == BOUNDARY ? qm_router_route_boundary(r, c) : qm_router_route_curve(r, c, &g)))
-                return false;
+            bool has_memory = phase == BOUNDARY ? qm_router_route_boundary(r, c)
+                              : phase == HANDLE ? qm_router_route_handle(r, c, &g)
+                                                : qm_router_route_curve(r, c, &g);
+            if (!has_memory) return false;
         }
     return true;
 }

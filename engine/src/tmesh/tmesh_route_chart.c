@@ -19,7 +19,7 @@ enum {
 static bool is_open(const qm_router *r, uint32_t h, const bool *is_open_curve)
 {
     uint32_t at = qm_router_label(r, h);
-    return r->m.twin[h] != QM_NO_INDEX && (at == 0 || is_open_curve[at - 1]);
+    return r->m.twin[h] != QM_NO_INDEX && (at == 0 || (is_open_curve && is_open_curve[at - 1]));
 }
 
 static void number_corners(const qm_router *r, const uint32_t *list, size_t count, const bool *open,
@@ -54,7 +54,8 @@ static void number_corners(const qm_router *r, const uint32_t *list, size_t coun
         }
 }
 
-bool qm_router_gather(qm_router *r, uint32_t first, const bool *open, qm_route_disc *out, bool *is_made)
+bool qm_router_gather(qm_router *r, qm_arena *arena, uint32_t first, const bool *open, qm_route_disc *out,
+                      bool *is_made)
 {
     *is_made = false;
     *out = (qm_route_disc){0};
@@ -79,21 +80,21 @@ bool qm_router_gather(qm_router *r, uint32_t first, const bool *open, qm_route_d
     }
     qm_tmesh_chart *chart = &out->chart;
     chart->triangle_count = count;
-    chart->corner = qm_arena_alloc(r->arena, count, sizeof *chart->corner);
-    chart->twin = qm_arena_alloc(r->arena, 3 * count, sizeof *chart->twin);
-    chart->triangle = qm_arena_alloc(r->arena, count, sizeof *chart->triangle);
-    chart->at = qm_arena_alloc(r->arena, 3 * count, sizeof *chart->at);
-    out->number = qm_arena_alloc(r->arena, 3 * count, sizeof *out->number);
-    out->beyond = qm_arena_alloc(r->arena, 3 * count, sizeof *out->beyond);
-    uint32_t *next = qm_arena_alloc(r->arena, 3 * count, sizeof *next);
-    out->ring = qm_arena_alloc(r->arena, sides + 1, sizeof *out->ring);
+    chart->corner = qm_arena_alloc(arena, count, sizeof *chart->corner);
+    chart->twin = qm_arena_alloc(arena, 3 * count, sizeof *chart->twin);
+    chart->triangle = qm_arena_alloc(arena, count, sizeof *chart->triangle);
+    chart->at = qm_arena_alloc(arena, 3 * count, sizeof *chart->at);
+    out->number = qm_arena_alloc(arena, 3 * count, sizeof *out->number);
+    out->beyond = qm_arena_alloc(arena, 3 * count, sizeof *out->beyond);
+    uint32_t *next = qm_arena_alloc(arena, 3 * count, sizeof *next);
+    out->ring = qm_arena_alloc(arena, sides + 1, sizeof *out->ring);
     if (!chart->corner || !chart->twin || !chart->triangle || !chart->at || !out->number || !out->beyond ||
         !next || !out->ring)
         return false;
     memcpy(chart->triangle, r->queue, count * sizeof *r->queue);
     number_corners(r, chart->triangle, count, open, out);
-    chart->flat = qm_arena_zeroed(r->arena, chart->vertex_count, sizeof *chart->flat);
-    out->is_fixed = qm_arena_zeroed(r->arena, chart->vertex_count, sizeof *out->is_fixed);
+    chart->flat = qm_arena_zeroed(arena, chart->vertex_count, sizeof *chart->flat);
+    out->is_fixed = qm_arena_zeroed(arena, chart->vertex_count, sizeof *out->is_fixed);
     if (!chart->flat || !out->is_fixed) return false;
     if (sides < 3 || 2 * chart->vertex_count != count + sides + 2) return true;
     memset(next, 0xff, 3 * count * sizeof *next);
@@ -210,7 +211,7 @@ static bool straighten(qm_router *r, uint32_t curve, bool *open)
     qm_route_disc d;
     bool is_made;
     open[curve] = true;
-    bool has_memory = qm_router_gather(r, start / 3, open, &d, &is_made);
+    bool has_memory = qm_router_gather(r, r->arena, start / 3, open, &d, &is_made);
     open[curve] = false;
     if (!has_memory || !is_made) return has_memory;
     if (!flatten_round(r, &d, &is_made)) return false;
@@ -268,7 +269,7 @@ static bool move_node(qm_router *r, uint32_t first, bool *open)
         open[dart[i] / 2] = true;
     uint32_t start = qm_router_labelled_edge(r, r->vertex[node], first / 2);
     qm_route_disc d;
-    bool is_made, has_memory = qm_router_gather(r, start / 3, open, &d, &is_made);
+    bool is_made, has_memory = qm_router_gather(r, r->arena, start / 3, open, &d, &is_made);
     for (uint32_t i = 0; i < count; i++)
         open[dart[i] / 2] = false;
     if (!has_memory || !is_made) return has_memory;

@@ -135,7 +135,7 @@ static void blend_grid(qm_vec grid[QM_LAYOUT_GRID_POINTS])
 }
 
 /** The inner points of a grid in a chart of its patch, whose corners are at the diagonals. False when out of memory. */
-static bool chart_grid(qm_router *r, uint32_t patch, const bool *closed, qm_vec grid[QM_LAYOUT_GRID_POINTS])
+static bool chart_grid(qm_router *r, uint32_t patch, qm_vec grid[QM_LAYOUT_GRID_POINTS])
 {
     uint32_t dart[4], start[4];
     size_t place[5] = {0};
@@ -146,7 +146,7 @@ static bool chart_grid(qm_router *r, uint32_t patch, const bool *closed, qm_vec 
     }
     qm_route_disc d;
     bool is_made;
-    if (!qm_router_gather(r, start[0] / 3, closed, &d, &is_made)) return false;
+    if (!qm_router_gather(r, r->arena, start[0] / 3, NULL, &d, &is_made)) return false;
     if (!is_made) return true;
     for (int k = 0; k < 4; k++) {
         if (r->stamp[start[k] / 3] != r->stamp_value) return true;
@@ -193,8 +193,6 @@ qm_status qm_router_write_layout(qm_router *r, double *grids, qm_layout *out)
             status =
                 qm_layout_add_curve(r->ctx, out, layout->curves[c].from, layout->curves[c].to, points, count);
     }
-    bool *closed = qm_arena_zeroed(r->arena, layout->curve_count, sizeof *closed);
-    if (!closed) return QM_E_NO_MEMORY;
     for (uint32_t p = 0; p < layout->patch_count && status == QM_OK && !r->is_lost; p++) {
         uint32_t id[4];
         for (int k = 0; k < 4; k++)
@@ -205,7 +203,7 @@ qm_status qm_router_write_layout(qm_router *r, double *grids, qm_layout *out)
         qm_vec grid[QM_LAYOUT_GRID_POINTS];
         grid_border(out, p, grid);
         blend_grid(grid);
-        if (!chart_grid(r, p, closed, grid)) return QM_E_NO_MEMORY;
+        if (!chart_grid(r, p, grid)) return QM_E_NO_MEMORY;
         for (int i = 0; i < QM_LAYOUT_GRID_POINTS; i++)
             qm_vec_store(grids + 3 * ((size_t)QM_LAYOUT_GRID_POINTS * p + (size_t)i), grid[i]);
     }

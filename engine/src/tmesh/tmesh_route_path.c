@@ -71,8 +71,7 @@ bool qm_router_add_edge(qm_router *r, uint32_t h, double share)
     return true;
 }
 
-/** Lists the triangles at the first node of a dart, between the curves beside it that lie. */
-static size_t list_sector(const qm_router *r, uint32_t dart, uint32_t *out)
+size_t qm_router_list_sector(const qm_router *r, uint32_t dart, uint32_t *out)
 {
     uint32_t vertex = r->vertex[qm_router_start(r, dart)], before = r->before[dart], first = QM_NO_INDEX;
     while (before != QM_NO_INDEX && before != dart && !r->is_laid[before / 2])
@@ -93,11 +92,37 @@ static size_t list_sector(const qm_router *r, uint32_t dart, uint32_t *out)
     return count;
 }
 
-static qm_vec qm_router_middle(const qm_router *r, uint32_t face)
+qm_vec qm_router_middle(const qm_router *r, uint32_t face)
 {
     const uint32_t *c = r->m.from + 3 * (size_t)face;
     qm_vec corner[3] = {r->m.position[c[0]], r->m.position[c[1]], r->m.position[c[2]]};
     return qm_vec_centroid(corner, 3);
+}
+
+double qm_router_step_cost(const qm_router *r, const qm_route_guide *g, uint32_t face, uint32_t next)
+{
+    qm_vec there = qm_router_middle(r, next);
+    double off = g->length > 0 ? guide_distance(g, there) / (0.25 * g->length) : 0;
+    return qm_vec_distance(qm_router_middle(r, face), there) * (1 + GUIDE_PULL * off);
+}
+
+bool qm_router_add_guided_edge(qm_router *r, uint32_t h, const qm_route_guide *g)
+{
+    return qm_router_add_edge(
+        r, h, guide_share(g, r->m.position[r->m.from[h]], r->m.position[qm_trimesh_to(&r->m, h)]));
+}
+
+void qm_router_reverse_edges(qm_router *r)
+{
+    for (size_t i = 0, j = r->edge_count; i + 1 < j; i++) {
+        j--;
+        uint32_t pair[2] = {r->edge[i][0], r->edge[i][1]};
+        double share = r->share[i];
+        memcpy(r->edge[i], r->edge[j], sizeof pair);
+        memcpy(r->edge[j], pair, sizeof pair);
+        r->share[i] = r->share[j];
+        r->share[j] = share;
+    }
 }
 
 static bool reach(qm_router *r, uint32_t face, double cost, uint32_t back, uint32_t stamp)
@@ -117,13 +142,13 @@ static bool find_path(qm_router *r, uint32_t curve, const qm_route_guide *g, uin
     r->edge_count = 0;
     if (!qm_router_reserve(r)) return false;
     uint32_t *sector = r->queue, stamp, ends = ++r->stamp_value;
-    size_t count = list_sector(r, 2 * curve + 1, sector);
+    size_t count = qm_router_list_sector(r, 2 * curve + 1, sector);
     memset(r->local, 0, r->m.face_count * sizeof *r->local);
     for (size_t i = 0; i < count; i++)
         r->local[sector[i]] = ends;
     stamp = ++r->stamp_value;
     r->heap.count = 0;
-    count = list_sector(r, 2 * curve, sector);
+    count = qm_router_list_sector(r, 2 * curve, sector);
     for (size_t i = 0; i < count; i++)
         if (!reach(r, sector[i], 0, QM_NO_INDEX, stamp)) return false;
     uint32_t at = QM_NO_INDEX;
@@ -134,42 +159,45 @@ static bool find_path(qm_router *r, uint32_t curve, const qm_route_guide *g, uin
             at = item.number;
             break;
         }
-        qm_vec here = qm_router_middle(r, item.number);
         for (uint32_t k = 0; k < 3; k++) {
             uint32_t h = 3 * item.number + k, twin = r->m.twin[h];
             if (twin == QM_NO_INDEX || qm_router_label(r, h) != 0) continue;
-            qm_vec there = qm_router_middle(r, twin / 3);
-            double off = g->length > 0 ? guide_distance(g, there) / (0.25 * g->length) : 0,
-                   cost = item.key + qm_vec_distance(here, there) * (1 + GUIDE_PULL * off);
+            double cost = item.key + qm_router_step_cost(r, g, item.number, twin / 3);
             if (!reach(r, twin / 3, cost, h, stamp)) return false;
         }
     }
     if (at == QM_NO_INDEX) return true;
     *is_found = true;
     *middle = at;
-    for (; r->back[at] != QM_NO_INDEX; at = r->back[at] / 3) {
-        uint32_t h = r->back[at];
-        if (!qm_router_add_edge(
-                r, h, guide_share(g, r->m.position[r->m.from[h]], r->m.position[qm_trimesh_to(&r->m, h)])))
-            return false;
-    }
-    for (size_t i = 0, j = r->edge_count; i + 1 < j; i++) {
-        j--;
-        uint32_t pair[2] = {r->edge[i][0], r->edge[i][1]};
-        double share = r->share[i];
-        memcpy(r->edge[i], r->edge[j], sizeof pair);
-        memcpy(r->edge[j], pair, sizeof pair);
-        r->share[i] = r->share[j];
-        r->share[j] = share;
-    }
+    for (; r->back[at] != QM_NO_INDEX; at = r->back[at] / 3)
+        if (!qm_router_add_guided_edge(r, r->back[at], g)) return false;
+    qm_router_reverse_edges(r);
     return true;
 }
 
-static bool label_between(qm_router *r, uint32_t a, uint32_t b, uint32_t curve)
+bool qm_router_label_between(qm_router *r, uint32_t a, uint32_t b, uint32_t curve)
 {
     uint32_t h = qm_router_edge_between(r, a, b);
     if (h == QM_NO_INDEX || qm_router_label(r, h) != 0) r->is_lost = true;
     if (!r->is_lost) qm_router_set_label(r, h, curve + 1);
+    return true;
+}
+
+bool qm_router_lay_edges(qm_router *r, uint32_t curve, uint32_t *last)
+{
+    uint32_t vertex;
+    for (size_t i = 0; i < r->edge_count && !r->is_lost; i++) {
+        uint32_t h = qm_router_opposite_edge(r, *last, r->edge[i][0], r->edge[i][1]);
+        if (h == QM_NO_INDEX || qm_router_label(r, h) != 0) {
+            r->is_lost = true;
+            return true;
+        }
+        double share = r->m.from[h] == r->edge[i][0] ? r->share[i] : 1 - r->share[i];
+        qm_vec to = qm_vec_mix(r->m.position[r->m.from[h]], r->m.position[qm_trimesh_to(&r->m, h)], share);
+        if (!qm_router_split_edge(r, h, to, &vertex)) return false;
+        qm_router_label_between(r, *last, vertex, curve);
+        *last = vertex;
+    }
     return true;
 }
 
@@ -182,21 +210,11 @@ bool qm_router_lay(qm_router *r, uint32_t curve, uint32_t middle)
         qm_vec between = qm_vec_mix(r->m.position[last], r->m.position[end], 0.5);
         if (!qm_router_split_face(r, middle, qm_vec_mix(between, qm_router_middle(r, middle), BEND), &vertex))
             return false;
-        return label_between(r, last, vertex, curve) && label_between(r, vertex, end, curve);
+        return qm_router_label_between(r, last, vertex, curve) &&
+               qm_router_label_between(r, vertex, end, curve);
     }
-    for (size_t i = 0; i < r->edge_count && !r->is_lost; i++) {
-        uint32_t h = qm_router_opposite_edge(r, last, r->edge[i][0], r->edge[i][1]);
-        if (h == QM_NO_INDEX || qm_router_label(r, h) != 0) {
-            r->is_lost = true;
-            return true;
-        }
-        double share = r->m.from[h] == r->edge[i][0] ? r->share[i] : 1 - r->share[i];
-        qm_vec to = qm_vec_mix(r->m.position[r->m.from[h]], r->m.position[qm_trimesh_to(&r->m, h)], share);
-        if (!qm_router_split_edge(r, h, to, &vertex)) return false;
-        label_between(r, last, vertex, curve);
-        last = vertex;
-    }
-    return r->is_lost || label_between(r, last, end, curve);
+    return qm_router_lay_edges(r, curve, &last) &&
+           (r->is_lost || qm_router_label_between(r, last, end, curve));
 }
 
 bool qm_router_route_curve(qm_router *r, uint32_t curve, const qm_route_guide *g)

@@ -1,6 +1,6 @@
 /**
  * tmesh_router.h: shared by the files that lay the curves of a layout as paths that cannot meet (tmesh_route.h): which curves follow each
- * other round a node (tmesh_route_darts.c), the mesh that they divide (tmesh_route_mesh.c), the search for a path (tmesh_route_path.c), straight
+ * other round a node (tmesh_route_darts.c), the mesh that they divide (tmesh_route_mesh.c), the search for a path (tmesh_route_path.c) and for one round a handle (tmesh_route_handle.c), straight
  * paths in charts (tmesh_route_chart.c), and the layout that comes of it (tmesh_route_layout.c).
  *
  * The mesh is a copy of the surface's triangles. A half-edge of the path of curve c has step[0] c + 1, its label, any other 0. A dart is a
@@ -112,14 +112,35 @@ typedef struct qm_route_guide {
 qm_route_guide qm_route_guide_make(const qm_vec *at, size_t count);
 qm_route_guide qm_router_curve_guide(const qm_router *r, uint32_t curve);
 
-/** Adds an edge to the path of a curve, which passes it at a share of its length. */
+/** Adds an edge to the path of a curve, which passes it at a share of its length, */
 bool qm_router_add_edge(qm_router *r, uint32_t h, double share);
+/** or where the guide is nearest to it. */
+bool qm_router_add_guided_edge(qm_router *r, uint32_t h, const qm_route_guide *g);
+void qm_router_reverse_edges(qm_router *r);
+
+/** Lists the triangles at the first node of a dart, between the curves beside it that lie. */
+size_t qm_router_list_sector(const qm_router *r, uint32_t dart, uint32_t *out);
+
+/** The middle of a triangle. */
+qm_vec qm_router_middle(const qm_router *r, uint32_t face);
+
+/** What a step between neighbours costs on the path of a curve. */
+double qm_router_step_cost(const qm_router *r, const qm_route_guide *g, uint32_t face, uint32_t next);
+
+/** Gives the edge between two vertices to a curve; the curve is lost where it is not free. */
+bool qm_router_label_between(qm_router *r, uint32_t a, uint32_t b, uint32_t curve);
+
+/** Lays a curve from a vertex over the edges of its path; *last becomes the vertex on the last one. */
+bool qm_router_lay_edges(qm_router *r, uint32_t curve, uint32_t *last);
 
 /** Lays a curve over the edges of its path, or through a triangle alone. */
 bool qm_router_lay(qm_router *r, uint32_t curve, uint32_t middle);
 
 /** Finds a path for a curve, and lays it. */
 bool qm_router_route_curve(qm_router *r, uint32_t curve, const qm_route_guide *g);
+
+/** The same for a curve that must not divide what is free of curves (tmesh_route_handle.c). */
+bool qm_router_route_handle(qm_router *r, uint32_t curve, const qm_route_guide *g);
 
 /** Lays a curve along the boundary, its patch on the left. */
 bool qm_router_route_boundary(qm_router *r, uint32_t curve);
@@ -136,8 +157,10 @@ typedef struct qm_route_disc {
     bool *is_fixed;
 } qm_route_disc;
 
-/** Gathers the triangles that are connected with one, over open curves too, and numbers them. *is_made is false where they are no disc. */
-bool qm_router_gather(qm_router *r, uint32_t first, const bool *open, qm_route_disc *out, bool *is_made);
+/** Gathers the triangles that are connected with one, over open curves too, and numbers them; open may be NULL. *is_made is false where they are
+ * no disc: then there is no ring. The arrays are the arena's. */
+bool qm_router_gather(qm_router *r, qm_arena *arena, uint32_t first, const bool *open, qm_route_disc *out,
+                      bool *is_made);
 
 /** The vertex of the chart at the start of a half-edge of the disc that was gathered last. */
 uint32_t qm_router_corner_at(const qm_router *r, const qm_route_disc *d, uint32_t h);
