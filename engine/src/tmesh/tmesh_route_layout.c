@@ -201,6 +201,7 @@ qm_status qm_router_write_layout(qm_router *r, double *grids, qm_layout *out)
     }
     for (uint32_t p = 0; p < layout->patch_count && status == QM_OK && !r->is_lost; p++) {
         qm_vec grid[QM_LAYOUT_GRID_POINTS];
+        if (qm_context_canceled(r->ctx)) r->is_lost = true;
         grid_border(out, p, grid);
         blend_grid(grid);
         if (!chart_grid(r, p, grid)) return QM_E_NO_MEMORY;

@@ -96,7 +96,7 @@ static double weight_in(const qm_router *r, uint32_t face, qm_vec at, int k)
     return qm_vec_dot(qm_vec_cross(qm_vec_sub(a, at), qm_vec_sub(b, at)), normal) / area2;
 }
 
-static bool take_vertex(qm_router *r, uint32_t node, uint32_t vertex)
+bool qm_router_take_vertex(qm_router *r, uint32_t node, uint32_t vertex)
 {
     if (r->at_vertex[vertex] != QM_NO_INDEX) return false;
     r->at_vertex[vertex] = node;
@@ -132,7 +132,7 @@ static bool place_node(qm_router *r, uint32_t node, const qm_tmesh_spot *spot)
     }
     vertex = r->m.from[3 * face + high];
     bool is_inner = r->m.twin[qm_trimesh_first(&r->m, vertex)] != QM_NO_INDEX;
-    if (weight[high] > 1 - ON_CORNER && is_inner && take_vertex(r, node, vertex)) return true;
+    if (weight[high] > 1 - ON_CORNER && is_inner && qm_router_take_vertex(r, node, vertex)) return true;
     uint32_t side = 3 * face + (low + 1) % 3;
     if (weight[low] < ON_CORNER && r->m.twin[side] != QM_NO_INDEX) {
         double a = fmax(weight[(low + 1) % 3], INSIDE), b = fmax(weight[(low + 2) % 3], INSIDE);
@@ -147,34 +147,6 @@ static bool place_node(qm_router *r, uint32_t node, const qm_tmesh_spot *spot)
     for (uint32_t k = 0; k < 3; k++)
         at = qm_vec_axpy(at, weight[k] / sum, r->m.position[r->m.from[3 * face + k]]);
     if (!qm_router_split_face(r, face, at, &vertex)) return false;
-    r->at_vertex[vertex] = node;
-    r->vertex[node] = vertex;
-    return true;
-}
-
-/** Puts a node onto the nearest boundary edge. */
-static bool place_on_boundary(qm_router *r, uint32_t node)
-{
-    qm_vec p = r->wanted[node];
-    double best = INFINITY, share = 0;
-    uint32_t nearest = QM_NO_INDEX, vertex;
-    for (uint32_t h = 0; h < 3 * r->m.face_count; h++) {
-        if (r->m.twin[h] != QM_NO_INDEX) continue;
-        qm_vec from = r->m.position[r->m.from[h]], along = qm_trimesh_edge(&r->m, h);
-        double length2 = qm_vec_norm2(along),
-               at = length2 > 0 ? qm_clamp(qm_vec_dot(qm_vec_sub(p, from), along) / length2, 0, 1) : 0,
-               far = qm_vec_distance(p, qm_vec_axpy(from, at, along));
-        if (far < best) best = far, share = at, nearest = h;
-    }
-    if (nearest == QM_NO_INDEX) {
-        r->is_lost = true;
-        return true;
-    }
-    uint32_t end = share < 0.5 ? r->m.from[nearest] : qm_trimesh_to(&r->m, nearest);
-    if ((share < ON_CORNER || share > 1 - ON_CORNER) && take_vertex(r, node, end)) return true;
-    share = qm_clamp(share, INSIDE, 1 - INSIDE);
-    qm_vec at = qm_vec_axpy(r->m.position[r->m.from[nearest]], share, qm_trimesh_edge(&r->m, nearest));
-    if (!qm_router_split_edge(r, nearest, at, &vertex)) return false;
     r->at_vertex[vertex] = node;
     r->vertex[node] = vertex;
     return true;
@@ -197,8 +169,7 @@ static bool place_nodes(qm_router *r)
     for (uint32_t c = 0; c < r->layout->curve_count; c++)
         if (qm_router_is_boundary(r, c))
             on_boundary[r->layout->curves[c].from] = on_boundary[r->layout->curves[c].to] = true;
-    for (uint32_t n = 0; n < nodes && !r->is_lost; n++)
-        if (on_boundary[n] && !place_on_boundary(r, n)) return false;
+    if (!qm_router_place_on_boundaries(r)) return false;
     for (uint32_t n = 0; n < nodes && !r->is_lost; n++) {
         qm_tmesh_spot spot;
         if (on_boundary[n]) continue;

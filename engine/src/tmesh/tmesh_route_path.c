@@ -228,22 +228,3 @@ bool qm_router_route_curve(qm_router *r, uint32_t curve, const qm_route_guide *g
     }
     return qm_router_lay(r, curve, middle);
 }
-
-bool qm_router_route_boundary(qm_router *r, uint32_t curve)
-{
-    uint32_t dart = 2 * curve + (r->left[2 * curve] == QM_NO_INDEX);
-    uint32_t at = r->vertex[qm_router_start(r, dart)], end = r->vertex[qm_router_start(r, dart ^ 1)];
-    r->is_laid[curve] = true;
-    for (size_t step = 0; at != end && step < 3 * r->m.face_count; step++) {
-        uint32_t h = qm_trimesh_first(&r->m, at);
-        bool is_free = r->m.twin[h] == QM_NO_INDEX && qm_router_label(r, h) == 0;
-        bool meets = step > 0 && r->at_vertex[at] != QM_NO_INDEX;
-        if (!is_free || meets) {
-            r->is_lost = true;
-            return true;
-        }
-        qm_router_set_label(r, h, curve + 1);
-        at = qm_trimesh_to(&r->m, h);
-    }
-    return true;
-}

@@ -1,7 +1,8 @@
 /**
  * tmesh_router.h: shared by the files that lay the curves of a layout as paths that cannot meet (tmesh_route.h): which curves follow each
- * other round a node (tmesh_route_darts.c), the mesh that they divide (tmesh_route_mesh.c), the search for a path (tmesh_route_path.c) and for one round a handle (tmesh_route_handle.c), straight
- * paths in charts (tmesh_route_chart.c), and the layout that comes of it (tmesh_route_layout.c).
+ * other round a node (tmesh_route_darts.c), the mesh that they divide (tmesh_route_mesh.c), its boundaries (tmesh_route_boundary.c), the
+ * search for a path (tmesh_route_path.c) and for one round a handle (tmesh_route_handle.c), straight paths in charts (tmesh_route_chart.c),
+ * and the layout that comes of it (tmesh_route_layout.c).
  *
  * The mesh is a copy of the surface's triangles. A half-edge of the path of curve c has step[0] c + 1, its label, any other 0. A dart is a
  * curve in one of its directions, 2 c from its first node and 2 c + 1 from its last; the patches tell which darts follow each other round a
@@ -83,6 +84,9 @@ bool qm_router_is_boundary(const qm_router *r, uint32_t curve);
 /** Copies the triangles, divides large ones, and puts the nodes into them. */
 bool qm_router_prepare(qm_router *r);
 
+/** Puts a node onto a vertex. False where another one is. */
+bool qm_router_take_vertex(qm_router *r, uint32_t node, uint32_t vertex);
+
 /** Makes room for what is known of triangles. */
 bool qm_router_reserve(qm_router *r);
 
@@ -141,6 +145,11 @@ bool qm_router_route_curve(qm_router *r, uint32_t curve, const qm_route_guide *g
 
 /** The same for a curve that must not divide what is free of curves (tmesh_route_handle.c). */
 bool qm_router_route_handle(qm_router *r, uint32_t curve, const qm_route_guide *g);
+
+/* ---- boundaries ---- */
+
+/** Puts the nodes of boundaries onto those of the mesh, in their order. */
+bool qm_router_place_on_boundaries(qm_router *r);
 
 /** Lays a curve along the boundary, its patch on the left. */
 bool qm_router_route_boundary(qm_router *r, uint32_t curve);
