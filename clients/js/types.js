@@ -189,7 +189,8 @@
 /** @typedef {{ points: [number, number][], view: number[], projection: number[], viewport: number[], radius_px?: number,
  *   depth?: number, snap?: number, features?: FeatureSnap, mirror?: Mirror }} Stroke */
 /** @typedef {"automatic" | number} Noise of points, as a fraction of the diagonal */
-/** @typedef {{ layout: string, source?: string, cover_share?: number, pull_curves?: boolean, noise?: Noise }} ReconstructionRequest */
+/** @typedef {{ layout: string, source?: string, cover_share?: number, pull_curves?: boolean, noise?: Noise,
+ *   deadline_ms?: number }} ReconstructionRequest */
 /** @typedef {{ id: string, source: string, layout: string, patch_count: number, cover_share: number,
  *   pull_curves: boolean, noise?: Noise, coverage: { samples: number, uncovered_samples: number }, created: string, mesh: string,
  *   quads: number, step_count: number, revision: number, warnings?: ReconstructionWarning[] }} ReconstructionBrief */

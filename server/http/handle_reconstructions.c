@@ -69,6 +69,22 @@ static bool reply_again(qm_request *request, const qm_store_idempotency *idempot
     return true;
 }
 
+/** Creates a reconstruction, unless the client leaves or its deadline comes before: nothing is stored then. False with a problem. */
+static bool add_watched(qm_request *request, const qm_json_reconstruction *wanted,
+                        const qm_store_layout *layout, const qm_store_idempotency *idempotency,
+                        qm_store_reconstruction *out, qm_problem *problem)
+{
+    qm_app *app = qm_request_app(request);
+    qm_http_watch watch;
+    qm_context host = {0};
+    qm_http_watch_begin(&watch, request, wanted->deadline_ms, &host);
+    bool is_added = qm_reconstructions_add(
+        app->reconstructions, wanted->source[0] ? wanted->source : layout->mesh, layout->id, layout->layout,
+        &wanted->options, &host, idempotency, out, problem);
+    qm_http_watch_end(&watch, &host, problem); /* its problem is the reason, if nothing was added */
+    return is_added;
+}
+
 void qm_handle_reconstruction_create(qm_request *request)
 {
     qm_store_idempotency idempotency;
@@ -85,8 +101,7 @@ void qm_handle_reconstruction_create(qm_request *request)
         return;
     }
     qm_store_reconstruction row;
-    if (qm_reconstructions_add(app->reconstructions, wanted.source[0] ? wanted.source : layout.mesh,
-                               layout.id, layout.layout, &wanted.options, &idempotency, &row, &problem)) {
+    if (add_watched(request, &wanted, &layout, &idempotency, &row, &problem)) {
         qm_reply_header(request, "Location", "/v1/reconstructions/%s", row.id);
         reply_row(request, 201, &row, NULL);
         qm_store_reconstruction_reset(&row);
@@ -149,7 +164,8 @@ void qm_handle_reconstruction_delete(qm_request *request)
     qm_reply_problem(request, &problem);
 }
 
-/** Replaces the layout by its current revision, and rebuilds the patches that have changed. */
+/** Replaces the layout by its current revision, and rebuilds the patches that have changed, unless the client leaves or its deadline comes
+ * before. */
 void qm_handle_reconstruction_edit(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
@@ -158,6 +174,8 @@ void qm_handle_reconstruction_edit(qm_request *request)
     qm_json_reconstruction wanted;
     qm_problem problem;
     qm_store_layout layout;
+    double deadline_ms;
+    if (!qm_handlers_read_deadline(request, &deadline_ms)) return;
     if (!qm_json_read_layout_choice(body, size, &wanted, &problem) ||
         !take_layout(app, wanted.layout, &layout, &problem)) {
         qm_reply_problem(request, &problem);
@@ -165,8 +183,13 @@ void qm_handle_reconstruction_edit(qm_request *request)
     }
     qm_store_reconstruction row;
     size_t redone;
-    if (qm_reconstructions_edit(app->reconstructions, qm_request_id(request), layout.layout, &row, &redone,
-                                &problem)) {
+    qm_http_watch watch;
+    qm_context host = {0};
+    qm_http_watch_begin(&watch, request, deadline_ms, &host);
+    bool is_edited = qm_reconstructions_edit(app->reconstructions, qm_request_id(request), layout.layout,
+                                             &host, &row, &redone, &problem);
+    qm_http_watch_end(&watch, &host, &problem); /* its problem is the reason, if nothing has changed */
+    if (is_edited) {
         reply_row(request, 200, &row, &redone);
         qm_store_reconstruction_reset(&row);
     } else {

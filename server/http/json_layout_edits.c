@@ -304,7 +304,8 @@ static bool read_options(const cJSON *object, qm_reconstruction_options *out, qm
 bool qm_json_read_reconstruction(const char *text, size_t size, qm_json_reconstruction *out,
                                  qm_problem *problem)
 {
-    static const char *const names[] = {"source", "layout", "cover_share", "pull_curves", "noise", NULL};
+    static const char *const names[] = {"source", "layout",      "cover_share", "pull_curves",
+                                        "noise",  "deadline_ms", NULL};
     *out = (qm_json_reconstruction){0};
     cJSON *object = qm_json_parse_object(text, size, "a reconstruction", problem);
     if (!object) return false;
@@ -312,7 +313,8 @@ bool qm_json_read_reconstruction(const char *text, size_t size, qm_json_reconstr
     bool good = qm_json_check_members(object, names, problem) &&
                 qm_json_read_id(object, "layout", out->layout, problem) &&
                 (!has_source || qm_json_read_id(object, "source", out->source, problem)) &&
-                read_options(object, &out->options, problem);
+                read_options(object, &out->options, problem) &&
+                qm_json_read_deadline(object, &out->deadline_ms, problem);
     cJSON_Delete(object);
     return good;
 }

@@ -148,7 +148,7 @@ static const qm_route routes[] = {
     {"DELETE", "/v1/reconstructions/{id}", QM_SCOPE_WRITE, qm_handle_reconstruction_delete, NULL,
      QM_BODY_NONE, QM_LANE_SHORT, no_query},
     {"PUT", "/v1/reconstructions/{id}/layout", QM_SCOPE_WRITE, qm_handle_reconstruction_edit, json,
-     QM_BODY_MEMORY, QM_LANE_EDIT, no_query},
+     QM_BODY_MEMORY, QM_LANE_EDIT, deadline_query},
     {"GET", "/v1/reconstructions/{id}/mesh", QM_SCOPE_READ, qm_handle_reconstruction_mesh, files,
      QM_BODY_NONE, QM_LANE_SHORT, format_query},
     {"GET", "/v1/reconstructions/{id}/patches", QM_SCOPE_READ, qm_handle_reconstruction_patches, json,

@@ -254,7 +254,7 @@ qm_reconstruction_lease *qm_reconstructions_take(qm_reconstructions *rs, const c
 void qm_reconstructions_release(qm_reconstructions *rs, qm_reconstruction_lease *lease, bool keeps)
 {
     if (!lease) return;
-    lease->ctx.cancel = NULL;
+    set_flags(&lease->ctx, NULL);
     uv_mutex_lock(&rs->lock);
     lease_entry *own = unlist(rs, lease->id), *dropped = own;
     if (keeps) {
@@ -442,14 +442,14 @@ static bool fill_row(qm_reconstructions *rs, qm_reconstruction_lease *r, const c
 
 bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const char *layout_id,
                             const char *layout_text, const qm_reconstruction_options *options,
-                            const qm_store_idempotency *idempotency, qm_store_reconstruction *out,
-                            qm_problem *problem)
+                            const qm_context *host, const qm_store_idempotency *idempotency,
+                            qm_store_reconstruction *out, qm_problem *problem)
 {
     *out =
         (qm_store_reconstruction){.cover_share = options->cover_share, .pull_curves = options->pull_curves};
     snprintf(out->source, sizeof out->source, "%s", source);
     snprintf(out->layout_id, sizeof out->layout_id, "%s", layout_id);
-    lease_entry *e = lease_begin(rs, source, layout_text, options, NULL, problem);
+    lease_entry *e = lease_begin(rs, source, layout_text, options, host, problem);
     if (!e) return false;
     qm_id_make('r', e->lease.id);
     if (!fill_row(rs, &e->lease, layout_text, options->noise_share, idempotency, out, problem)) {
@@ -565,11 +565,13 @@ static bool add_edit(qm_store_reconstruction *row, const char *layout_text, qm_p
 }
 
 bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char *layout_text,
-                             qm_store_reconstruction *out, size_t *redone, qm_problem *problem)
+                             const qm_context *host, qm_store_reconstruction *out, size_t *redone,
+                             qm_problem *problem)
 {
     *out = (qm_store_reconstruction){0};
-    qm_reconstruction_lease *r = qm_reconstructions_take(rs, id, NULL, problem);
+    qm_reconstruction_lease *r = qm_reconstructions_take(rs, id, host, problem);
     if (!r) return false;
+    set_flags(&r->ctx, host);
     row_task task = {.rs = rs, .lease = r, .row = out};
     bool edited = lease_edit(r, layout_text, redone, problem);
     bool good = edited && find_row(rs, r, out, problem) && add_edit(out, layout_text, problem) &&

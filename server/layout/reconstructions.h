@@ -28,13 +28,13 @@ typedef struct qm_reconstruction_lease {
 } qm_reconstruction_lease;
 
 /**
- * Creates a reconstruction and stores it with its first mesh. layout_text is {nodes, curves, patches}. out is
- * the caller's, for qm_store_reconstruction_reset. False with a problem.
+ * Creates a reconstruction, with the flags of host, and stores it with its first mesh. layout_text is {nodes, curves, patches}. out is
+ * the caller's, for qm_store_reconstruction_reset. False with a problem, and then nothing is stored.
  */
 bool qm_reconstructions_add(qm_reconstructions *reconstructions, const char *source, const char *layout_id,
                             const char *layout_text, const qm_reconstruction_options *options,
-                            const qm_store_idempotency *idempotency, qm_store_reconstruction *out,
-                            qm_problem *problem);
+                            const qm_context *host, const qm_store_idempotency *idempotency,
+                            qm_store_reconstruction *out, qm_problem *problem);
 
 /**
  * Leases a reconstruction, which is rebuilt when it is not in memory: with the flags of host, or, for NULL, to its end.
@@ -61,10 +61,11 @@ bool qm_reconstructions_commit(qm_reconstructions *reconstructions, qm_reconstru
 
 /**
  * Replaces the layout by an edited one, rebuilds the patches that the edit has changed (redone is their
- * number), and stores it with its mesh. out as above. False with a problem, and then nothing has changed.
+ * number), with the flags of host, and stores it with its mesh. out as above. False with a problem, and then nothing has changed.
  */
 bool qm_reconstructions_edit(qm_reconstructions *reconstructions, const char *id, const char *layout_text,
-                             qm_store_reconstruction *out, size_t *redone, qm_problem *problem);
+                             const qm_context *host, qm_store_reconstruction *out, size_t *redone,
+                             qm_problem *problem);
 
 qm_stored qm_reconstructions_delete(qm_reconstructions *reconstructions, const char *id);
 

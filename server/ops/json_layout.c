@@ -202,8 +202,7 @@ static bool read_made_layout(const cJSON *object, const char *const *names, doub
     static const char *const of_features[] = {"angle_deg", NULL};
     const cJSON *patches = cJSON_GetObjectItemCaseSensitive(object, "patches"),
                 *angle = cJSON_GetObjectItemCaseSensitive(object, "crease_angle"),
-                *features = cJSON_GetObjectItemCaseSensitive(object, "features"),
-                *deadline = cJSON_GetObjectItemCaseSensitive(object, "deadline_ms");
+                *features = cJSON_GetObjectItemCaseSensitive(object, "features");
     if (!qm_json_check_members(object, names, problem) ||
         !qm_json_read_id(object, "mesh", out->mesh, problem))
         return false;
@@ -223,9 +222,7 @@ static bool read_made_layout(const cJSON *object, const char *const *names, doub
             !(qm_json_read_number(given, crease_angle) && *crease_angle >= 0 && *crease_angle <= 180))
             return qm_json_reject(problem, "must be a number from 0 to 180", "/features/angle_deg", 0, 0);
     }
-    if (deadline && !(qm_json_read_number(deadline, &out->deadline_ms) && out->deadline_ms > 0.0))
-        return qm_json_reject(problem, "must be a number above 0", "/deadline_ms", 0, 0);
-    return true;
+    return qm_json_read_deadline(object, &out->deadline_ms, problem);
 }
 
 static bool read_quad_layout(const cJSON *object, qm_json_quad_layout *out, qm_problem *problem)

@@ -144,6 +144,7 @@ typedef struct qm_json_reconstruction {
     char layout[QM_ID_SIZE];
     char source[QM_ID_SIZE]; /* "" for the mesh of the layout */
     qm_reconstruction_options options;
+    double deadline_ms; /* 0: none */
 } qm_json_reconstruction;
 
 /** False with a problem (400). */

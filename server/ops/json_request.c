@@ -297,6 +297,14 @@ bool qm_json_read_table(const cJSON *value, int width, size_t min_count, const c
     return qm_json_reject(problem, message, pointer, at.index[0], 0);
 }
 
+bool qm_json_read_deadline(const cJSON *object, double *out, qm_problem *problem)
+{
+    const cJSON *value = cJSON_GetObjectItemCaseSensitive(object, "deadline_ms");
+    *out = 0.0;
+    if (!value || (qm_json_read_number(value, out) && *out > 0.0)) return true;
+    return qm_json_reject(problem, "must be a number above 0", "/deadline_ms", 0, 0);
+}
+
 bool qm_json_read_id(const cJSON *object, const char *name, char out[QM_ID_SIZE], qm_problem *problem)
 {
     const char *id = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, name));

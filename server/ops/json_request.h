@@ -95,4 +95,7 @@ bool qm_json_read_table(const struct cJSON *value, int width, size_t min_count, 
 /** Reads the id of a layout or mesh in the member called name. */
 bool qm_json_read_id(const struct cJSON *object, const char *name, char out[QM_ID_SIZE], qm_problem *problem);
 
+/** Reads `deadline_ms` of a request, a number above 0; *out is 0 where it is absent. False with a problem. */
+bool qm_json_read_deadline(const struct cJSON *object, double *out, qm_problem *problem);
+
 #endif

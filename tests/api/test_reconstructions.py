@@ -281,6 +281,40 @@ def test_a_rebuild_can_be_left(make_daemon):
         assert after["state"] == "succeeded" and after["result"]["quads"] > before["quads"]
 
 
+def test_a_reconstruction_ends_at_its_deadline_and_is_not_stored(client):
+    mesh = client.upload(points(200000, 5), format="xyz")["id"]
+    layout = client.post("/v1/layouts", json={"mesh": mesh, **saddle_layout()}).json()["id"]
+    for deadline in (1, 20):
+        late = client.post("/v1/reconstructions", json={"layout": layout, "deadline_ms": deadline})
+        assert f" {deadline} ms" in check_problem(late, 504, "deadline_exceeded")["detail"]
+    assert client.get("/v1/reconstructions", params={"mesh": mesh}).json()["reconstructions"] == []
+    for deadline in (0, -1, "1", None):
+        problem = check_problem(client.post("/v1/reconstructions", json={"layout": layout, "deadline_ms": deadline}), 400, "invalid_field")
+        assert problem["errors"][0]["pointer"] == "/deadline_ms"
+    made = client.post("/v1/reconstructions", json={"layout": layout, "deadline_ms": 1e7})
+    assert made.status_code == 201
+    refine(client, made.json(), steps=1, measure=False)
+
+
+def test_going_over_to_an_edited_layout_ends_at_its_deadline(make_daemon):
+    running = make_daemon()
+    with running.client() as client:
+        made = start(client, client.upload(shapes.saddle(24))["id"])
+        refine(client, made, until={"max_quads": 30000}, measure=False)
+        bend(client, made["layout"])
+        before = client.get(f"/v1/reconstructions/{made['id']}").json()
+    running.stop()
+    running.start()
+    with running.client() as client:
+        path, layout = f"/v1/reconstructions/{made['id']}", {"layout": made["layout"]}
+        late = client.put(f"{path}/layout", json=layout, params={"deadline_ms": 20})
+        assert "20 ms" in check_problem(late, 504, "deadline_exceeded")["detail"]
+        check_problem(client.put(f"{path}/layout", json=layout, params={"deadline_ms": 0}), 400, "invalid_parameter")
+        assert client.get(path).json() == before
+        done = client.put(f"{path}/layout", json=layout, params={"deadline_ms": 600000})
+        assert done.status_code == 200 and done.json()["redone_patches"] == 1
+
+
 def stream_so_far(client, job):
     with client.stream("GET", f"/v1/jobs/{job['id']}/events",
                        headers={"Accept": "application/x-ndjson"}) as reply:

@@ -109,7 +109,7 @@ static qm_status route_along(layout_work *work, const qm_ref_surface *surface, c
     qm_layout_issues issues = {0};
     bool is_made;
     double *grids = qm_arena_alloc(&work->scratch, drawing->grid_count, GRID_SIZE);
-    if (!grids) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the ways of curves");
+    if (!grids) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the paths of curves");
     memcpy(grids, drawing->grids, drawing->grid_count * GRID_SIZE);
     qm_status status = qm_tmesh_route(&work->scratch, &work->triangles, &drawing->layout, drawing->is_fixed,
                                       drawing->is_line, guides, grids, &routed, &is_made);
@@ -136,7 +136,7 @@ static qm_status route(layout_work *work, const qm_ref_surface *surface, qm_draw
     qm_tmesh_guides drawn;
     qm_arena_rewind(&work->scratch);
     if (!guides_of_curves(work, &drawing->layout, &drawn))
-        return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the ways of curves");
+        return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the paths of curves");
     qm_status status = route_along(work, surface, &drawing->guides, drawing);
     return status == QM_OK && drawing->issues.count > 0 ? route_along(work, surface, &drawn, drawing)
                                                         : status;

@@ -181,8 +181,8 @@ static bool add_point(guide_finder *f, qm_vec at)
     return true;
 }
 
-/** Adds the way from a point to the node of its class, without the point itself. */
-static bool add_way(guide_finder *f, uint32_t at)
+/** Adds the path from a point to the node of its class, without the point itself. */
+static bool add_path(guide_finder *f, uint32_t at)
 {
     while (f->back[at] != QM_NO_INDEX) {
         const tree_link *link = &f->links[f->back[at]];
@@ -232,12 +232,12 @@ static bool find_guide(guide_finder *f, uint32_t arc, uint32_t step)
     size_t start = f->count;
     uint32_t from = arc_point(f, arc, step), to = arc_point(f, arc, step + 1);
     double cells = f->source->arc_cells[arc];
-    if (!add_point(f, f->place[from].at) || !add_way(f, from)) return false;
+    if (!add_point(f, f->place[from].at) || !add_path(f, from)) return false;
     reverse(f->points + start, f->count - start);
     double low = cells * step / f->length[arc], high = cells * (step + 1) / f->length[arc];
     for (double at = floor(low) + 1; at < high; at++)
         if (!add_point(f, qm_tmesh_source_on_arc(f->source, arc, at / cells).at)) return false;
-    return add_point(f, f->place[to].at) && add_way(f, to);
+    return add_point(f, f->place[to].at) && add_path(f, to);
 }
 
 /** A corner of the faces of a patch, and the point that it is on a side; QM_NO_INDEX inside. */
@@ -275,7 +275,7 @@ static bool find_inner(guide_finder *f, size_t p, uint32_t column, uint32_t row,
     size_t start = f->count;
     uint32_t from, to, inner;
     qm_vec at = patch_corner(f, p, column, row, &from);
-    if (!add_point(f, at) || (from != QM_NO_INDEX && !add_way(f, from))) return false;
+    if (!add_point(f, at) || (from != QM_NO_INDEX && !add_path(f, from))) return false;
     reverse(f->points + start, f->count - start);
     for (int k = 1; k <= LINE; k++) {
         double share = k / (LINE + 1.0);
@@ -283,7 +283,7 @@ static bool find_inner(guide_finder *f, size_t p, uint32_t column, uint32_t row,
         if (!add_point(f, at)) return false;
     }
     at = patch_corner(f, p, column + !is_up, row + is_up, &to);
-    return add_point(f, at) && (to == QM_NO_INDEX || add_way(f, to));
+    return add_point(f, at) && (to == QM_NO_INDEX || add_path(f, to));
 }
 
 static size_t count_inner(const guide_finder *f)
