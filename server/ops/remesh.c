@@ -18,6 +18,7 @@
 #define LAYOUT_PATCHES 250
 #define MORE_PATCHES 2
 #define MOST_PATCHES 1000
+#define LAYOUTS 4 /* at most */
 #define QUADS_A_PATCH 6
 #define PLAIN_RATIO 2.0
 /* A mesh that is filled from the grids of a layout at once is taken as it is if it is no farther than FILLED_RATIO times that plain
@@ -265,70 +266,90 @@ static qm_status make_plain(qm_context *ctx, const qm_ref_surface *surface, cons
     return status;
 }
 
-/** True if a mesh without folds is near enough: poor quads alone are worth only a trial that is fast. */
-static bool is_usable_by(const trial *best, const plain_quads *plain)
+/** A layout, its crossings and its grids. */
+typedef struct drawn_layout {
+    qm_layout layout;
+    qm_layout_issues issues;
+    double *grids;
+} drawn_layout;
+
+static void drawn_layout_reset(qm_context *ctx, drawn_layout *drawn)
 {
-    return best->made.mesh.face_count > 0 && !best->has_crossings && !best->is_folded &&
-           (best->is_near || best->made.upper <= PLAIN_RATIO * plain->distance);
+    qm_quad_layout_free_grids(ctx, &drawn->layout, drawn->grids);
+    qm_layout_reset(ctx, &drawn->layout);
+    qm_layout_issues_reset(ctx, &drawn->issues);
+    *drawn = (drawn_layout){0};
 }
 
-/**
- * Makes meshes by a layout of about so many patches, and keeps the best. From its grids, one comes fast, and also where curves cross;
- * from its curves, it is nearer over ears and tips that the grids leave out.
- */
-static qm_status make_by_patches(qm_context *ctx, const qm_ref_surface *surface,
-                                 const qm_remesh_options *options, const plain_quads *plain, size_t patches,
-                                 trial *best, size_t *made_patches)
+/** Draws a layout of about so many patches. */
+static qm_status draw_layout(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
+                             const plain_quads *plain, size_t patches, const trial *best, drawn_layout *out)
 {
     const qm_quads_options quads = quads_of_layout(options);
     qm_quad_layout_options how = qm_quad_layout_options_default();
     how.patches = patches;
     how.creases = plain->creases;
-    qm_layout layout;
-    qm_layout_issues issues;
-    trial now = {0};
+    how.may_cross = true; /* grids do not need curves that do not */
     begin(options, QM_REMESH_LAYOUT, quads.quads, &best->made);
-    double *grids;
-    qm_status status = qm_quad_layout_make_of_surface(ctx, surface, &quads, &plain->mesh, &how, &layout,
-                                                      &issues, NULL, &grids);
-    if (status != QM_OK) return status;
-    *made_patches = layout.patch_count;
-    bool has_crossings = issues.count > 0, has_goal = options->distance > 0.0;
-    bool is_enough = false, is_usable = is_usable_by(best, plain);
-    for (int by_steps = has_goal; by_steps < 2 && !is_enough && status == QM_OK; by_steps++) {
-        now.made.patches = layout.patch_count;
-        now.has_crossings = has_crossings;
-        status = by_steps ? take_steps(ctx, surface, options, &layout, has_crossings ? grids : NULL, &now)
-                          : fill_grids(ctx, surface, options, &layout, grids, plain->distance, &now);
-        is_enough = is_usable || (now.made.mesh.face_count > 0 && !now.is_folded && !now.is_poor &&
-                                  now.made.upper <= FILLED_RATIO * plain->distance);
-        if (status == QM_OK) keep_better(ctx, &now, best);
-    }
+    return qm_quad_layout_make_of_surface(ctx, surface, &quads, &plain->mesh, &how, &out->layout,
+                                          &out->issues, NULL, &out->grids);
+}
+
+/** Makes a mesh by a layout, from its grids at once or by steps, and keeps the better one. */
+static qm_status try_layout(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
+                            const drawn_layout *drawn, const plain_quads *plain, bool by_steps, trial *best)
+{
+    trial now = {.has_crossings = drawn->issues.count > 0, .made.patches = drawn->layout.patch_count};
+    qm_status status =
+        by_steps
+            ? take_steps(ctx, surface, options, &drawn->layout, now.has_crossings ? drawn->grids : NULL, &now)
+            : fill_grids(ctx, surface, options, &drawn->layout, drawn->grids, plain->distance, &now);
+    if (status == QM_OK) keep_better(ctx, &now, best);
     qm_mesh_reset(ctx, &now.made.mesh);
-    qm_quad_layout_free_grids(ctx, &layout, grids);
-    qm_layout_reset(ctx, &layout);
-    qm_layout_issues_reset(ctx, &issues);
     return status;
 }
 
-/** Tries more and more patches until the mesh is about as near as one without a layout: large patches may miss an ear. */
+/** True if a mesh without folds and poor quads is no farther than so many times the plain one. */
+static bool is_good(const trial *best, const plain_quads *plain, double ratio)
+{
+    return best->made.mesh.face_count > 0 && !best->is_folded && !best->is_poor &&
+           best->made.upper <= ratio * plain->distance;
+}
+
+/**
+ * Tries layouts of more and more patches, whose grids are filled at once, until the mesh is about as near as one without a layout. Where
+ * none is good, meshes are made by steps, which takes long: from their curves they are nearer over ears and tips that grids leave out.
+ * With a wanted distance there are steps alone.
+ */
 static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surface,
                                    const qm_remesh_options *options, qm_remesh_result *out)
 {
     plain_quads plain = {0};
     qm_status status = make_plain(ctx, surface, options, &plain), last = status;
-    size_t most = options->quads.quads / QUADS_A_PATCH;
+    size_t most = options->quads.quads / QUADS_A_PATCH, count = 0;
+    bool has_goal = options->distance > 0.0, is_made = false;
     trial best = {0};
-    for (size_t patches = LAYOUT_PATCHES; status == QM_OK; patches *= MORE_PATCHES) {
-        size_t made = 0;
-        last = make_by_patches(ctx, surface, options, &plain, patches < most ? patches : most, &best, &made);
+    drawn_layout drawn[LAYOUTS] = {0};
+    for (size_t patches = LAYOUT_PATCHES; status == QM_OK && !is_made && count < LAYOUTS;
+         patches *= MORE_PATCHES) {
+        drawn_layout *next = &drawn[count];
+        last = draw_layout(ctx, surface, options, &plain, patches < most ? patches : most, &best, next);
+        if (last == QM_OK) count++;
+        if (last == QM_OK) last = try_layout(ctx, surface, options, next, &plain, has_goal, &best);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
-        if (is_usable_by(&best, &plain) && (!best.is_poor || options->distance > 0.0)) break;
+        is_made = has_goal ? best.is_near && !best.is_folded : is_good(&best, &plain, FILLED_RATIO);
         /* A layout that cannot have fewer patches is the same for all smaller numbers. */
-        while (patches * MORE_PATCHES <= made)
+        while (patches * MORE_PATCHES <= next->layout.patch_count)
             patches *= MORE_PATCHES;
         if (patches >= most || patches >= MOST_PATCHES) break;
     }
+    for (size_t i = 0; i < count && status == QM_OK && !has_goal && !is_good(&best, &plain, PLAIN_RATIO);
+         i++) {
+        last = try_layout(ctx, surface, options, &drawn[i], &plain, true, &best);
+        if (last != QM_OK && last != QM_E_LAYOUT) status = last;
+    }
+    for (size_t i = 0; i < LAYOUTS; i++)
+        drawn_layout_reset(ctx, &drawn[i]);
     plain_quads_reset(ctx, &plain);
     *out = best.made;
     return out->mesh.face_count > 0 || status != QM_OK ? status : last;

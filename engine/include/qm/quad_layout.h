@@ -23,9 +23,11 @@ typedef struct qm_quad_layout_options {
                                from its corner k to the next one */
     size_t patches; /* the layout is divided until it has nearly so many; 0: as few as are found */
     size_t effort;  /* trials to find fewer patches */
+    bool may_cross; /* curves that cross are told, but not drawn anew, nor are other quads tried: the grids do
+                       without, and come several times faster */
 } qm_quad_layout_options;
 
-/** 0, NULL, 0, 4000. */
+/** 0, NULL, 0, 4000, false. */
 qm_quad_layout_options qm_quad_layout_options_default(void);
 
 /** Counts of the quads and of what was made of them. */

@@ -213,7 +213,8 @@ static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surfa
         status = qm_tmesh_source_of_quads(&work->lasting, &work->quads, &work->set, &work->tmesh, surface,
                                           &work->source);
     if (status == QM_OK) status = draw(work, surface, out);
-    if (status == QM_OK && out->issues.count > 0 && !surface->is_cloud) status = route(work, surface, out);
+    if (status == QM_OK && out->issues.count > 0 && !surface->is_cloud && !options->may_cross)
+        status = route(work, surface, out);
     return status == QM_OK ? settle_curves(work->ctx, surface, out) : status;
 }
 
@@ -305,7 +306,7 @@ qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *
             if (facts) *facts = own_facts;
         }
         free_drawing(ctx, &drawing);
-        if (best.issues.count == 0 || (i > 0 && best.issues.count > HOPELESS)) break;
+        if (best.issues.count == 0 || options->may_cross || (i > 0 && best.issues.count > HOPELESS)) break;
     }
     hand_over(ctx, status, &best, out, issues, grids);
     return status;
