@@ -171,9 +171,10 @@ static void count_step(void *user, const qm_refine_record *record)
 
 /** Settles the mesh, measures it, and tells how good it is. */
 static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                        trial *t)
+                        bool is_quick, trial *t)
 {
-    const qm_settle_goal goal = settle_goal_of(options);
+    qm_settle_goal goal = settle_goal_of(options);
+    goal.is_quick = is_quick;
     qm_settled settled;
     begin(options, QM_REMESH_MEASURE, t->made.mesh.face_count, &t->made);
     qm_status status = qm_settle(ctx, surface, &goal, &t->made.mesh, &settled);
@@ -185,9 +186,17 @@ static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm
     return QM_OK;
 }
 
-/** Makes the mesh from the grids at once; none if it misses parts of the surface and need not be made. */
+/** How a mesh is made by a layout. */
+typedef enum trial_way {
+    FILL_QUICKLY, /* from its grids at once, settled once */
+    FILL,
+    TAKE_STEPS
+} trial_way;
+
+/** Makes the mesh from the grids at once; none if it misses parts of the surface. */
 static qm_status fill_grids(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                            const qm_layout *layout, const double *grids, double plain_distance, trial *t)
+                            const qm_layout *layout, const double *grids, double plain_distance,
+                            bool is_quick, trial *t)
 {
     qm_reconstruction_options how = qm_reconstruction_options_default();
     const qm_settle_goal goal = settle_goal_of(options);
@@ -203,7 +212,7 @@ static qm_status fill_grids(qm_context *ctx, const qm_ref_surface *surface, cons
         qm_mesh_reset(ctx, &t->made.mesh);
         return QM_OK;
     }
-    return status == QM_OK ? settle(ctx, surface, options, t) : status;
+    return status == QM_OK ? settle(ctx, surface, options, is_quick, t) : status;
 }
 
 /** Makes the mesh by steps, from the curves or from the grids. */
@@ -225,7 +234,7 @@ static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, cons
         status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
     if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &t->made.mesh);
     qm_reconstruction_destroy(ctx, r);
-    return status == QM_OK ? settle(ctx, surface, options, t) : status;
+    return status == QM_OK ? settle(ctx, surface, options, false, t) : status;
 }
 
 /** The quads of which a layout is made. */
@@ -297,13 +306,13 @@ static qm_status draw_layout(qm_context *ctx, const qm_ref_surface *surface, con
 
 /** Makes a mesh by a layout, from its grids at once or by steps, and keeps the better one. */
 static qm_status try_layout(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                            const drawn_layout *drawn, const plain_quads *plain, bool by_steps, trial *best)
+                            const drawn_layout *drawn, const plain_quads *plain, trial_way way, trial *best)
 {
     trial now = {.has_crossings = drawn->issues.count > 0, .made.patches = drawn->layout.patch_count};
-    qm_status status =
-        by_steps
-            ? take_steps(ctx, surface, options, &drawn->layout, now.has_crossings ? drawn->grids : NULL, &now)
-            : fill_grids(ctx, surface, options, &drawn->layout, drawn->grids, plain->distance, &now);
+    qm_status status = way == TAKE_STEPS ? take_steps(ctx, surface, options, &drawn->layout,
+                                                      now.has_crossings ? drawn->grids : NULL, &now)
+                                         : fill_grids(ctx, surface, options, &drawn->layout, drawn->grids,
+                                                      plain->distance, way == FILL_QUICKLY, &now);
     if (status == QM_OK) keep_better(ctx, &now, best);
     qm_mesh_reset(ctx, &now.made.mesh);
     return status;
@@ -327,25 +336,29 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
     plain_quads plain = {0};
     qm_status status = make_plain(ctx, surface, options, &plain), last = status;
     size_t most = options->quads.quads / QUADS_A_PATCH, count = 0;
-    bool has_goal = options->distance > 0.0, is_made = false;
+    bool has_goal = options->distance > 0.0, is_made = false, is_last = false;
     trial best = {0};
     drawn_layout drawn[LAYOUTS] = {0};
-    for (size_t patches = LAYOUT_PATCHES; status == QM_OK && !is_made && count < LAYOUTS;
-         patches *= MORE_PATCHES) {
+    for (size_t patches = LAYOUT_PATCHES; status == QM_OK && !is_made && !is_last; patches *= MORE_PATCHES) {
         drawn_layout *next = &drawn[count];
         last = draw_layout(ctx, surface, options, &plain, patches < most ? patches : most, &best, next);
         if (last == QM_OK) count++;
-        if (last == QM_OK) last = try_layout(ctx, surface, options, next, &plain, has_goal, &best);
-        if (last != QM_OK && last != QM_E_LAYOUT) status = last;
-        is_made = has_goal ? best.is_near && !best.is_folded : is_good(&best, &plain, FILLED_RATIO);
         /* A layout that cannot have fewer patches is the same for all smaller numbers. */
         while (patches * MORE_PATCHES <= next->layout.patch_count)
             patches *= MORE_PATCHES;
-        if (patches >= most || patches >= MOST_PATCHES) break;
+        is_last = patches >= most || patches >= MOST_PATCHES || count == LAYOUTS;
+        if (last == QM_OK)
+            last = try_layout(ctx, surface, options, next, &plain,
+                              has_goal  ? TAKE_STEPS
+                              : is_last ? FILL
+                                        : FILL_QUICKLY,
+                              &best);
+        if (last != QM_OK && last != QM_E_LAYOUT) status = last;
+        is_made = has_goal ? best.is_near && !best.is_folded : is_good(&best, &plain, FILLED_RATIO);
     }
     for (size_t i = 0; i < count && status == QM_OK && !has_goal && !is_good(&best, &plain, PLAIN_RATIO);
          i++) {
-        last = try_layout(ctx, surface, options, &drawn[i], &plain, true, &best);
+        last = try_layout(ctx, surface, options, &drawn[i], &plain, TAKE_STEPS, &best);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
     }
     for (size_t i = 0; i < LAYOUTS; i++)

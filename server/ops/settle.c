@@ -63,9 +63,10 @@ static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm
                         unsettled *before, qm_mesh *mesh, qm_settled *out)
 {
     const size_t size = 3 * mesh->vertex_count * sizeof *mesh->positions;
-    const qm_quads_settling ways[] = {QM_QUADS_SPREAD, QM_QUADS_STAY};
+    const qm_quads_settling ways[] = {goal->is_quick ? QM_QUADS_SPREAD_ONCE : QM_QUADS_SPREAD, QM_QUADS_STAY};
+    const int count = goal->is_quick ? 1 : 2;
     qm_status status = QM_OK;
-    for (int k = 0; k < 2 && !out->is_kept && status == QM_OK; k++) {
+    for (int k = 0; k < count && !out->is_kept && status == QM_OK; k++) {
         status = qm_quads_settle(ctx, surface->bvh, &goal->quads, ways[k], goal->marks, mesh);
         if (status == QM_OK) status = qm_settle_measure(ctx, surface, goal, mesh, &out->distance);
         if (status == QM_OK) status = compare(ctx, surface, goal, before, out);

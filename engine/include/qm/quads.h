@@ -69,6 +69,7 @@ qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const q
 
 /** How vertices move before bad quads are opened. */
 typedef enum qm_quads_settling {
+    QM_QUADS_SPREAD_ONCE, /* as QM_QUADS_SPREAD, and no other way is tried: a third of the time where quads stay folded */
     QM_QUADS_SPREAD, /* to equal heights of the surface over all sides */
     QM_QUADS_CENTRE, /* among their neighbours */
     QM_QUADS_STAY    /* not at all */
@@ -93,7 +94,7 @@ void qm_quads_marks_reset(qm_context *ctx, qm_quads_marks *marks);
  *
  * bvh      of the surface, with QM_BVH_TARGET
  * options  the crease angle and the threads count
- * how      where that folds quads, the next way is tried instead
+ * how      where that folds quads, the next way is tried instead; at the end they stay as they were
  * marks    of the mesh, or NULL: what is marked is kept also where that leaves bad quads
  * mesh     near the surface; every face a quad
  *

@@ -364,7 +364,7 @@ static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *
     int threads = w->options->thread_count;
     qm_status status = QM_OK;
     if (how != QM_QUADS_STAY)
-        status = qm_quads_polish(w->ctx, &w->r, w->surface, how == QM_QUADS_SPREAD, threads);
+        status = qm_quads_polish(w->ctx, &w->r, w->surface, how <= QM_QUADS_SPREAD, threads);
     size_t moves = qm_quads_untangle_moves(&w->r), moves_again = moves / 2; /* of all rounds together */
     if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, &moves, threads);
     for (int rings = FIRST_CENTRED; rings <= LAST_CENTRED && status == QM_OK; rings *= 2)
@@ -391,6 +391,7 @@ static qm_status move_well(settle *w)
         memcpy(m->positions, u.positions, 3 * m->vertex_count * sizeof *u.positions);
         memcpy(w->r.is_feature, u.is_feature, 4 * m->face_count); /* untangling may have let go of some */
         memcpy(w->r.is_fixed, u.is_fixed, m->vertex_count);
+        if (how == QM_QUADS_SPREAD_ONCE) break;
     }
     free_note(w, &u);
     return status;

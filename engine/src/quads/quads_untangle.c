@@ -26,6 +26,7 @@
 #define RINGS 2 /* of a patch round a bad quad */
 #define ROUNDS 3
 #define RELEASED_ROUNDS 2
+#define FIRST_STEEP 1
 #define FIRST_LIFT 4        /* round from which vertices may leave the surface, */
 #define MOST_LIFT 0.25      /* of the mean edge at them */
 #define MOVES_EACH 20       /* of each vertex, */
@@ -46,7 +47,8 @@ typedef struct untangle {
     double area;                /* of a quad of the patch, mean */
     size_t moves_left;          /* of vertices */
     bool keeps_faces;
-    bool lifts; /* vertices off the surface where those on it do not open quads */
+    bool is_steep; /* the terms of the sum are squared, for the worst quads */
+    bool lifts;    /* vertices off the surface where those on it do not open quads */
 } untangle;
 
 static void corners_of(const qm_quads_sides *t, uint32_t face, qm_vec out[4])
@@ -86,7 +88,7 @@ static void find_normal(untangle *u, uint32_t face)
 }
 
 /** The sum over the corners of a quad. */
-static double face_cost(const qm_vec corner[4], qm_vec normal, double area)
+static double face_cost(const qm_vec corner[4], qm_vec normal, double area, bool is_steep)
 {
     double sum = 0.0, bend = BEND * area;
     for (int k = 0; k < 4; k++) {
@@ -94,7 +96,8 @@ static double face_cost(const qm_vec corner[4], qm_vec normal, double area)
                back = qm_vec_sub(corner[(k + 3) % 4], corner[k]);
         double seen = qm_vec_dot(qm_vec_cross(on, back), normal);
         double bent = 0.5 * (seen + sqrt(seen * seen + bend * bend));
-        sum += 0.5 * (qm_vec_norm2(on) + qm_vec_norm2(back)) / qm_max(bent, QM_MIN_LENGTH) - 1.0;
+        double term = 0.5 * (qm_vec_norm2(on) + qm_vec_norm2(back)) / qm_max(bent, QM_MIN_LENGTH) - 1.0;
+        sum += is_steep ? term * term : term;
     }
     return sum;
 }
@@ -109,7 +112,7 @@ static double cost_at(const untangle *u, uint32_t v, qm_vec point)
         qm_vec corner[4];
         corners_of(t, s / 4, corner);
         corner[s % 4] = point;
-        sum += face_cost(corner, u->normal[s / 4], u->area);
+        sum += face_cost(corner, u->normal[s / 4], u->area, u->is_steep);
         s = qm_quads_around(t, s);
     } while (s != QM_NO_INDEX && s != first);
     return sum;
@@ -423,6 +426,8 @@ static void release_features(untangle *u, uint32_t face)
 static qm_status improve_face(untangle *u, uint32_t face, int round)
 {
     find_patch(u, face, u->keeps_faces ? RINGS + round : RINGS);
+    start_patch(u);
+    u->is_steep = u->keeps_faces && round >= FIRST_STEEP && look_at_patch(u).sine > 0.0;
     qm_status status = relax_patch(u, SWEEPS);
     if (status == QM_OK && !u->keeps_faces && face_sine(u, face) < POOR_SINE) status = change_face(u, face);
     return status == QM_OK && qm_context_canceled(u->ctx) ? QM_E_CANCELED : status;

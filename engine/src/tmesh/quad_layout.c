@@ -143,7 +143,7 @@ static qm_status route(layout_work *work, const qm_ref_surface *surface, qm_draw
 }
 
 /** Draws the layout, and spreads the lengths where that fails, as long as it helps; keeps the drawing with the fewest faults. */
-static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_drawing *out)
+static qm_status draw(layout_work *work, const qm_ref_surface *surface, bool may_cross, qm_drawing *out)
 {
     size_t least = SIZE_MAX, crossings = SIZE_MAX;
     int idle = 0;
@@ -160,6 +160,7 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, qm_drawi
             status =
                 qm_tmesh_draw_curves(&work->scratch, &work->quads, &work->set, &work->tmesh, work->length,
                                      &classes, surface, &work->source, &work->triangles, &drawing, &faults);
+        if (may_cross && faults.folds == 0) faults.crossings = 0;
         size_t count = status == QM_OK ? faults.folds + FOLDS_A_CROSSING * faults.crossings : SIZE_MAX;
         /* More patches are worth less crossings, but not less folds when they are many. */
         bool is_good = crossings == 0 && classes.face_count > MOST_PATCHES * work->quads.required_count;
@@ -212,7 +213,7 @@ static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surfa
     if (status == QM_OK)
         status = qm_tmesh_source_of_quads(&work->lasting, &work->quads, &work->set, &work->tmesh, surface,
                                           &work->source);
-    if (status == QM_OK) status = draw(work, surface, out);
+    if (status == QM_OK) status = draw(work, surface, options->may_cross, out);
     if (status == QM_OK && out->issues.count > 0 && !surface->is_cloud && !options->may_cross)
         status = route(work, surface, out);
     return status == QM_OK ? settle_curves(work->ctx, surface, out) : status;
