@@ -102,6 +102,14 @@ static void to_bumps(double p[3])
         p[k] *= size;
 }
 
+/** An ellipsoid, each point of which lies by up to 15 % too far or too near: few triangles make facets of it. */
+static void to_facets(double p[3])
+{
+    to_sphere(p);
+    double size = 1.0 + 0.15 * sin(29.0 * p[0]) * sin(31.0 * p[1] + 1.0) * sin(37.0 * p[2] + 2.0);
+    p[0] *= 2.0 * size, p[1] *= 1.2 * size, p[2] *= size;
+}
+
 static void moebius_point(const void *user, double u, double v, double out[3])
 {
     (void)user;
@@ -332,6 +340,14 @@ static void slivers_hide_no_creases(void **state)
     QM_CHECK(fabs(feature_length(&mesh) - 8 * one) < 1e-9, "features of %.17g, not %.17g",
              feature_length(&mesh), 8 * one);
     qm_shape_free(&mesh);
+}
+
+/** Where quads were finer than triangles, edges between facets of a rounded surface were creases, with loose ends all over. */
+static void facets_are_no_creases(void **state)
+{
+    (void)state;
+    const wanted facets = {"ellipsoid of facets", 8000, 2, 1, true, 8, 60, 1.5};
+    check_quads(triangles_of(cube_grid(10, to_facets)), &facets);
 }
 
 static void open_shapes_keep_their_boundaries(void **state)
@@ -648,6 +664,7 @@ int main(void)
         cmocka_unit_test(creases_are_followed),
         cmocka_unit_test(acute_corners_have_a_quad),
         cmocka_unit_test(slivers_hide_no_creases),
+        cmocka_unit_test(facets_are_no_creases),
         cmocka_unit_test(thin_walls_stay_apart),
         cmocka_unit_test(open_shapes_keep_their_boundaries),
         cmocka_unit_test(components_stay_apart),

@@ -11,6 +11,9 @@
 #define END_LENGTH                                                                                           \
     12.0 /* of connected creases, for each loose end: rough surfaces have many, machined ones few */
 #define NODE_LENGTH 1.5 /* ... for each bend and each vertex where several meet */
+/* An edge between faces that bend on to others, by this part of the crease angle, is a sample of a rounded surface: it counts as
+ * one side at most, however long it is. */
+#define ROUNDED_SHARE 0.25
 #define BRANCH_ROUNDS 3 /* a branch that goes leaves another */
 #define FINE_RADIUS 0.7 /* of the faces whose normals tell of a crease, in sides of a quad */
 #define FINE_ROUNDS 3   /* a crease that goes opens the sides of the next one */
@@ -176,10 +179,31 @@ static bool drop_branch(qm_trimesh *m, const crease_graph *g, uint32_t end, doub
     return true;
 }
 
+/** True if a face bends on to another across an edge that is no crease, by at least the angle of a cosine. */
+static bool bends_on(const qm_trimesh *m, uint32_t face, double cosine)
+{
+    qm_vec own = qm_trimesh_normal(m, face);
+    for (uint32_t h = 3 * face; h < 3 * face + 3; h++) {
+        if (m->is_feature[h] || m->twin[h] == QM_NO_INDEX) continue;
+        qm_vec other = qm_trimesh_normal(m, m->twin[h] / 3);
+        if (qm_vec_dot(own, other) < cosine * qm_vec_norm(own) * qm_vec_norm(other)) return true;
+    }
+    return false;
+}
+
+/** What a crease counts, in sides of a quad. */
+static double crease_length(const qm_trimesh *m, uint32_t h, double cosine, double size)
+{
+    double length = qm_vec_norm(qm_trimesh_edge(m, h)) / size;
+    bool is_rounded = bends_on(m, h / 3, cosine) || bends_on(m, m->twin[h] / 3, cosine);
+    return is_rounded ? qm_min(length, 1.0) : length;
+}
+
 /** Unmarks creases of connected ones that are short for the number of their nodes. */
-static bool drop_tangles(qm_context *ctx, qm_trimesh *m, const crease_graph *g, double size)
+static bool drop_tangles(qm_context *ctx, qm_trimesh *m, const crease_graph *g, double angle, double size)
 {
     size_t count = m->vertex_count;
+    double cosine = cos(ROUNDED_SHARE * angle * QM_DEGREE);
     uint32_t *parent = qm_context_alloc(ctx, count, sizeof *parent);
     double *length = qm_context_alloc(ctx, count, sizeof *length); /* less what the nodes ask for */
     if (parent && length) {
@@ -189,7 +213,7 @@ static bool drop_tangles(qm_context *ctx, qm_trimesh *m, const crease_graph *g, 
             if (is_crease(m, h)) qm_union_find_join(parent, m->from[h], qm_trimesh_to(m, h));
         for (uint32_t h = 0; h < 3 * m->face_count; h++)
             if (is_crease(m, h) && m->twin[h] > h)
-                length[qm_union_find_root(parent, m->from[h])] += qm_vec_norm(qm_trimesh_edge(m, h)) / size;
+                length[qm_union_find_root(parent, m->from[h])] += crease_length(m, h, cosine, size);
         for (uint32_t v = 0; v < count; v++) {
             double *rest = &length[qm_union_find_root(parent, v)];
             if (g->degree[v] == 1)
@@ -221,7 +245,7 @@ static void fix_corners(qm_trimesh *m)
 }
 
 /** Unmarks what is no line at the size of a quad, but roughness: branches with a loose end, then what is tangled. */
-static qm_status drop_rough(qm_context *ctx, qm_trimesh *m, double size)
+static qm_status drop_rough(qm_context *ctx, qm_trimesh *m, double angle, double size)
 {
     crease_graph g = {0};
     qm_status status = list_creases(ctx, m, &g);
@@ -233,7 +257,7 @@ static qm_status drop_rough(qm_context *ctx, qm_trimesh *m, double size)
     }
     if (status == QM_OK) {
         fix_corners(m);
-        if (!drop_tangles(ctx, m, &g, size)) status = QM_E_NO_MEMORY;
+        if (!drop_tangles(ctx, m, &g, angle, size)) status = QM_E_NO_MEMORY;
     }
     reset_creases(ctx, m, &g);
     return status;
@@ -246,7 +270,7 @@ qm_status qm_quads_find_features(qm_context *ctx, qm_trimesh *m, double crease_a
         mark_creases(m, crease_angle);
         for (int round = 0; round < FINE_ROUNDS && status == QM_OK; round++)
             status = drop_fine(ctx, m, crease_angle, FINE_RADIUS * size);
-        if (status == QM_OK) status = drop_rough(ctx, m, size);
+        if (status == QM_OK) status = drop_rough(ctx, m, crease_angle, size);
     }
     if (status == QM_OK) fix_corners(m);
     return status;
