@@ -350,6 +350,33 @@ static void facets_are_no_creases(void **state)
     check_quads(triangles_of(cube_grid(10, to_facets)), &facets);
 }
 
+/** A flat star of triangles from its middle; every second corner lies at a radius. */
+static qm_mesh star(uint32_t points, double radius)
+{
+    qm_mesh m = qm_shape_make(2 * points + 1, 2 * points);
+    for (uint32_t i = 0; i < 2 * points; i++) {
+        double angle = PI * i / points + 0.3, r = i % 2 == 0 ? 1.0 : radius;
+        double *p = m.positions + 3 * (size_t)i;
+        p[0] = r * cos(angle), p[1] = r * sin(angle), p[2] = 0.0;
+        const uint32_t row[4] = {i, (i + 1) % (2 * points), 2 * points, QM_NO_INDEX};
+        memcpy(m.faces + 4 * (size_t)i, row, sizeof row);
+    }
+    memset(m.positions + 6 * (size_t)points, 0, 3 * sizeof *m.positions);
+    return m;
+}
+
+/** A quad that was folded over a reflex corner was taken for that of an acute one. */
+static void reflex_corners_have_room(void **state)
+{
+    (void)state;
+    for (size_t quads = 400; quads <= 600; quads += 100) {
+        const wanted six = {"star of six points", quads, 1, 1, false, 6, 14, 1e-3};
+        check_quads(star(6, 0.35), &six);
+    }
+    const wanted five = {"star of five points", 400, 1, 1, false, 6, 12, 1e-3};
+    check_quads(star(5, 0.2), &five);
+}
+
 static void open_shapes_keep_their_boundaries(void **state)
 {
     (void)state;
@@ -665,6 +692,7 @@ int main(void)
         cmocka_unit_test(acute_corners_have_a_quad),
         cmocka_unit_test(slivers_hide_no_creases),
         cmocka_unit_test(facets_are_no_creases),
+        cmocka_unit_test(reflex_corners_have_room),
         cmocka_unit_test(thin_walls_stay_apart),
         cmocka_unit_test(open_shapes_keep_their_boundaries),
         cmocka_unit_test(components_stay_apart),

@@ -5,7 +5,12 @@
 
 #include <string.h>
 
+#include "mesh/quad_shape.h"
+
 #define QUARTER 1.57079632679489661923
+#define LEAST_REFLEX                                                                                         \
+    (2.0 / 3.0 *                                                                                             \
+     QUARTER) /* between features: less is an acute corner rather than one of 300 degrees and more */
 
 uint32_t qm_quads_first_side(const qm_quads_sides *t, uint32_t vertex)
 {
@@ -17,10 +22,42 @@ uint32_t qm_quads_first_side(const qm_quads_sides *t, uint32_t vertex)
     return s;
 }
 
+static qm_vec normal_of(const qm_quads_sides *t, uint32_t face)
+{
+    qm_vec corner[4];
+    for (uint32_t k = 0; k < 4; k++)
+        corner[k] = qm_quads_at(t, qm_quads_from(t, 4 * face + k));
+    return qm_quad_normal(corner);
+}
+
+static qm_vec along(const qm_quads_sides *t, uint32_t from, uint32_t to)
+{
+    return qm_vec_sub(qm_quads_at(t, to), qm_quads_at(t, from));
+}
+
+/** The angle from a side of a vertex to the one before another, on the left of the first: sum is that of the corners between them, which
+ * is short of it where quads are folded over a reflex corner. */
+static double sector_angle(const qm_quads_sides *t, uint32_t first, uint32_t last, double sum)
+{
+    uint32_t v = qm_quads_from(t, first);
+    qm_vec normal = {0, 0, 0}, a = along(t, v, qm_quads_from(t, qm_quads_next(first))),
+           b = along(t, v, qm_quads_from(t, qm_quads_prev(last)));
+    double between = qm_vec_angle(a, b);
+    if (between < LEAST_REFLEX || sum > 2.0 * QUARTER) return sum;
+    for (uint32_t s = first, end = false; !end; s = t->twin[qm_quads_prev(s)]) {
+        normal = qm_vec_add(normal, normal_of(t, s / 4));
+        for (uint32_t k = 4 * (s / 4); k < 4 * (s / 4) + 4; k++)
+            if (t->twin[k] != QM_NO_INDEX && !t->r->is_feature[k])
+                normal = qm_vec_add(normal, normal_of(t, t->twin[k] / 4));
+        end = s == last;
+    }
+    return qm_vec_dot(qm_vec_cross(a, b), normal) < 0.0 ? 4.0 * QUARTER - between : sum;
+}
+
 qm_quads_sector qm_quads_sector_at(const qm_quads_sides *t, uint32_t side)
 {
     const uint8_t *is_feature = t->r->is_feature;
-    uint32_t first = side, s;
+    uint32_t first = side, s, last;
     while (!is_feature[first] && t->twin[first] != QM_NO_INDEX) {
         first = qm_quads_next(t->twin[first]);
         if (first == side) break;
@@ -28,18 +65,20 @@ qm_quads_sector qm_quads_sector_at(const qm_quads_sides *t, uint32_t side)
     qm_quads_sector found = {0, 4};
     double angle = 0.0;
     bool is_whole = true;
-    s = first;
+    s = last = first;
     do {
-        uint32_t back = qm_quads_prev(s);
-        qm_vec p = qm_quads_at(t, qm_quads_from(t, s)),
-               a = qm_vec_sub(qm_quads_at(t, qm_quads_from(t, qm_quads_next(s))), p),
-               b = qm_vec_sub(qm_quads_at(t, qm_quads_from(t, back)), p);
-        angle += qm_vec_angle(a, b);
+        uint32_t back = qm_quads_prev(s), v = qm_quads_from(t, s);
+        angle += qm_vec_angle(along(t, v, qm_quads_from(t, qm_quads_next(s))),
+                              along(t, v, qm_quads_from(t, back)));
         found.quads++;
         is_whole = !is_feature[back];
+        last = s;
         s = t->twin[back];
     } while (is_whole && s != QM_NO_INDEX && s != first);
-    if (!is_whole || s == QM_NO_INDEX) found.wanted = angle < 1.5 * QUARTER ? 1 : (int)lrint(angle / QUARTER);
+    if (!is_whole || s == QM_NO_INDEX) {
+        if (t->kind[qm_quads_from(t, side)] == QM_TRIMESH_CORNER) angle = sector_angle(t, first, last, angle);
+        found.wanted = angle < 1.5 * QUARTER ? 1 : (int)lrint(angle / QUARTER);
+    }
     return found;
 }
 
