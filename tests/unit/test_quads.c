@@ -377,6 +377,26 @@ static void reflex_corners_have_room(void **state)
     check_quads(star(5, 0.2), &five);
 }
 
+/** A screw of three turns without its ends: its creases run into these at 4 degrees. */
+static void screw_point(const void *user, double u, double v, double out[3])
+{
+    (void)user;
+    double turn = v + 3.0 * u, radius = 1.0 + 0.4 * fabs(turn - floor(turn) - 0.5);
+    out[0] = radius * cos(2.0 * PI * v);
+    out[1] = radius * sin(2.0 * PI * v);
+    out[2] = 1.2 * u;
+}
+
+/** Two thirds of the quads were missing, and a third of the rest folded: no row fits between a crease and the boundary. */
+static void creases_that_leave_no_room_go(void **state)
+{
+    (void)state;
+    for (size_t quads = 600; quads <= 1000; quads += 200) {
+        const wanted screw = {"screw", quads, 0, 1, false, 0, 12, 0.7};
+        check_quads(triangles_of(qm_shape_grid(60, 24, false, true, screw_point, NULL)), &screw);
+    }
+}
+
 static void open_shapes_keep_their_boundaries(void **state)
 {
     (void)state;
@@ -693,6 +713,7 @@ int main(void)
         cmocka_unit_test(slivers_hide_no_creases),
         cmocka_unit_test(facets_are_no_creases),
         cmocka_unit_test(reflex_corners_have_room),
+        cmocka_unit_test(creases_that_leave_no_room_go),
         cmocka_unit_test(thin_walls_stay_apart),
         cmocka_unit_test(open_shapes_keep_their_boundaries),
         cmocka_unit_test(components_stay_apart),

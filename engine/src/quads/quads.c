@@ -5,6 +5,7 @@
 
 #include <string.h>
 
+#include "mesh/quad_shape.h"
 #include "quads/quads_internal.h"
 
 #define TRIANGLE_SIDE 0.9 /* of the triangles on which fields are found, in sides of a quad */
@@ -12,8 +13,9 @@
     1e75 /* diagonal of a surface: squares of areas would not be finite beyond 1e77, nor normal below 1e-77 */
 /* Length of a boundary that is filled, in sides of a quad: four quads round it would have no shape. */
 #define SMALL_HOLE 2.0
-#define LEAST_QUADS 24  /* of a component */
-#define WANTED_OFF 0.04 /* number of quads from the wanted one, as a share */
+#define LEAST_QUADS 24    /* of a component */
+#define WANTED_OFF 0.04   /* number of quads from the wanted one, as a share */
+#define FAR_TOO_SMALL 0.8 /* of the area of a surface: quads that cover less have lost parts of it */
 #define ATTEMPTS 3
 #define FEW_QUADS 1000 /* that is fast, and a row is a large share: twice the attempts */
 
@@ -30,6 +32,18 @@ double qm_quads_area(const double *positions, const uint32_t (*corner)[3], size_
         for (int k = 0; k < 3; k++)
             p[k] = qm_vec_load(positions + 3 * (size_t)corner[i][k]);
         sum += 0.5 * qm_vec_norm(qm_vec_cross(qm_vec_sub(p[1], p[0]), qm_vec_sub(p[2], p[0])));
+    }
+    return sum;
+}
+
+double qm_quads_mesh_area(const qm_mesh *m)
+{
+    double sum = 0.0;
+    for (size_t f = 0; f < m->face_count; f++) {
+        qm_vec corner[4];
+        for (size_t k = 0; k < 4; k++)
+            corner[k] = qm_vec_load(m->positions + 3 * (size_t)m->faces[4 * f + k]);
+        sum += 0.5 * qm_vec_norm(qm_quad_normal(corner));
     }
     return sum;
 }
@@ -188,21 +202,33 @@ static qm_status lay_out_counted(qm_context *ctx, const qm_trimesh *m, const qm_
     return status;
 }
 
-static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*corner)[3], size_t count,
-                           double wanted, double size, const qm_quads_options *options, part *out,
-                           qm_quads_record *record)
+/** A component, and how its quads are wanted. */
+typedef struct part_job {
+    const qm_bvh *bvh;
+    const uint32_t (*corner)[3];
+    size_t count;
+    double wanted, size;
+    int thread_count;
+} part_job;
+
+/** Makes the quads of a component along its creases above an angle. *has_creases tells if there are any. */
+static qm_status make_part_along(qm_context *ctx, const part_job *job, double crease_angle, attempt *best,
+                                 part *out, bool *has_creases)
 {
-    const qm_mesh *surface = qm_bvh_mesh(bvh);
+    const qm_mesh *surface = qm_bvh_mesh(job->bvh);
+    double size = job->size;
     qm_trimesh m;
-    attempt best = {0};
     qm_quads_corners corners = {0};
     qm_vec *cross = NULL;
-    qm_status status = qm_trimesh_build(ctx, surface->positions, surface->vertex_count, corner, count, &m);
+    qm_status status =
+        qm_trimesh_build(ctx, surface->positions, surface->vertex_count, job->corner, job->count, &m);
     if (status == QM_OK) qm_quads_drop_slivers(&m);
     if (status == QM_OK) status = qm_trimesh_fill_holes(ctx, &m, SMALL_HOLE * size);
-    if (status == QM_OK) status = qm_quads_find_features(ctx, &m, options->crease_angle, size);
+    if (status == QM_OK) status = qm_quads_find_features(ctx, &m, crease_angle, size);
+    for (uint32_t h = 0; status == QM_OK && h < 3 * m.face_count; h++)
+        *has_creases |= m.is_feature[h] && m.twin[h] != QM_NO_INDEX;
     if (status == QM_OK) status = qm_quads_list_features(ctx, &m, &out->segments, &out->segment_count);
-    if (status == QM_OK) status = qm_quads_remesh(ctx, &m, bvh, TRIANGLE_SIDE * size, options->thread_count);
+    if (status == QM_OK) status = qm_quads_remesh(ctx, &m, job->bvh, TRIANGLE_SIDE * size, job->thread_count);
     if (status == QM_OK) status = qm_quads_separate_features(ctx, &m);
     if (status == QM_OK) status = qm_quads_open_corners(ctx, &m, size, &corners);
     size_t faces = m.face_count;
@@ -210,11 +236,35 @@ static qm_status make_part(qm_context *ctx, const qm_bvh *bvh, const uint32_t (*
         cross = qm_context_alloc(ctx, faces, sizeof *cross);
         status = cross ? qm_quads_find_crosses(ctx, &m, cross) : QM_E_NO_MEMORY;
     }
-    if (status == QM_OK) status = lay_out_counted(ctx, &m, cross, &corners, size, wanted, &best);
+    if (status == QM_OK) status = lay_out_counted(ctx, &m, cross, &corners, size, job->wanted, best);
     qm_context_free(ctx, cross, faces, sizeof *cross);
     qm_quads_corners_reset(ctx, &corners);
     qm_trimesh_reset(ctx, &m);
+    return status;
+}
+
+/** Makes the quads of a component; without its creases where much of the surface is lost along these: where one runs into a
+ * boundary at a small angle, as a thread does, there is no row of quads between them, nor is there one beyond. */
+static qm_status make_part(qm_context *ctx, const part_job *job, double crease_angle, part *out,
+                           qm_quads_record *record)
+{
+    attempt best = {0}, plain = {0};
+    bool has_creases = false;
+    qm_status status = make_part_along(ctx, job, crease_angle, &best, out, &has_creases);
     out->quads = best.quads;
+    double area = job->wanted * job->size * job->size;
+    if (status == QM_OK && has_creases && qm_quads_mesh_area(&best.quads.mesh) < FAR_TOO_SMALL * area) {
+        part other = {0};
+        status = make_part_along(ctx, job, 0.0, &plain, &other, &has_creases);
+        other.quads = plain.quads;
+        if (status == QM_OK && qm_quads_mesh_area(&plain.quads.mesh) > qm_quads_mesh_area(&best.quads.mesh)) {
+            part worse = *out;
+            *out = other;
+            other = worse;
+            best = plain;
+        }
+        reset_part(ctx, &other);
+    }
     if (status == QM_OK) add_record(record, &best.record);
     return status;
 }
@@ -240,8 +290,9 @@ static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const qm_quads_t
         /* points and segments have no area, and no quads */
         if (!(own > 1e-12 * area)) continue;
         double wanted = qm_max((double)options->quads * own / area, LEAST_QUADS);
-        status = make_part(ctx, bvh, corner + first, last - first, wanted, sqrt(own / wanted), options,
-                           &parts[k], record);
+        const part_job job = {bvh,    corner + first,     last - first,
+                              wanted, sqrt(own / wanted), options->thread_count};
+        status = make_part(ctx, &job, options->crease_angle, &parts[k], record);
     }
     return status;
 }

@@ -145,6 +145,9 @@ void qm_quads_result_reset(qm_context *ctx, qm_quads_result *r);
 /** The sum of the areas of triangles. */
 double qm_quads_area(const double *positions, const uint32_t (*corner)[3], size_t count);
 
+/** The sum of the areas of quads, as seen along their normals. */
+double qm_quads_mesh_area(const qm_mesh *m);
+
 /** A piece of a feature. */
 typedef struct qm_quads_segment {
     qm_vec end[2];

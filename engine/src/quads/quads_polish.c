@@ -175,13 +175,7 @@ static qm_status centre_all(polish *p)
 static double mean_side(const polish *p)
 {
     const qm_mesh *m = &p->r->mesh;
-    double sum = 0.0;
-    for (uint32_t f = 0; f < m->face_count; f++) {
-        qm_vec corner[4];
-        face_corners(p, f, corner);
-        sum += 0.5 * qm_vec_norm(qm_quad_normal(corner));
-    }
-    return sqrt(sum / qm_max((double)m->face_count, 1.0));
+    return sqrt(qm_quads_mesh_area(m) / qm_max((double)m->face_count, 1.0));
 }
 
 static qm_status run(polish *p, const uint8_t *moves)
