@@ -8,7 +8,7 @@
 #include "qm/hausdorff.h"
 #include "qm/quads.h"
 #include "quad_topology.h"
-#include "quads/trimesh.h"
+#include "quads/quads_internal.h"
 #include "shapes.h"
 
 #include <math.h>
@@ -703,10 +703,57 @@ static void random_edits_keep_the_topology(void **state)
     }
 }
 
+/** What lies in a cycle of three edges, one of them without a step, kept that edge, and quads without room were made of it. */
+static void pockets_are_cut(void **state)
+{
+    (void)state;
+    enum { SIDE = 5, GRID = SIDE * SIDE, QUADS = (SIDE - 1) * (SIDE - 1) };
+    qm_context ctx = qm_context_make();
+    double positions[3 * GRID];
+    uint32_t corner[2 * QUADS][3];
+    for (uint32_t v = 0; v < GRID; v++) {
+        const double at[3] = {v % SIDE, v / SIDE, 0.0};
+        memcpy(positions + 3 * v, at, sizeof at);
+    }
+    for (uint32_t q = 0; q < QUADS; q++) {
+        uint32_t a = q / (SIDE - 1) * SIDE + q % (SIDE - 1);
+        const uint32_t rows[2][3] = {{a, a + 1, a + SIDE + 1}, {a, a + SIDE + 1, a + SIDE}};
+        memcpy(corner[2 * q], rows, sizeof rows);
+    }
+    qm_trimesh m;
+    assert_int_equal(qm_trimesh_build(&ctx, positions, GRID, (const uint32_t(*)[3])corner, 2 * QUADS, &m),
+                     QM_OK);
+    int32_t place[GRID + 2][2]; /* on the grid */
+    for (uint32_t v = 0; v < GRID; v++)
+        place[v][0] = (int32_t)m.position[v].x, place[v][1] = (int32_t)m.position[v].y;
+    /* one vertex at the place of a corner u of an inner face, and, between these and w, another at a place that is taken */
+    uint32_t f = 10, u = m.from[3 * f], x, y;
+    assert_int_equal(qm_trimesh_split_face(&ctx, &m, f, &x), QM_OK);
+    f = (uint32_t)m.face_count - 1; /* w u x */
+    assert_true(m.from[3 * f + 1] == u && m.from[3 * f + 2] == x);
+    assert_int_equal(qm_trimesh_split_face(&ctx, &m, f, &y), QM_OK);
+    assert_true(x < GRID + 2 && y < GRID + 2);
+    place[x][0] = place[u][0], place[x][1] = place[u][1];
+    place[y][0] = place[u][0], place[y][1] = place[u][1] + 1;
+    for (uint32_t h = 0; h < 3 * m.face_count; h++)
+        for (int axis = 0; axis < 2; axis++)
+            m.step[h][axis] = place[qm_trimesh_to(&m, h)][axis] - place[m.from[h]][axis];
+    qm_quads_result r = {0};
+    qm_quads_record record = {0};
+    assert_int_equal(qm_quads_extract(&ctx, &m, 1.0, &r.mesh, &r.is_fixed, &r.is_feature, &record), QM_OK);
+    qm_topology t = qm_topology_find(&r.mesh);
+    QM_CHECK(r.mesh.face_count == QUADS && t.irregular == 0 && record.unmatched == 0,
+             "%zu quads, %zu irregular vertices, %zu triangles without a partner", r.mesh.face_count,
+             t.irregular, record.unmatched);
+    qm_quads_result_reset(&ctx, &r);
+    qm_trimesh_reset(&ctx, &m);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(random_edits_keep_the_topology),
+        cmocka_unit_test(pockets_are_cut),
         cmocka_unit_test(closed_shapes_become_closed_quads),
         cmocka_unit_test(creases_are_followed),
         cmocka_unit_test(acute_corners_have_a_quad),

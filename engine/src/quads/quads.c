@@ -162,7 +162,7 @@ static qm_status lay_out(qm_context *ctx, qm_trimesh *m, const qm_vec *cross, co
     qm_context_free(ctx, grid, 3 * vertices, sizeof *grid);
     qm_quads_result *r = &out->quads;
     if (status == QM_OK)
-        status = qm_quads_extract(ctx, m, &r->mesh, &r->is_fixed, &r->is_feature, &out->record);
+        status = qm_quads_extract(ctx, m, size, &r->mesh, &r->is_fixed, &r->is_feature, &out->record);
     return status == QM_OK ? qm_quads_tidy(ctx, r, &out->irregular) : status;
 }
 

@@ -5,7 +5,8 @@
  * on the grid and goes with it; any other is half a cell: two of its edges are sides of the cell, one is a diagonal. The
  * two triangles at a diagonal are a quad.
  *
- * Not every edge can be contracted: round a thin part the surface may have no step at all. Triangles without a partner by
+ * Not every edge can be contracted: round a thin part the surface may have no step at all. Where what is left beyond such an edge
+ * is shallow, it is cut off. Triangles without a partner by
  * their steps are matched by augmenting paths in the dual graph; what is a cubic graph without bridges always has a
  * perfect matching (Petersen 1891). Where there is none, every face is cut by its midpoints.
  *
@@ -15,6 +16,10 @@
 
 #include <stdlib.h>
 #include <string.h>
+
+#define MOST_POCKET 64   /* faces */
+#define MOST_COMMON 16   /* neighbours of both ends of an edge that are tried */
+#define POCKET_DEPTH 0.5 /* in sides of a quad: of deeper ones horns are made */
 
 typedef struct pairing {
     qm_context *ctx;
@@ -52,7 +57,138 @@ static void contract(qm_trimesh *m, gathered *g, uint32_t h)
     qm_trimesh_collapse(m, h);
 }
 
-static qm_status contract_all(qm_context *ctx, qm_trimesh *m)
+/*
+ * Pockets: three edges of a cycle that is no face close round a piece of the surface that has no room on the grid. An edge without a
+ * step cannot be contracted then, and quads a twentieth as long as the others would be left of the piece.
+ */
+
+typedef struct pocket {
+    uint32_t vertex[3], side[3]; /* the cycle, and the half-edges along it, inside */
+    uint32_t face[MOST_POCKET];
+    size_t count;
+} pocket;
+
+static bool is_in_pocket(const pocket *p, uint32_t face)
+{
+    for (size_t i = 0; i < p->count; i++)
+        if (p->face[i] == face) return true;
+    return false;
+}
+
+/** Which edge of the cycle a half-edge runs along; 3: none. */
+static uint32_t cycle_side(const qm_trimesh *m, const pocket *p, uint32_t h)
+{
+    for (uint32_t k = 0; k < 3; k++)
+        if (m->from[h] == p->vertex[k] && qm_trimesh_to(m, h) == p->vertex[(k + 1) % 3]) return k;
+    return 3;
+}
+
+/** Gathers the faces on the left of a cycle from that of its first side on. False: it is no small disc without features. */
+static bool gather_pocket(const qm_trimesh *m, pocket *p)
+{
+    p->face[0] = p->side[0] / 3, p->count = 1;
+    uint32_t sides = 0;
+    for (size_t i = 0; i < p->count; i++) {
+        for (uint32_t h = 3 * p->face[i]; h < 3 * p->face[i] + 3; h++) {
+            uint32_t k = cycle_side(m, p, h), t = m->twin[h];
+            if (k < 3) {
+                p->side[k] = h, sides++;
+                continue;
+            }
+            if (t == QM_NO_INDEX || m->is_feature[h]) return false;
+            if (is_in_pocket(p, t / 3)) continue;
+            if (p->count == MOST_POCKET) return false;
+            p->face[p->count++] = t / 3;
+        }
+    }
+    if (sides != 3) return false;
+    for (uint32_t k = 0; k < 3; k++)
+        if (m->twin[p->side[k]] != QM_NO_INDEX && is_in_pocket(p, m->twin[p->side[k]] / 3)) return false;
+    return true;
+}
+
+/** True if a pocket is a disc, all vertices of which lie near the segment from its edge without a step to the third vertex. */
+static bool is_shallow(qm_trimesh *m, const pocket *p, double depth)
+{
+    size_t inner = 0;
+    m->stamp_value++;
+    qm_vec from = m->position[p->vertex[0]], way = qm_vec_sub(m->position[p->vertex[2]], from);
+    double length2 = qm_max(qm_vec_norm2(way), QM_MIN_LENGTH);
+    for (size_t i = 0; i < p->count; i++) {
+        for (uint32_t h = 3 * p->face[i]; h < 3 * p->face[i] + 3; h++) {
+            uint32_t v = m->from[h];
+            if (v == p->vertex[0] || v == p->vertex[1] || v == p->vertex[2]) continue;
+            qm_vec at = qm_vec_sub(m->position[v], from);
+            double share = qm_min(qm_max(qm_vec_dot(at, way) / length2, 0.0), 1.0);
+            if (m->stamp[v] != m->stamp_value) inner++;
+            m->stamp[v] = m->stamp_value;
+            if (m->is_fixed[v] || qm_vec_norm(qm_vec_axpy(at, -share, way)) > depth) return false;
+        }
+    }
+    return p->count ==
+           2 * inner + 1; /* as Euler's formula has it for a disc of triangles with a boundary of three */
+}
+
+/** Replaces the faces of a pocket by one. */
+static void cut_pocket(qm_trimesh *m, const pocket *p)
+{
+    uint32_t twin[3];
+    int32_t step[3][2];
+    for (uint32_t k = 0; k < 3; k++) {
+        twin[k] = m->twin[p->side[k]];
+        memcpy(step[k], m->step[p->side[k]], sizeof step[k]);
+    }
+    for (size_t i = 0; i < p->count; i++)
+        for (uint32_t h = 3 * p->face[i]; h < 3 * p->face[i] + 3; h++) {
+            m->out[m->from[h]] = QM_NO_INDEX;
+            m->from[h] = QM_NO_INDEX;
+        }
+    for (uint32_t k = 0; k < 3; k++) {
+        uint32_t h = 3 * p->face[0] + k;
+        m->from[h] = p->vertex[k];
+        m->out[p->vertex[k]] = h;
+        m->twin[h] = twin[k];
+        m->is_feature[h] = twin[k] == QM_NO_INDEX || m->is_feature[twin[k]];
+        if (twin[k] != QM_NO_INDEX) m->twin[twin[k]] = h;
+        memcpy(m->step[h], step[k], sizeof step[k]);
+    }
+}
+
+/** Cuts a shallow pocket on the left of a half-edge, if there is one. */
+static bool cut_pocket_at(qm_trimesh *m, uint32_t h, double depth)
+{
+    uint32_t u = m->from[h], v = qm_trimesh_to(m, h), apex = m->from[qm_trimesh_prev(h)];
+    uint32_t first = qm_trimesh_first(m, u), k = first, common[MOST_COMMON];
+    size_t count = 0;
+    m->stamp_value++;
+    do {
+        m->stamp[qm_trimesh_to(m, k)] = m->stamp_value;
+        k = qm_trimesh_around(m, k);
+    } while (k != QM_NO_INDEX && k != first);
+    first = k = qm_trimesh_first(m, v);
+    do {
+        uint32_t w = qm_trimesh_to(m, k);
+        if (w != u && w != apex && m->stamp[w] == m->stamp_value && count < MOST_COMMON) common[count++] = w;
+        k = qm_trimesh_around(m, k);
+    } while (k != QM_NO_INDEX && k != first);
+    for (size_t i = 0; i < count; i++) {
+        pocket p = {.vertex = {u, v, common[i]}, .side = {h}};
+        if (!gather_pocket(m, &p) || !is_shallow(m, &p, depth)) continue;
+        cut_pocket(m, &p);
+        return true;
+    }
+    return false;
+}
+
+static bool cut_pockets(qm_trimesh *m, double depth)
+{
+    bool is_changing = false;
+    for (uint32_t h = 0; h < 3 * m->face_count; h++)
+        if (qm_trimesh_has_face(m, h / 3) && !has_step(m, h)) is_changing |= cut_pocket_at(m, h, depth);
+    return is_changing;
+}
+
+static qm_status contract_all(qm_context *ctx, qm_trimesh *m, double size)
 {
     size_t count = m->vertex_count;
     gathered *g = qm_context_alloc(ctx, count, sizeof *g);
@@ -69,6 +205,7 @@ static qm_status contract_all(qm_context *ctx, qm_trimesh *m)
             contract(m, g, h);
             is_changing = true;
         }
+        if (!is_changing) is_changing = cut_pockets(m, POCKET_DEPTH * size);
     }
     for (uint32_t v = 0; v < count; v++)
         if (m->out[v] != QM_NO_INDEX) m->position[v] = qm_vec_scale(1.0 / g[v].count, g[v].sum);
@@ -376,10 +513,10 @@ static qm_status write_quads(const pairing *p, bool by_thirds, qm_mesh *out, uin
     return has_memory ? QM_OK : QM_E_NO_MEMORY;
 }
 
-qm_status qm_quads_extract(qm_context *ctx, qm_trimesh *m, qm_mesh *out, uint8_t **is_fixed,
+qm_status qm_quads_extract(qm_context *ctx, qm_trimesh *m, double size, qm_mesh *out, uint8_t **is_fixed,
                            uint8_t **is_feature, qm_quads_record *record)
 {
-    qm_status status = contract_all(ctx, m);
+    qm_status status = contract_all(ctx, m, size);
     if (status != QM_OK) return status;
     size_t faces = m->face_count;
     pairing p = {ctx,

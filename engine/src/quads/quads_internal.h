@@ -124,10 +124,10 @@ qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cros
                               qm_quads_record *record);
 
 /**
- * Contracts edges without a step and pairs the triangles that are left. m is used up; out receives quads, is_fixed a flag for
+ * Contracts edges without a step and pairs the triangles that are left. size: of the side of a quad. m is used up; out receives quads, is_fixed a flag for
  * each of its vertices and is_feature one for each side of its faces (from a corner to the next one).
  */
-qm_status qm_quads_extract(qm_context *ctx, qm_trimesh *m, qm_mesh *out, uint8_t **is_fixed,
+qm_status qm_quads_extract(qm_context *ctx, qm_trimesh *m, double size, qm_mesh *out, uint8_t **is_fixed,
                            uint8_t **is_feature, qm_quads_record *record);
 
 /** Flags of is_fixed and is_feature. */
