@@ -397,6 +397,16 @@ static void creases_that_leave_no_room_go(void **state)
     }
 }
 
+/** A vertex of a straight boundary with one quad left that without a shape. */
+static void straight_boundaries_have_two_quads(void **state)
+{
+    (void)state;
+    const wanted five = {"star of five points", 1000, 1, 1, false, 5, 14, 1e-3};
+    check_quads_off(star(5, 0.2), &five, 0.12);
+    const wanted six = {"star of six points", 1000, 1, 1, false, 6, 18, 1e-3};
+    check_quads_off(star(6, 0.35), &six, 0.2);
+}
+
 static void open_shapes_keep_their_boundaries(void **state)
 {
     (void)state;
@@ -761,6 +771,7 @@ int main(void)
         cmocka_unit_test(facets_are_no_creases),
         cmocka_unit_test(reflex_corners_have_room),
         cmocka_unit_test(creases_that_leave_no_room_go),
+        cmocka_unit_test(straight_boundaries_have_two_quads),
         cmocka_unit_test(thin_walls_stay_apart),
         cmocka_unit_test(open_shapes_keep_their_boundaries),
         cmocka_unit_test(components_stay_apart),

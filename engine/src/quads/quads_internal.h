@@ -12,6 +12,7 @@
  *   quads_steps.c      integers: how many quads lie between the ends of each edge, made consistent by a flow
  *   quads_extract.c    edges of no step are contracted; two triangles at a diagonal step make a quad
  *   quads_tidy.c       quads that are contracted, edges that are turned, so that fewer vertices are irregular
+ *   quads_lone.c       vertices of boundaries with one quad, but room for more
  *   quads_polish.c     corners move along the surface for better shapes
  *   quads_walls.c      the nearest point of a wall that looks the same way
  *   quads_untangle.c   bad quads become better, or go
@@ -184,6 +185,10 @@ qm_status qm_quads_project(qm_context *ctx, const qm_quads_target *on, const dou
 /** Contracts quads along a diagonal and turns edges while that makes vertices more regular; *irregular receives the number of
  * vertices that are not. */
 qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r, size_t *irregular);
+
+/** Gives vertices of a boundary that have one quad, but room for more, a second; *opened receives their number. Returns
+ * QM_OK; QM_E_NO_MEMORY. */
+qm_status qm_quads_open_lone(qm_context *ctx, qm_quads_result *r, size_t *opened);
 
 /** Moves vertices along the surface, those of features along these; spreads them where the surface bends, if wanted. */
 qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool spreads,
