@@ -330,7 +330,7 @@ qm_status qm_features_find(qm_context *ctx, const qm_mesh *mesh, const qm_featur
                                   t.count, &m);
     if (status == QM_OK && m.face_count > 0) {
         qm_quads_drop_slivers(&m);
-        status = qm_quads_find_features(ctx, &m, options->angle, options->shortest / SHORTEST_SIDES);
+        status = qm_quads_find_features(ctx, &m, options->angle, options->shortest / SHORTEST_SIDES, false);
     }
     if (status == QM_OK) status = collect(ctx, &m, options, out);
     qm_trimesh_reset(ctx, &m);

@@ -224,7 +224,7 @@ static qm_status make_part_along(qm_context *ctx, const part_job *job, double cr
         qm_trimesh_build(ctx, surface->positions, surface->vertex_count, job->corner, job->count, &m);
     if (status == QM_OK) qm_quads_drop_slivers(&m);
     if (status == QM_OK) status = qm_trimesh_fill_holes(ctx, &m, SMALL_HOLE * size);
-    if (status == QM_OK) status = qm_quads_find_features(ctx, &m, crease_angle, size);
+    if (status == QM_OK) status = qm_quads_find_features(ctx, &m, crease_angle, size, true);
     for (uint32_t h = 0; status == QM_OK && h < 3 * m.face_count; h++)
         *has_creases |= m.is_feature[h] && m.twin[h] != QM_NO_INDEX;
     if (status == QM_OK) status = qm_quads_list_features(ctx, &m, &out->segments, &out->segment_count);

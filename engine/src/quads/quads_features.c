@@ -200,10 +200,9 @@ static double crease_length(const qm_trimesh *m, uint32_t h, double cosine, doub
 }
 
 /** Unmarks creases of connected ones that are short for the number of their nodes. */
-static bool drop_tangles(qm_context *ctx, qm_trimesh *m, const crease_graph *g, double angle, double size)
+static bool drop_tangles(qm_context *ctx, qm_trimesh *m, const crease_graph *g, double cosine, double size)
 {
     size_t count = m->vertex_count;
-    double cosine = cos(ROUNDED_SHARE * angle * QM_DEGREE);
     uint32_t *parent = qm_context_alloc(ctx, count, sizeof *parent);
     double *length = qm_context_alloc(ctx, count, sizeof *length); /* less what the nodes ask for */
     if (parent && length) {
@@ -245,7 +244,7 @@ static void fix_corners(qm_trimesh *m)
 }
 
 /** Unmarks what is no line at the size of a quad, but roughness: branches with a loose end, then what is tangled. */
-static qm_status drop_rough(qm_context *ctx, qm_trimesh *m, double angle, double size)
+static qm_status drop_rough(qm_context *ctx, qm_trimesh *m, double cosine, double size)
 {
     crease_graph g = {0};
     qm_status status = list_creases(ctx, m, &g);
@@ -257,20 +256,23 @@ static qm_status drop_rough(qm_context *ctx, qm_trimesh *m, double angle, double
     }
     if (status == QM_OK) {
         fix_corners(m);
-        if (!drop_tangles(ctx, m, &g, angle, size)) status = QM_E_NO_MEMORY;
+        if (!drop_tangles(ctx, m, &g, cosine, size)) status = QM_E_NO_MEMORY;
     }
     reset_creases(ctx, m, &g);
     return status;
 }
 
-qm_status qm_quads_find_features(qm_context *ctx, qm_trimesh *m, double crease_angle, double size)
+qm_status qm_quads_find_features(qm_context *ctx, qm_trimesh *m, double crease_angle, double size,
+                                 bool drops_facets)
 {
+    /* no angle has a cosine of -2 */
+    double cosine = drops_facets ? cos(ROUNDED_SHARE * crease_angle * QM_DEGREE) : -2.0;
     qm_status status = QM_OK;
     if (crease_angle > 0.0) {
         mark_creases(m, crease_angle);
         for (int round = 0; round < FINE_ROUNDS && status == QM_OK; round++)
             status = drop_fine(ctx, m, crease_angle, FINE_RADIUS * size);
-        if (status == QM_OK) status = drop_rough(ctx, m, crease_angle, size);
+        if (status == QM_OK) status = drop_rough(ctx, m, cosine, size);
     }
     if (status == QM_OK) fix_corners(m);
     return status;

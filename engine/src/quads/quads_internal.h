@@ -48,8 +48,9 @@ void qm_quads_triangles_reset(qm_context *ctx, qm_quads_triangles *t);
 void qm_quads_drop_slivers(qm_trimesh *m);
 
 /** Marks edges whose faces meet at an angle as features, and vertices where features bend sharply as fixed. What is
- * a crease only below the size of a quad is left out. */
-qm_status qm_quads_find_features(qm_context *ctx, qm_trimesh *m, double crease_angle, double size);
+ * a crease only below the size of a quad is left out, and, if wanted, edges between facets of a rounded surface. */
+qm_status qm_quads_find_features(qm_context *ctx, qm_trimesh *m, double crease_angle, double size,
+                                 bool drops_facets);
 
 /** Makes the edges about as long as length; vertices lie on the surface of bvh. */
 qm_status qm_quads_remesh(qm_context *ctx, qm_trimesh *m, const qm_bvh *bvh, double length, int thread_count);

@@ -106,7 +106,7 @@ static qm_status find_features(settle *w)
     if (status == QM_OK) {
         double area = qm_quads_area(surface->positions, (const uint32_t(*)[3])t.corner, t.count);
         status = qm_quads_find_features(w->ctx, &m, w->options->crease_angle,
-                                        sqrt(area / (double)w->r.mesh.face_count));
+                                        sqrt(area / (double)w->r.mesh.face_count), false);
     }
     if (status == QM_OK) status = qm_quads_list_features(w->ctx, &m, &segments, &count);
     if (status == QM_OK) status = qm_quads_set_features(w->ctx, segments, count, &w->r);
