@@ -660,6 +660,7 @@ static bool make_disc(mender *m)
 static qm_status mend_seed(mender *m, uint32_t seed, int rings)
 {
     for (int growth = 0; growth < GROWTHS; growth++, rings += 1 + growth) {
+        if (qm_context_canceled(m->arena->ctx)) return QM_E_CANCELED;
         if (!gather(m, seed, rings)) return QM_OK;
         for (size_t i = 0; i < m->cell_count && growth == 0; i++)
             m->is_tried[m->cells[i]] = true;
@@ -719,5 +720,6 @@ qm_status qm_tmesh_mend(qm_arena *arena, qm_tmesh_triangles *triangles, qm_tmesh
         if (is_seed[c] && !m.is_tried[c] && m.moves_left > 0) status = mend_seed(&m, c, rings);
     if (status == QM_E_NO_MEMORY)
         return qm_context_fail(arena->ctx, status, "out of memory for the charts of a layout");
+    if (status == QM_E_CANCELED) return qm_context_fail(arena->ctx, status, "canceled");
     return status;
 }
