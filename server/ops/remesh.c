@@ -17,9 +17,9 @@
  * QUADS_A_PATCH quads, until the mesh is no farther than PLAIN_RATIO times one of LAYOUT_QUADS quads without a layout. */
 #define LAYOUT_PATCHES 250
 #define MORE_PATCHES 2
-#define MOST_PATCHES 1000
+#define MOST_PATCHES 2000
 #define LAYOUTS 4 /* at most */
-#define QUADS_A_PATCH 6
+#define QUADS_A_PATCH 3
 #define PLAIN_RATIO 2.0
 /* A mesh that is filled from the grids of a layout at once is taken as it is if it is no farther than FILLED_RATIO times that plain
  * one, and no quad has a scaled Jacobian below FILLED_SINE: else one that is made by steps is tried beside it. */
