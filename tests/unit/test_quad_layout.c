@@ -605,6 +605,87 @@ static void grids_keep_horns(void **state)
     }
 }
 
+/** Divides a quad (a x b y) by a vertex that no other quad has, into (v a x b) and (v b y a), each turned at random. */
+static void insert_doublet(qm_mesh *mesh, uint8_t *creases, qm_random *random)
+{
+    size_t f = qm_random_below(random, mesh->face_count), g = mesh->face_count++;
+    uint32_t old[4], v = (uint32_t)mesh->vertex_count++;
+    uint8_t bits = creases[f];
+    memcpy(old, mesh->faces + 4 * f, sizeof old);
+    memset(mesh->positions + 3 * (size_t)v, 0, 3 * sizeof *mesh->positions);
+    for (int c = 0; c < 4; c++)
+        for (int k = 0; k < 3; k++)
+            mesh->positions[3 * (size_t)v + (size_t)k] +=
+                0.25 * mesh->positions[3 * (size_t)old[c] + (size_t)k];
+    for (uint32_t half = 0; half < 2; half++) {
+        size_t face = half ? g : f;
+        uint32_t turn = (uint32_t)qm_random_below(random, 4);
+        creases[face] = 0;
+        mesh->faces[4 * face + turn] = v;
+        for (uint32_t c = 1; c < 4; c++) {
+            uint32_t from = (2 * half + c + 3) % 4, to = (turn + c) % 4;
+            mesh->faces[4 * face + to] = old[from];
+            if (c < 3 && bits >> from & 1) creases[face] |= (uint8_t)(1u << to);
+        }
+    }
+}
+
+/** True if a mesh has a quad with the corners and the creases of a face, from any corner on. */
+static bool has_quad(const qm_tmesh_quads *quads, const qm_mesh *mesh, const uint8_t *creases, size_t face)
+{
+    for (size_t f = 0; f < quads->mesh.face_count; f++)
+        for (uint32_t turn = 0; turn < 4; turn++) {
+            bool is_same = true;
+            for (uint32_t c = 0; c < 4; c++) {
+                uint32_t own = (c + turn) % 4;
+                is_same &=
+                    memcmp(quads->mesh.positions + 3 * (size_t)quads->mesh.faces[4 * f + own],
+                           mesh->positions + 3 * (size_t)mesh->faces[4 * face + c], 3 * sizeof(double)) == 0;
+                is_same &= (quads->creases[f] >> own & 1) == (creases[face] >> c & 1);
+            }
+            if (is_same) return true;
+        }
+    return false;
+}
+
+static void doublets_are_merged(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(2711, 0);
+    for (int round = 0; round < 40; round++) {
+        voxels set = {0};
+        fill(&set, 0, 0, 0, 3, 2, 1, true);
+        qm_mesh plain = boundary_of(&set, 2);
+        qm_context ctx = qm_context_make();
+        qm_arena arena = qm_arena_make(&ctx);
+        qm_quad_layout_options options = {.crease_angle = 40};
+        qm_tmesh_quads before, after;
+        assert_int_equal(qm_tmesh_quads_make(&arena, &plain, &options, &before), QM_OK);
+        size_t added = 1 + qm_random_below(&random, 60);
+        qm_mesh mesh = qm_shape_make(plain.vertex_count + added, plain.face_count + added);
+        uint8_t *creases = calloc(mesh.face_count, 1);
+        assert_non_null(creases);
+        memcpy(mesh.positions, plain.positions, 3 * plain.vertex_count * sizeof *mesh.positions);
+        memcpy(mesh.faces, plain.faces, 4 * plain.face_count * sizeof *mesh.faces);
+        memcpy(creases, before.creases, plain.face_count);
+        mesh.vertex_count = plain.vertex_count;
+        mesh.face_count = plain.face_count;
+        for (size_t i = 0; i < added; i++)
+            insert_doublet(&mesh, creases, &random);
+        options = (qm_quad_layout_options){.creases = creases, .merges_doublets = true};
+        assert_int_equal(qm_tmesh_quads_make(&arena, &mesh, &options, &after), QM_OK);
+        QM_CHECK(after.mesh.face_count == plain.face_count && after.required_count == before.required_count,
+                 "round %d: %zu quads, not %zu; %zu required vertices, not %zu", round, after.mesh.face_count,
+                 plain.face_count, after.required_count, before.required_count);
+        for (size_t f = 0; f < plain.face_count; f++)
+            QM_CHECK(has_quad(&after, &plain, before.creases, f), "round %d: quad %zu is gone", round, f);
+        free(creases);
+        qm_shape_free(&mesh);
+        qm_shape_free(&plain);
+        qm_arena_reset(&arena);
+    }
+}
+
 static void a_layout_is_divided_as_wanted(void **state)
 {
     (void)state;
@@ -1037,6 +1118,7 @@ int main(void)
         cmocka_unit_test(irregular_vertices_stay_off_creases),
         cmocka_unit_test(a_reconstruction_starts_at_grids),
         cmocka_unit_test(grids_keep_horns),
+        cmocka_unit_test(doublets_are_merged),
         cmocka_unit_test(a_layout_is_divided_as_wanted),
         cmocka_unit_test(lengths_are_the_best_of_all),
         cmocka_unit_test(bad_input_is_a_status),

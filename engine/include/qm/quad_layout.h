@@ -23,11 +23,14 @@ typedef struct qm_quad_layout_options {
                                from its corner k to the next one */
     size_t patches; /* the layout is divided until it has nearly so many; 0: as few as are found */
     size_t effort;  /* trials to find fewer patches */
+    bool
+        merges_doublets; /* two quads with a vertex inside the mesh that no other quad has become one: in a finer mesh
+                             they would have corners of 180 degrees there. The layout has no node at it then */
     bool may_cross; /* curves that cross are told, but not drawn anew, nor are other quads tried: the grids do
                        without, and come several times faster */
 } qm_quad_layout_options;
 
-/** 0, NULL, 0, 4000, false. */
+/** 0, NULL, 0, 4000, false, false. */
 qm_quad_layout_options qm_quad_layout_options_default(void);
 
 /** Counts of the quads and of what was made of them. */
@@ -58,7 +61,7 @@ qm_status qm_quad_layout_make(qm_context *ctx, const qm_mesh *quads, const qm_re
 /**
  * Makes quads of a surface (quads.h), and a layout of them on it, whose curves follow the creases that the quads follow:
  * the angle of the options is not used. While curves cross, up to four numbers of quads about the wanted one are tried, and the
- * layout with the fewest crossings is kept.
+ * layout with the fewest crossings is kept. Doublets are always merged.
  *
  * made   the quads of the wanted number with the creases of the options, by qm_quads_make_with_creases, where they are there
  *        already: layouts of several numbers of patches share them. NULL: they are made, and the creases are not used

@@ -295,6 +295,9 @@ qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *
     QM_ASSERT(ctx && surface && quads && options && out && issues);
     qm_drawing best = {0};
     qm_status status = QM_OK;
+    qm_quad_layout_options merging = *options;
+    merging.merges_doublets = true;
+    options = &merging;
     for (size_t i = 0; i < sizeof trial_shares / sizeof *trial_shares && status == QM_OK; i++) {
         qm_drawing drawing = {0};
         qm_quad_layout_facts own_facts;

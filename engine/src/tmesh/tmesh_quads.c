@@ -59,6 +59,7 @@ typedef struct quads_maker {
     qm_arena *arena;
     uint32_t *faces; /* with 3 or 4 different corners each, then with 4 */
     size_t face_count;
+    uint8_t *creases; /* of the faces; NULL: not given */
     double *positions;
     size_t vertex_count;
     sided_pair *pairs;
@@ -88,6 +89,72 @@ static bool sort_pairs(quads_maker *maker)
     maker->pairs = qm_arena_alloc(maker->arena, 4 * maker->face_count, sizeof *maker->pairs);
     if (!maker->pairs) return false;
     maker->pair_count = sort_sides(maker->faces, maker->face_count, maker->pairs);
+    return true;
+}
+
+/** The corner of a face at a vertex; 4: none. */
+static uint32_t corner_at(const uint32_t *face, uint32_t vertex)
+{
+    uint32_t k = 0;
+    while (k < 4 && face[k] != vertex)
+        k++;
+    return k;
+}
+
+static bool is_crease(const quads_maker *maker, uint32_t face, uint32_t side)
+{
+    return maker->creases && maker->creases[face] >> (side & 3) & 1;
+}
+
+static void set_crease(quads_maker *maker, uint32_t face, uint32_t side, bool is_one)
+{
+    if (!maker->creases) return;
+    uint8_t bit = (uint8_t)(1u << (side & 3));
+    maker->creases[face] = (uint8_t)(is_one ? maker->creases[face] | bit : maker->creases[face] & ~bit);
+}
+
+/** Makes one quad of two that a vertex inside has alone, no crease at it: (v a x b) and (v b y a) become (y a x b), in place of the
+ * first. The second is left without corners. */
+static bool merge_doublet(quads_maker *maker, uint32_t vertex, uint32_t face, uint32_t other)
+{
+    uint32_t *one = maker->faces + 4 * (size_t)face, *two = maker->faces + 4 * (size_t)other;
+    uint32_t i = corner_at(one, vertex), j = corner_at(two, vertex);
+    if (i == 4 || j == 4 || one[(i + 1) & 3] != two[(j + 3) & 3] || one[(i + 3) & 3] != two[(j + 1) & 3] ||
+        one[(i + 2) & 3] == two[(j + 2) & 3] || is_crease(maker, face, i) || is_crease(maker, face, i + 3))
+        return false;
+    one[i] = two[(j + 2) & 3];
+    set_crease(maker, face, i, is_crease(maker, other, j + 2));
+    set_crease(maker, face, i + 3, is_crease(maker, other, j + 1));
+    for (int k = 0; k < 4; k++)
+        two[k] = QM_NO_INDEX;
+    return true;
+}
+
+/** Merges the quads at vertices of two until there are none. Returns false when out of memory. */
+static bool merge_doublets(quads_maker *maker)
+{
+    uint32_t *valence = qm_arena_alloc(maker->arena, maker->vertex_count, sizeof *valence);
+    uint32_t(*face)[2] = qm_arena_alloc(maker->arena, maker->vertex_count, sizeof *face);
+    if (!valence || !face) return false;
+    for (bool is_changing = true; is_changing;) {
+        memset(valence, 0, maker->vertex_count * sizeof *valence);
+        for (size_t c = 0; c < 4 * maker->face_count; c++) {
+            uint32_t v = maker->faces[c];
+            if (valence[v] < 2) face[v][valence[v]] = (uint32_t)(c / 4);
+            valence[v]++;
+        }
+        is_changing = false;
+        for (uint32_t v = 0; v < maker->vertex_count; v++)
+            if (valence[v] == 2) is_changing |= merge_doublet(maker, v, face[v][0], face[v][1]);
+        size_t count = 0;
+        for (size_t f = 0; f < maker->face_count; f++) {
+            if (maker->faces[4 * f] == QM_NO_INDEX) continue;
+            memmove(maker->faces + 4 * count, maker->faces + 4 * f, 4 * sizeof *maker->faces);
+            if (maker->creases) maker->creases[count] = maker->creases[f];
+            count++;
+        }
+        maker->face_count = count;
+    }
     return true;
 }
 
@@ -398,6 +465,13 @@ qm_status qm_tmesh_quads_make(qm_arena *arena, const qm_mesh *mesh, const qm_qua
     qm_quad_layout_options wanted = *options;
     if (has_triangles || maker.face_count < mesh->face_count)
         wanted.creases = NULL; /* faces have other places */
+    if (has_memory && wanted.creases) {
+        maker.creases = qm_arena_alloc(arena, maker.face_count, sizeof *maker.creases);
+        has_memory = maker.creases != NULL;
+        if (has_memory) memcpy(maker.creases, wanted.creases, maker.face_count);
+        wanted.creases = maker.creases;
+    }
+    if (has_memory && wanted.merges_doublets && !has_triangles) has_memory = merge_doublets(&maker);
     if (has_memory && maker.face_count == 0)
         return qm_context_fail(arena->ctx, QM_E_EMPTY, "no face of the quad mesh has an area");
     has_memory = has_memory && (!has_triangles || divide_faces(&maker)) && separate_fans(&maker);
