@@ -13,16 +13,16 @@
 #define GROWTH 1.5        /* of the number of quads from one mesh to the next */
 #define FIRST_SHARE 0.5   /* of the growth that is expected to be needed, for the second mesh */
 #define LAYOUT_QUADS 5000 /* of which a layout is made, or fewer where the limit is lower */
-/* Layouts are divided into about LAYOUT_PATCHES, then MORE_PATCHES times as many, up to MOST_PATCHES and one for each
- * QUADS_A_PATCH quads, until the mesh is no farther than PLAIN_RATIO times one of LAYOUT_QUADS quads without a layout. */
+/* Layouts are divided into about LAYOUT_PATCHES, then MORE_PATCHES times as many, up to MOST_PATCHES and one for each QUADS_A_PATCH
+ * quads. Their grids are filled until a mesh is no farther than FILLED_RATIO times one of LAYOUT_QUADS quads without a layout, and no
+ * quad has a scaled Jacobian below FILLED_SINE. Where no mesh is, meshes are made by steps until one is no farther than PLAIN_RATIO
+ * times that. */
 #define LAYOUT_PATCHES 250
 #define MORE_PATCHES 2
 #define MOST_PATCHES 2000
 #define LAYOUTS 4 /* at most */
 #define QUADS_A_PATCH 3
 #define PLAIN_RATIO 2.0
-/* A mesh that is filled from the grids of a layout at once is taken as it is if it is no farther than FILLED_RATIO times that plain
- * one, and no quad has a scaled Jacobian below FILLED_SINE: else one that is made by steps is tried beside it. */
 #define FILLED_RATIO 1.0
 #define FILLED_SINE 0.2
 #define WORTH_RATIO 1.25 /* of the distance, by which it may be greater for that */
