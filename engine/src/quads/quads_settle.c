@@ -22,6 +22,7 @@
     3 /* rings of vertices round folded quads that are centred; then twice as many, and so on */
 #define LAST_CENTRED 12
 #define CENTRED_ROUNDS 5 /* for each ring */
+#define MORE_MOVES 2     /* times as many, where only bad quads are left */
 #define MOST_RINGS 16    /* of vertices that go back round quads that were folded */
 
 typedef struct settle {
@@ -367,6 +368,11 @@ static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *
         status = qm_quads_polish(w->ctx, &w->r, w->surface, how <= QM_QUADS_SPREAD, threads);
     size_t moves = qm_quads_untangle_moves(&w->r), moves_again = moves / 2; /* of all rounds together */
     if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, &moves, threads);
+    if (status == QM_OK && moves == 0 && count_folded(&w->r.mesh) == 0) {
+        /* Many bad quads along creases use up the moves: more of them open all, where those of folded quads may be hopeless. */
+        moves = MORE_MOVES * qm_quads_untangle_moves(&w->r);
+        status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, &moves, threads);
+    }
     for (int rings = FIRST_CENTRED; rings <= LAST_CENTRED && status == QM_OK; rings *= 2)
         status = centre_bad(w, u, rings, &moves);
     if (status == QM_OK) status = qm_quads_fit(w->ctx, &w->r, w->surface, threads);
