@@ -298,7 +298,7 @@ static qm_status draw_layout(qm_context *ctx, const qm_ref_surface *surface, con
     qm_quad_layout_options how = qm_quad_layout_options_default();
     how.patches = patches;
     how.creases = plain->creases;
-    how.may_cross = true; /* grids do not need curves that do not */
+    how.may_cross = !(options->distance > 0.0); /* grids do not need curves that do not, steps do */
     begin(options, QM_REMESH_LAYOUT, quads.quads, &best->made);
     return qm_quad_layout_make_of_surface(ctx, surface, &quads, &plain->mesh, &how, &out->layout,
                                           &out->issues, NULL, &out->grids);
@@ -316,6 +316,13 @@ static qm_status try_layout(qm_context *ctx, const qm_ref_surface *surface, cons
     if (status == QM_OK) keep_better(ctx, &now, best);
     qm_mesh_reset(ctx, &now.made.mesh);
     return status;
+}
+
+/** True if a mesh without folds is as near as was wanted, or near enough. */
+static bool is_usable(const trial *best, const plain_quads *plain)
+{
+    return best->made.mesh.face_count > 0 && !best->has_crossings && !best->is_folded &&
+           (best->is_near || best->made.upper <= PLAIN_RATIO * plain->distance);
 }
 
 /** True if a mesh without folds and poor quads is no farther than so many times the plain one. */
@@ -354,7 +361,7 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
                                         : FILL_QUICKLY,
                               &best);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
-        is_made = has_goal ? best.is_near && !best.is_folded : is_good(&best, &plain, FILLED_RATIO);
+        is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO);
     }
     for (size_t i = 0; i < count && status == QM_OK && !has_goal && !is_good(&best, &plain, PLAIN_RATIO);
          i++) {

@@ -11,7 +11,7 @@
 typedef struct qm_settle_goal {
     qm_quads_options quads;      /* as qm_quads_settle takes them */
     double distance;             /* that was wanted, in the unit of the surface; 0: none */
-    bool is_quick;               /* one try: a mesh that this does not better stays as it was */
+    bool is_quick;               /* vertices are spread once, and go back if that is not kept */
     const qm_quads_marks *marks; /* what is kept of the mesh that is settled; NULL: nothing */
 } qm_settle_goal;
 

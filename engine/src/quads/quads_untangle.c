@@ -26,7 +26,7 @@
 #define RINGS 2 /* of a patch round a bad quad */
 #define ROUNDS 3
 #define RELEASED_ROUNDS 2
-#define FIRST_STEEP 1
+#define FIRST_STEEP 1       /* round from which the terms of the sum are squared where no quad is folded */
 #define FIRST_LIFT 4        /* round from which vertices may leave the surface, */
 #define MOST_LIFT 0.25      /* of the mean edge at them */
 #define MOVES_EACH 20       /* of each vertex, */
@@ -426,8 +426,11 @@ static void release_features(untangle *u, uint32_t face)
 static qm_status improve_face(untangle *u, uint32_t face, int round)
 {
     find_patch(u, face, u->keeps_faces ? RINGS + round : RINGS);
-    start_patch(u);
-    u->is_steep = u->keeps_faces && round >= FIRST_STEEP && look_at_patch(u).sine > 0.0;
+    u->is_steep = false;
+    if (u->keeps_faces && round >= FIRST_STEEP) {
+        start_patch(u);
+        u->is_steep = look_at_patch(u).sine > 0.0;
+    }
     qm_status status = relax_patch(u, SWEEPS);
     if (status == QM_OK && !u->keeps_faces && face_sine(u, face) < POOR_SINE) status = change_face(u, face);
     return status == QM_OK && qm_context_canceled(u->ctx) ? QM_E_CANCELED : status;

@@ -142,7 +142,8 @@ static qm_status route(layout_work *work, const qm_ref_surface *surface, qm_draw
                                                         : status;
 }
 
-/** Draws the layout, and spreads the lengths where that fails, as long as it helps; keeps the drawing with the fewest faults. */
+/** Draws the layout, and spreads the lengths where that fails, as long as it helps; keeps the drawing with the fewest faults. Where curves may
+ * cross, one without folds has none. */
 static qm_status draw(layout_work *work, const qm_ref_surface *surface, bool may_cross, qm_drawing *out)
 {
     size_t least = SIZE_MAX, crossings = SIZE_MAX;
