@@ -184,6 +184,18 @@ static void small_components_are_kept(void **state)
     }
 }
 
+/** A torus with one vertex far out: the needles have most of the area, yet they are far longer than sides of quads. */
+static void needles_become_few_quads(void **state)
+{
+    (void)state;
+    const double far_out[3] = {1e3, 1e9, 1e30};
+    for (int i = 0; i < 3; i++) {
+        qm_mesh torus = qm_shape_torus(8, 4, 1.0, 0.4);
+        torus.positions[0] = far_out[i];
+        check("torus with needles", torus, 30, QM_OK);
+    }
+}
+
 /** Any damage to a closed surface: faces go, turn over, or are there twice; vertices fall together, or jump. */
 static void damaged_surfaces_become_quads(void **state)
 {
@@ -242,6 +254,7 @@ int main(void)
         cmocka_unit_test(numbers_are_told),
         cmocka_unit_test(faces_without_area_do_no_harm),
         cmocka_unit_test(small_components_are_kept),
+        cmocka_unit_test(needles_become_few_quads),
         cmocka_unit_test(damaged_surfaces_become_quads),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

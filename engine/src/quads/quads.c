@@ -8,6 +8,8 @@
 #include "mesh/quad_shape.h"
 #include "quads/quads_internal.h"
 
+#define MOST_PIECES                                                                                          \
+    1000.0                /* of the longest edge of a triangle, in the mean over triangles and wanted quads */
 #define TRIANGLE_SIDE 0.9 /* of the triangles on which fields are found, in sides of a quad */
 #define LARGEST                                                                                              \
     1e75 /* diagonal of a surface: squares of areas would not be finite beyond 1e77, nor normal below 1e-77 */
@@ -252,7 +254,7 @@ static qm_status make_part(qm_context *ctx, const part_job *job, double crease_a
     bool has_creases = false;
     qm_status status = make_part_along(ctx, job, crease_angle, &best, out, &has_creases);
     out->quads = best.quads;
-    double area = job->wanted * job->size * job->size;
+    double area = qm_quads_area(qm_bvh_mesh(job->bvh)->positions, job->corner, job->count);
     if (status == QM_OK && has_creases && qm_quads_mesh_area(&best.quads.mesh) < FAR_TOO_SMALL * area) {
         part other = {0};
         status = make_part_along(ctx, job, 0.0, &plain, &other, &has_creases);
@@ -273,6 +275,23 @@ static qm_status make_part(qm_context *ctx, const part_job *job, double crease_a
  * All components.
  */
 
+/** The least size of quads of a component. A needle that is n triangles long is cut into n to the power of log2(3): halving
+ * both of its long edges makes three of it. One that is far longer than its area tells would not fit into memory. */
+static double least_size(const double *positions, const uint32_t (*corner)[3], size_t count, double wanted)
+{
+    const double power = log2(3.0);
+    double sum = 0.0;
+    for (size_t f = 0; f < count; f++) {
+        qm_vec p[3];
+        for (int k = 0; k < 3; k++)
+            p[k] = qm_vec_load(positions + 3 * (size_t)corner[f][k]);
+        sum += pow(qm_max(qm_max(qm_vec_distance(p[0], p[1]), qm_vec_distance(p[1], p[2])),
+                          qm_vec_distance(p[2], p[0])),
+                   power);
+    }
+    return pow(sum / (MOST_PIECES * ((double)count + wanted)), 1.0 / power) / TRIANGLE_SIDE;
+}
+
 static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const qm_quads_triangles *t,
                             const qm_quads_options *options, part *parts, qm_quads_record *record)
 {
@@ -290,8 +309,8 @@ static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const qm_quads_t
         /* points and segments have no area, and no quads */
         if (!(own > 1e-12 * area)) continue;
         double wanted = qm_max((double)options->quads * own / area, LEAST_QUADS);
-        const part_job job = {bvh,    corner + first,     last - first,
-                              wanted, sqrt(own / wanted), options->thread_count};
+        double size = qm_max(sqrt(own / wanted), least_size(positions, corner + first, last - first, wanted));
+        const part_job job = {bvh, corner + first, last - first, wanted, size, options->thread_count};
         status = make_part(ctx, &job, options->crease_angle, &parts[k], record);
     }
     return status;
@@ -401,6 +420,8 @@ qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const q
     qm_quads_triangles t;
     qm_quads_result r = {0};
     qm_status status = make(ctx, bvh, &t, options, &r, record);
+    if (status == QM_E_NO_MEMORY)
+        qm_context_fail(ctx, status, "out of memory for %zu quads of %zu triangles", options->quads, t.count);
     qm_quads_triangles_reset(ctx, &t);
     if (status == QM_OK && creases) status = pack_creases(ctx, &r, creases);
     if (status == QM_OK) {

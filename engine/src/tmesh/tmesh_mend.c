@@ -20,6 +20,7 @@
 /* Moves of points in the plane at most, for each point of the lattices and besides. */
 #define MOVES_EACH 8
 #define MOVES_BESIDES 20000
+#define FLOODED_EACH 500 /* cells flooded in the search for holes at most, for each cell; tens are usual */
 #define MEAN_SWEEPS 1000
 #define MEAN_CHANGE 1e-13
 #define OVERSTEP 1.8
@@ -56,6 +57,7 @@ typedef struct mender {
     uint32_t *triangle;            /* of the chart, by point */
     uint32_t *first_at, *cells_at; /* 4 * cell + corner */
     size_t moves_left;
+    size_t floods_left;     /* cells */
     uint32_t *moved, sweep; /* by point: the last sweep that it moved in */
 } mender;
 
@@ -176,6 +178,7 @@ static void fill_holes(mender *m)
             if (next == QM_NO_INDEX || m->cell_stamp[next] == m->stamp) continue;
             size_t limit = end < MOST_CELLS / 2 ? end : MOST_CELLS / 2,
                    count = flood_outside(m, next, ++m->flood, queue, limit);
+            m->floods_left -= count < m->floods_left ? count : m->floods_left;
             for (size_t j = 0; j < count && count <= limit; j++)
                 add_cell(m, queue[j]);
         }
@@ -705,6 +708,7 @@ static bool allocate(mender *m)
     m->moved = qm_arena_zeroed(arena, points, sizeof *m->moved);
     m->sweep = 1;
     m->moves_left = MOVES_EACH * m->lattice->point_count + MOVES_BESIDES;
+    m->floods_left = FLOODED_EACH * m->lattice->cell_count;
     return m->is_tried && m->cell_stamp && m->flood_stamp && m->point_stamp && m->number && m->cells &&
            m->corner && m->points && m->flat && m->at && m->normal && m->triangle && m->first_at &&
            m->cells_at && m->moved;
@@ -717,7 +721,8 @@ qm_status qm_tmesh_mend(qm_arena *arena, qm_tmesh_triangles *triangles, qm_tmesh
         .arena = arena, .triangles = triangles, .lattice = lattice, .is_seed = is_seed, .traces = traces};
     qm_status status = allocate(&m) ? QM_OK : QM_E_NO_MEMORY;
     for (uint32_t c = 0; c < lattice->cell_count && status == QM_OK; c++)
-        if (is_seed[c] && !m.is_tried[c] && m.moves_left > 0) status = mend_seed(&m, c, rings);
+        if (is_seed[c] && !m.is_tried[c] && m.moves_left > 0 && m.floods_left > 0)
+            status = mend_seed(&m, c, rings);
     if (status == QM_E_NO_MEMORY)
         return qm_context_fail(arena->ctx, status, "out of memory for the charts of a layout");
     if (status == QM_E_CANCELED) return qm_context_fail(arena->ctx, status, "canceled");
