@@ -15,6 +15,7 @@
 #define POINTS 4.0      /* of the surface, for each quad */
 #define MOST_VERTICES 8 /* of the surface, for each quad: of more, every second and so on is taken */
 #define LEAST_SINE 0.4  /* of quads after a move, unless they were worse before it */
+#define CLEARLY 0.99    /* nearer is a diagonal whose distance is less by this factor */
 #define FAR_WEIGHT 4.0  /* that a point has at most more than a near one */
 #define FAR_SHARE 16.0  /* of the mean square of distances, at which it has it */
 
@@ -203,6 +204,45 @@ static void move_vertices(fit *w)
             qm_vec_store(here, start);
         }
     }
+}
+
+/** The middles of both diagonals of each quad: that from corner 0 to 2 first. */
+static void list_middles(const qm_mesh *m, double *out)
+{
+    for (size_t d = 0; d < 2 * m->face_count; d++) {
+        const uint32_t *c = m->faces + 4 * (d / 2) + d % 2;
+        qm_vec a = qm_vec_load(m->positions + 3 * (size_t)c[0]),
+               b = qm_vec_load(m->positions + 3 * (size_t)c[2]);
+        qm_vec_store(out + 3 * d, qm_vec_mix(a, b, 0.5));
+    }
+}
+
+static void shift_corners(qm_quads_result *r, size_t face)
+{
+    uint32_t *c = r->mesh.faces + 4 * face, first = c[0];
+    uint8_t *feature = r->is_feature + 4 * face, first_feature = feature[0];
+    memmove(c, c + 1, 3 * sizeof *c);
+    memmove(feature, feature + 1, 3 * sizeof *feature);
+    c[3] = first, feature[3] = first_feature;
+}
+
+qm_status qm_quads_choose_diagonals(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface,
+                                    int thread_count)
+{
+    size_t count = 2 * r->mesh.face_count;
+    double *middle = qm_context_alloc(ctx, count, 3 * sizeof *middle);
+    double *distance = qm_context_alloc(ctx, count, sizeof *distance);
+    qm_status status = middle && distance ? QM_OK : QM_E_NO_MEMORY;
+    if (status == QM_OK) {
+        const qm_projection out = {.distance = distance};
+        list_middles(&r->mesh, middle);
+        status = qm_project_points(ctx, surface, QM_QUADS_TRIANGLES, middle, count, thread_count, &out);
+    }
+    for (size_t f = 0; f < r->mesh.face_count && status == QM_OK; f++)
+        if (distance[2 * f + 1] < CLEARLY * distance[2 * f]) shift_corners(r, f);
+    qm_context_free(ctx, middle, count, 3 * sizeof *middle);
+    qm_context_free(ctx, distance, count, sizeof *distance);
+    return status;
 }
 
 qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count)

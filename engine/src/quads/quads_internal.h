@@ -207,6 +207,11 @@ size_t qm_quads_untangle_moves(const qm_quads_result *r);
 qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool keeps_faces,
                             size_t *moves, int thread_count);
 
+/** Turns the corners of each quad such that the diagonal from corner 0 to 2, along which it is cut into triangles, is the one whose
+ * middle is nearer to the surface. Returns QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_quads_choose_diagonals(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface,
+                                    int thread_count);
+
 /** Moves vertices off the surface, or out to its tips, so that the quads lie nearer to it. */
 qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
 
