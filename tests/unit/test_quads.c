@@ -759,12 +759,95 @@ static void pockets_are_cut(void **state)
     qm_trimesh_reset(&ctx, &m);
 }
 
+/* ---- fitting ---- */
+
+#define MAJOR 1.0
+#define MINOR 0.4
+
+/** Signed, from the torus of the formula, outside of it positive. */
+static double torus_distance(const double p[3])
+{
+    return hypot(hypot(p[0], p[1]) - MAJOR, p[2]) - MINOR;
+}
+
+static void mix3(const double *a, const double *b, double share, double out[3])
+{
+    for (int k = 0; k < 3; k++)
+        out[k] = a[k] + share * (b[k] - a[k]);
+}
+
+typedef struct spread_of_distances {
+    double greatest, rms;
+} spread_of_distances;
+
+/** Over points of the triangles c0 c1 c2 and c0 c2 c3 of all quads. */
+static spread_of_distances measure_torus(const qm_mesh *m)
+{
+    enum { STEPS = 8 };
+    spread_of_distances out = {0, 0};
+    double count = 0.0;
+    for (size_t t = 0; t < 2 * m->face_count; t++) {
+        const uint32_t *c = m->faces + 4 * (t / 2);
+        const double *a = m->positions + 3 * (size_t)c[0], *b = m->positions + 3 * (size_t)c[1 + t % 2],
+                     *d = m->positions + 3 * (size_t)c[2 + t % 2];
+        for (int i = 0; i <= STEPS; i++)
+            for (int j = 0; j <= STEPS; j++) {
+                double edge[3], at[3];
+                mix3(b, d, (double)j / STEPS, edge);
+                mix3(a, edge, (double)i / STEPS, at);
+                double distance = fabs(torus_distance(at));
+                out.greatest = fmax(out.greatest, distance);
+                out.rms += distance * distance, count += 1.0;
+            }
+    }
+    out.rms = sqrt(out.rms / count);
+    return out;
+}
+
+/** The torus has quads of a side of 0.2, with a sagitta of 0.0125 round its tube; the surface itself has one of 0.0005. */
+static void quads_lie_on_both_sides(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_host_context();
+    qm_mesh surface = triangles_of(qm_shape_torus(128, 64, MAJOR, MINOR)), out;
+    qm_bvh *bvh;
+    qm_quads_options options = qm_quads_options_default();
+    options.quads = 400;
+    assert_int_equal(qm_bvh_build(&ctx, &surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
+    assert_int_equal(qm_quads_make(&ctx, bvh, &options, &out, NULL), QM_OK);
+    for (size_t f = 0; f < out.face_count; f++) {
+        double distance[2];
+        for (size_t k = 0; k < 2; k++) {
+            double middle[3];
+            const uint32_t *c = out.faces + 4 * f + k;
+            mix3(out.positions + 3 * (size_t)c[0], out.positions + 3 * (size_t)c[2], 0.5, middle);
+            distance[k] = fabs(torus_distance(middle));
+        }
+        QM_CHECK(distance[0] <= distance[1] + 0.002, "quad %zu: %g, and %g from the other diagonal", f,
+                 distance[0], distance[1]);
+    }
+    spread_of_distances fitted = measure_torus(&out);
+    for (size_t v = 0; v < out.vertex_count; v++) { /* onto the torus */
+        double *p = out.positions + 3 * v, ring = hypot(p[0], p[1]);
+        double tube = hypot(ring - MAJOR, p[2]), wide = (MAJOR + (ring - MAJOR) * MINOR / tube) / ring;
+        p[0] *= wide, p[1] *= wide, p[2] *= MINOR / tube;
+    }
+    spread_of_distances inscribed = measure_torus(&out);
+    QM_CHECK(fitted.rms < 0.64 * inscribed.rms && fitted.greatest < 0.95 * inscribed.greatest,
+             "rms %g, %g with vertices on the torus; greatest %g, %g", fitted.rms, inscribed.rms,
+             fitted.greatest, inscribed.greatest);
+    qm_mesh_reset(&ctx, &out);
+    qm_bvh_destroy(&ctx, bvh);
+    qm_shape_free(&surface);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(random_edits_keep_the_topology),
         cmocka_unit_test(pockets_are_cut),
         cmocka_unit_test(closed_shapes_become_closed_quads),
+        cmocka_unit_test(quads_lie_on_both_sides),
         cmocka_unit_test(creases_are_followed),
         cmocka_unit_test(acute_corners_have_a_quad),
         cmocka_unit_test(slivers_hide_no_creases),

@@ -11,23 +11,37 @@
 #include "qm/project.h"
 #include "quads/quads_sides.h"
 
-#define ROUNDS 4
+#define ROUNDS 8
+#define PASSES 6        /* over the ways, in each round */
 #define POINTS 4.0      /* of the surface, for each quad */
 #define MOST_VERTICES 8 /* of the surface, for each quad: of more, every second and so on is taken */
 #define LEAST_SINE 0.4  /* of quads after a move, unless they were worse before it */
 #define CLEARLY 0.99    /* nearer is a diagonal whose distance is less by this factor */
-#define FAR_WEIGHT 4.0  /* that a point has at most more than a near one */
-#define FAR_SHARE 16.0  /* of the mean square of distances, at which it has it */
+/* Ways have FAR_WEIGHT more for each FAR_SHARE mean squares of the distances, up to MOST_SHARES of these. */
+#define FAR_WEIGHT 4.0
+#define FAR_SHARE 16.0
+#define MOST_SHARES 8.0
+#define NEAR_SHARE 1e-2 /* of the root mean square: a shorter way has no direction */
+
+/** Along which the quads are wanted to move at a point of them, how far, and how much that counts. */
+typedef struct fit_way {
+    qm_vec direction;
+    double length, weight;
+} fit_way;
 
 typedef struct fit {
     qm_context *ctx;
     qm_quads_sides sides;
-    const qm_mesh *surface;
-    size_t count; /* of points */
+    const qm_bvh *bvh;
+    const qm_mesh *surface; /* its mesh */
+    size_t count;           /* of points */
     double *point, *nearest, *uv;
     qm_vec *normal; /* of the surface, at each point; 0: none */
     uint32_t *face;
-    qm_vec *pull; /* of each vertex: sum of weight times way */
+    double *foot; /* of each vertex, on the surface */
+    fit_way *way; /* of each point, then of each vertex */
+    qm_vec *move; /* of each vertex */
+    qm_vec *pull; /* of each vertex: sum of weights times what is left of its ways */
     double *weight;
     int thread_count;
 } fit;
@@ -95,8 +109,12 @@ static qm_status choose_points(fit *w)
     w->normal = qm_context_alloc(w->ctx, w->count, sizeof *w->normal);
     w->face = qm_context_alloc(w->ctx, w->count, sizeof *w->face);
     w->pull = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->pull);
+    w->foot = qm_context_alloc(w->ctx, w->sides.vertex_count, 3 * sizeof *w->foot);
+    w->way = qm_context_alloc(w->ctx, w->count + w->sides.vertex_count, sizeof *w->way);
+    w->move = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->move);
     w->weight = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->weight);
-    if (!(w->point && w->nearest && w->uv && w->normal && w->face && w->pull && w->weight))
+    if (!(w->point && w->nearest && w->uv && w->normal && w->face && w->pull && w->weight && w->foot &&
+          w->way && w->move))
         return QM_E_NO_MEMORY;
     sample_faces(m, share, w->point, w->normal);
     for (size_t i = 0; i < corners; i++) {
@@ -115,44 +133,100 @@ static qm_status find_feet(fit *w)
         status =
             qm_project_points(w->ctx, bvh, QM_QUADS_TRIANGLES, w->point, w->count, w->thread_count, &out);
     qm_bvh_destroy(w->ctx, bvh);
+    const qm_projection back = {.position = w->foot};
+    if (status == QM_OK)
+        status = qm_project_points(w->ctx, w->bvh, QM_QUADS_TRIANGLES, w->sides.r->mesh.positions,
+                                   w->sides.vertex_count, w->thread_count, &back);
     return status;
 }
 
-static qm_vec way_of(const fit *w, size_t i)
+/** The weights of the corners at u, v: the triangles are c0 c1 c2 and c0 c2 c3. */
+static void corner_weights(double u, double v, double out[4])
 {
-    return qm_vec_sub(qm_vec_load(w->point + 3 * i), qm_vec_load(w->nearest + 3 * i));
+    out[0] = 1.0 - qm_max(u, v), out[1] = qm_max(u - v, 0.0);
+    out[2] = qm_min(u, v), out[3] = qm_max(v - u, 0.0);
 }
 
-/** False for a point on the other side of a thin part. */
-static bool is_matched(const fit *w, size_t i)
+/** The unit normal of a quad; 0 without area. */
+static qm_vec normal_of(const qm_quads_sides *t, uint32_t face)
 {
-    const qm_quads_sides *t = &w->sides;
     qm_vec corner[4];
     for (uint32_t k = 0; k < 4; k++)
-        corner[k] = qm_quads_at(t, qm_quads_from(t, 4 * w->face[i] + k));
-    return qm_vec_dot(qm_quad_normal(corner), w->normal[i]) >= 0.0;
+        corner[k] = qm_quads_at(t, qm_quads_from(t, 4 * face + k));
+    qm_vec normal = qm_quad_normal(corner);
+    double length = qm_vec_norm(normal);
+    return length > 0.0 ? qm_vec_scale(1.0 / length, normal) : normal;
 }
 
-static void sum_pulls(fit *w)
+static qm_vec step_from(const double *a, const double *b)
+{
+    return qm_vec_sub(qm_vec_load(b), qm_vec_load(a));
+}
+
+/** A way: along the normal where it is too short to have a direction of its own. */
+static fit_way make_way(qm_vec step, qm_vec normal, double mean)
+{
+    double length = qm_vec_norm(step);
+    if (length <= NEAR_SHARE * sqrt(mean)) return (fit_way){normal, qm_vec_dot(step, normal), 0.0};
+    double far_weight = FAR_WEIGHT * qm_min(length * length / (FAR_SHARE * mean), MOST_SHARES);
+    return (fit_way){qm_vec_scale(1.0 / length, step), length, far_weight};
+}
+
+/** The ways from the quads to the points, and those from the vertices back to the surface, which count where they are long. */
+static void find_ways(fit *w)
 {
     const qm_quads_sides *t = &w->sides;
     double mean = 0.0;
-    memset(w->pull, 0, t->vertex_count * sizeof *w->pull);
-    memset(w->weight, 0, t->vertex_count * sizeof *w->weight);
     for (size_t i = 0; i < w->count; i++)
-        mean += qm_vec_norm2(way_of(w, i)) / (double)w->count;
+        mean += qm_vec_norm2(step_from(w->nearest + 3 * i, w->point + 3 * i)) / (double)w->count;
     for (size_t i = 0; i < w->count; i++) {
-        if (!is_matched(w, i)) continue;
-        qm_vec way = way_of(w, i);
-        double u = w->uv[2 * i], v = w->uv[2 * i + 1], share = mean > 0.0 ? qm_vec_norm2(way) / mean : 0.0;
-        double own = 1.0 + FAR_WEIGHT * qm_min(share / FAR_SHARE, 1.0);
-        /* the triangles are c0 c1 c2 and c0 c2 c3 */
-        const double weight[4] = {1.0 - qm_max(u, v), qm_max(u - v, 0.0), qm_min(u, v), qm_max(v - u, 0.0)};
-        for (uint32_t k = 0; k < 4; k++) {
-            uint32_t vertex = qm_quads_from(t, 4 * w->face[i] + k);
-            w->pull[vertex] = qm_vec_axpy(w->pull[vertex], own * weight[k], way);
-            w->weight[vertex] += own * weight[k];
+        qm_vec normal = normal_of(t, w->face[i]);
+        w->way[i] = make_way(step_from(w->nearest + 3 * i, w->point + 3 * i), normal, mean);
+        w->way[i].weight += 1.0;
+        if (qm_vec_dot(normal, w->normal[i]) < 0.0) w->way[i].weight = 0.0; /* other side of a thin part */
+    }
+    for (size_t v = 0; v < t->vertex_count; v++)
+        w->way[w->count + v] =
+            make_way(step_from(t->r->mesh.positions + 3 * v, w->foot + 3 * v), (qm_vec){0, 0, 0}, mean);
+}
+
+/** The vertices that a way moves, and their shares; returns their number. */
+static int vertices_of(const fit *w, size_t i, uint32_t vertex[4], double share[4])
+{
+    if (i >= w->count) {
+        vertex[0] = (uint32_t)(i - w->count), share[0] = 1.0;
+        return 1;
+    }
+    corner_weights(w->uv[2 * i], w->uv[2 * i + 1], share);
+    for (uint32_t k = 0; k < 4; k++)
+        vertex[k] = qm_quads_from(&w->sides, 4 * w->face[i] + k);
+    return 4;
+}
+
+/** Moves of the vertices by least squares of the ways that are left along their directions: Jacobi's iteration with lumped weights. */
+static void find_moves(fit *w)
+{
+    const qm_quads_sides *t = &w->sides;
+    memset(w->move, 0, t->vertex_count * sizeof *w->move);
+    for (int pass = 0; pass < PASSES; pass++) {
+        memset(w->pull, 0, t->vertex_count * sizeof *w->pull);
+        memset(w->weight, 0, t->vertex_count * sizeof *w->weight);
+        for (size_t i = 0; i < w->count + t->vertex_count; i++) {
+            const fit_way *way = &w->way[i];
+            uint32_t vertex[4];
+            double share[4], left = way->length;
+            int corners = vertices_of(w, i, vertex, share);
+            for (int k = 0; k < corners; k++)
+                left -= share[k] * qm_vec_dot(w->move[vertex[k]], way->direction);
+            for (int k = 0; k < corners; k++) {
+                double weight = way->weight * share[k];
+                w->pull[vertex[k]] = qm_vec_axpy(w->pull[vertex[k]], weight * left, way->direction);
+                w->weight[vertex[k]] += weight;
+            }
         }
+        for (size_t v = 0; v < t->vertex_count; v++)
+            if (w->weight[v] > 0.0 && t->kind[v] == QM_TRIMESH_FREE)
+                w->move[v] = qm_vec_axpy(w->move[v], 1.0 / w->weight[v], w->pull[v]);
     }
 }
 
@@ -191,12 +265,12 @@ static void move_vertices(fit *w)
 {
     qm_quads_sides *t = &w->sides;
     for (uint32_t v = 0; v < t->vertex_count; v++) {
-        if (t->kind[v] != QM_TRIMESH_FREE || !(w->weight[v] > 0.0)) continue;
+        if (t->kind[v] != QM_TRIMESH_FREE) continue;
         double *here = t->r->mesh.positions + 3 * (size_t)v;
         ring_state before = look_at_ring(t, v);
         qm_vec start = qm_vec_load(here);
         for (double share = 1.0; share > 0.2; share /= 2.0) {
-            qm_vec_store(here, qm_vec_axpy(start, share / w->weight[v], w->pull[v]));
+            qm_vec_store(here, qm_vec_axpy(start, share, w->move[v]));
             ring_state after = look_at_ring(t, v);
             if (after.sine >= qm_min(before.sine, LEAST_SINE) &&
                 after.facing >= qm_min(before.facing, LEAST_SINE))
@@ -247,14 +321,15 @@ qm_status qm_quads_choose_diagonals(qm_context *ctx, qm_quads_result *r, const q
 
 qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count)
 {
-    fit w = {.ctx = ctx, .surface = qm_bvh_mesh(surface), .thread_count = thread_count};
+    fit w = {.ctx = ctx, .bvh = surface, .surface = qm_bvh_mesh(surface), .thread_count = thread_count};
     qm_status status = qm_quads_sides_build(ctx, r, &w.sides);
     size_t vertices = w.sides.vertex_count;
     if (status == QM_OK) status = choose_points(&w);
     for (int round = 0; round < ROUNDS && status == QM_OK; round++) {
         status = find_feet(&w);
         if (status != QM_OK) break;
-        sum_pulls(&w);
+        find_ways(&w);
+        find_moves(&w);
         move_vertices(&w);
     }
     qm_context_free(ctx, w.point, w.count, 3 * sizeof *w.point);
@@ -263,6 +338,9 @@ qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surfac
     qm_context_free(ctx, w.normal, w.count, sizeof *w.normal);
     qm_context_free(ctx, w.face, w.count, sizeof *w.face);
     qm_context_free(ctx, w.pull, vertices, sizeof *w.pull);
+    qm_context_free(ctx, w.foot, vertices, 3 * sizeof *w.foot);
+    qm_context_free(ctx, w.way, w.count + vertices, sizeof *w.way);
+    qm_context_free(ctx, w.move, vertices, sizeof *w.move);
     qm_context_free(ctx, w.weight, vertices, sizeof *w.weight);
     qm_quads_sides_reset(&w.sides);
     return status;
