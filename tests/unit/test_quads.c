@@ -804,6 +804,24 @@ static spread_of_distances measure_torus(const qm_mesh *m)
     return out;
 }
 
+/** Of the angles of quads from right ones, in degrees. */
+static double mean_deviation(const qm_mesh *m)
+{
+    double sum = 0.0;
+    for (size_t c = 0; c < 4 * m->face_count; c++) {
+        const double *corner = m->positions + 3 * (size_t)m->faces[c];
+        const double *next = m->positions + 3 * (size_t)m->faces[c / 4 * 4 + (c + 1) % 4];
+        const double *last = m->positions + 3 * (size_t)m->faces[c / 4 * 4 + (c + 3) % 4];
+        double dot = 0.0, length_a = 0.0, length_b = 0.0;
+        for (int k = 0; k < 3; k++) {
+            double a = next[k] - corner[k], b = last[k] - corner[k];
+            dot += a * b, length_a += a * a, length_b += b * b;
+        }
+        sum += fabs(90.0 - acos(dot / sqrt(length_a * length_b)) * 180.0 / PI);
+    }
+    return sum / (4.0 * (double)m->face_count);
+}
+
 /** The torus has quads of a side of 0.2, with a sagitta of 0.0125 round its tube; the surface itself has one of 0.0005. */
 static void quads_lie_on_both_sides(void **state)
 {
@@ -826,6 +844,8 @@ static void quads_lie_on_both_sides(void **state)
         QM_CHECK(distance[0] <= distance[1] + 0.002, "quad %zu: %g, and %g from the other diagonal", f,
                  distance[0], distance[1]);
     }
+    double deviation = mean_deviation(&out);
+    QM_CHECK(deviation < 9.0, "angles are off right ones by %g degrees", deviation);
     spread_of_distances fitted = measure_torus(&out);
     for (size_t v = 0; v < out.vertex_count; v++) { /* onto the torus */
         double *p = out.positions + 3 * v, ring = hypot(p[0], p[1]);

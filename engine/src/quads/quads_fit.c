@@ -3,6 +3,8 @@
  * least squares over points of the surface lift them by about two thirds of the sagitta, and draw them out to tips that
  * were cut off. Points that are farther away count for more, so that the greatest distance falls too.
  *
+ * On the way vertices move along the surface, such that the angles of quads come nearer to right ones.
+ *
  * Vertices of features stay where they are, and no vertex moves so far that a quad becomes bad.
  */
 #include <string.h>
@@ -11,12 +13,13 @@
 #include "qm/project.h"
 #include "quads/quads_sides.h"
 
-#define ROUNDS 8
-#define PASSES 6        /* over the ways, in each round */
-#define POINTS 4.0      /* of the surface, for each quad */
-#define MOST_VERTICES 8 /* of the surface, for each quad: of more, every second and so on is taken */
-#define LEAST_SINE 0.4  /* of quads after a move, unless they were worse before it */
-#define CLEARLY 0.99    /* nearer is a diagonal whose distance is less by this factor */
+#define ROUNDS 12
+#define SQUARE_ROUNDS 10 /* in which quads are made rectangular, too: afterwards vertices only come nearer */
+#define PASSES 6         /* over the ways, in each round */
+#define POINTS 4.0       /* of the surface, for each quad */
+#define MOST_VERTICES 8  /* of the surface, for each quad: of more, every second and so on is taken */
+#define LEAST_SINE 0.4   /* of quads after a move, unless they were worse before it */
+#define CLEARLY 0.99     /* nearer is a diagonal whose distance is less by this factor */
 /* Ways have FAR_WEIGHT more for each FAR_SHARE mean squares of the distances, up to MOST_SHARES of these. */
 #define FAR_WEIGHT 4.0
 #define FAR_SHARE 16.0
@@ -230,6 +233,36 @@ static void find_moves(fit *w)
     }
 }
 
+/** Adds moves along the surface to where vertices would be corners of rectangles with the centres and diagonals of their quads, in the
+ * mean: those diagonals would bisect each other, and be of equal lengths. */
+static void square_up(fit *w)
+{
+    const qm_quads_sides *t = &w->sides;
+    for (uint32_t v = 0; v < t->vertex_count; v++) {
+        if (t->kind[v] != QM_TRIMESH_FREE) continue;
+        qm_vec sum = {0, 0, 0}, normal = {0, 0, 0};
+        double count = 0.0;
+        uint32_t first = qm_quads_first_side(t, v), s = first;
+        do {
+            qm_vec corner[4];
+            for (uint32_t k = 0; k < 4; k++)
+                corner[k] = qm_quads_at(t, qm_quads_from(t, s / 4 * 4 + (s + k) % 4));
+            qm_vec own = qm_vec_sub(corner[0], corner[2]), other = qm_vec_sub(corner[1], corner[3]);
+            qm_vec centre =
+                qm_vec_mix(qm_vec_mix(corner[0], corner[2], 0.5), qm_vec_mix(corner[1], corner[3], 0.5), 0.5);
+            double length = qm_vec_norm(own);
+            double half = length > 0.0 ? 0.25 * (1.0 + qm_vec_norm(other) / length) : 0.0;
+            sum = qm_vec_add(sum, qm_vec_sub(qm_vec_axpy(centre, half, own), corner[0]));
+            normal = qm_vec_add(normal, qm_quad_normal(corner));
+            count += 1.0;
+            s = qm_quads_around(t, s);
+        } while (s != QM_NO_INDEX && s != first);
+        double length2 = qm_vec_norm2(normal);
+        if (length2 > 0.0) sum = qm_vec_axpy(sum, -qm_vec_dot(sum, normal) / length2, normal);
+        w->move[v] = qm_vec_axpy(w->move[v], 1.0 / count, sum);
+    }
+}
+
 /** Of the quads round a vertex. */
 typedef struct ring_state {
     double sine;   /* the least scaled Jacobian */
@@ -330,6 +363,7 @@ qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surfac
         if (status != QM_OK) break;
         find_ways(&w);
         find_moves(&w);
+        if (round < SQUARE_ROUNDS) square_up(&w);
         move_vertices(&w);
     }
     qm_context_free(ctx, w.point, w.count, 3 * sizeof *w.point);
