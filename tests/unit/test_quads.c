@@ -110,6 +110,15 @@ static void to_facets(double p[3])
     p[0] *= 2.0 * size, p[1] *= 1.2 * size, p[2] *= size;
 }
 
+/** A sphere with a horn, the end of which is a cone of 14 degrees to its axis. */
+static void to_horn(double p[3])
+{
+    to_sphere(p);
+    double off = acos(fmin(fmax(p[2], -1.0), 1.0)), size = 1.0 + fmax(1.0 - 4.0 * off, 0.0);
+    for (int k = 0; k < 3; k++)
+        p[k] *= size;
+}
+
 static void moebius_point(const void *user, double u, double v, double out[3])
 {
     (void)user;
@@ -214,6 +223,55 @@ static void closed_shapes_become_closed_quads(void **state)
     check_quads(triangles_of(cube_grid(24, to_bumps)), &bumps);
     const wanted torus = {"torus", 1500, 0, 1, true, 0, 24, 0.25};
     check_quads(triangles_of(qm_shape_torus(60, 24, 1.0, 0.35)), &torus);
+}
+
+/** How many vertices of a surface are tips, and how high it reaches after triangles of a length were made of it. */
+static size_t hold_tips_of(qm_mesh surface, double size, double *height)
+{
+    qm_context ctx = qm_context_make();
+    qm_bvh *bvh;
+    uint32_t(*corner)[3] = malloc(surface.face_count * sizeof *corner);
+    assert_non_null(corner);
+    for (size_t f = 0; f < surface.face_count; f++)
+        memcpy(corner[f], surface.faces + 4 * f, sizeof *corner);
+    qm_trimesh m;
+    assert_int_equal(qm_bvh_build(&ctx, &surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
+    assert_int_equal(qm_trimesh_build(&ctx, surface.positions, surface.vertex_count,
+                                      (const uint32_t(*)[3])corner, surface.face_count, &m),
+                     QM_OK);
+    size_t held = 0, left = 0;
+    assert_int_equal(qm_quads_hold_tips(&ctx, &m, size), QM_OK);
+    for (size_t v = 0; v < m.vertex_count; v++)
+        held += m.is_fixed[v];
+    assert_int_equal(qm_quads_remesh(&ctx, &m, bvh, size, 1), QM_OK);
+    qm_quads_release_tips(&m);
+    *height = 0.0;
+    for (size_t v = 0; v < m.vertex_count; v++) {
+        left += m.is_fixed[v];
+        *height = fmax(*height, m.position[v].z);
+    }
+    assert_int_equal(left, 0);
+    qm_trimesh_reset(&ctx, &m);
+    qm_bvh_destroy(&ctx, bvh);
+    free(corner);
+    qm_shape_free(&surface);
+    return held;
+}
+
+/** Centred among its neighbours, the tip of a horn slid down it. */
+static void tips_stay(void **state)
+{
+    (void)state;
+    double height;
+    for (double size = 0.05; size < 0.2; size *= 1.5) {
+        size_t tips = hold_tips_of(triangles_of(cube_grid(40, to_horn)), size, &height);
+        QM_CHECK(tips == 1 && height > 2.0 - 1e-9, "triangles of %.3g: %zu tips, height %.6f", size, tips,
+                 height);
+    }
+    size_t tips = hold_tips_of(triangles_of(cube_grid(20, to_bumps)), 0.05, &height);
+    QM_CHECK(tips == 0, "%zu tips of bumps", tips);
+    tips = hold_tips_of(triangles_of(cube_grid(20, to_box)), 0.05, &height);
+    QM_CHECK(tips == 0, "%zu tips of a box", tips);
 }
 
 static void creases_are_followed(void **state)
@@ -830,6 +888,7 @@ int main(void)
         cmocka_unit_test(creases_apart_are_not_pinched),
         cmocka_unit_test(closed_shapes_become_closed_quads),
         cmocka_unit_test(creases_are_followed),
+        cmocka_unit_test(tips_stay),
         cmocka_unit_test(acute_corners_have_a_quad),
         cmocka_unit_test(slivers_hide_no_creases),
         cmocka_unit_test(facets_are_no_creases),
