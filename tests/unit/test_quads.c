@@ -110,6 +110,15 @@ static void to_facets(double p[3])
     p[0] *= 2.0 * size, p[1] *= 1.2 * size, p[2] *= size;
 }
 
+/** A sphere with a horn, the end of which is a cone of 14 degrees to its axis. */
+static void to_horn(double p[3])
+{
+    to_sphere(p);
+    double off = acos(fmin(fmax(p[2], -1.0), 1.0)), size = 1.0 + fmax(1.0 - 4.0 * off, 0.0);
+    for (int k = 0; k < 3; k++)
+        p[k] *= size;
+}
+
 static void moebius_point(const void *user, double u, double v, double out[3])
 {
     (void)user;
@@ -214,6 +223,55 @@ static void closed_shapes_become_closed_quads(void **state)
     check_quads(triangles_of(cube_grid(24, to_bumps)), &bumps);
     const wanted torus = {"torus", 1500, 0, 1, true, 0, 24, 0.25};
     check_quads(triangles_of(qm_shape_torus(60, 24, 1.0, 0.35)), &torus);
+}
+
+/** How many vertices of a surface are tips, and how high it reaches after triangles of a length were made of it. */
+static size_t hold_tips_of(qm_mesh surface, double size, double *height)
+{
+    qm_context ctx = qm_context_make();
+    qm_bvh *bvh;
+    uint32_t(*corner)[3] = malloc(surface.face_count * sizeof *corner);
+    assert_non_null(corner);
+    for (size_t f = 0; f < surface.face_count; f++)
+        memcpy(corner[f], surface.faces + 4 * f, sizeof *corner);
+    qm_trimesh m;
+    assert_int_equal(qm_bvh_build(&ctx, &surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
+    assert_int_equal(qm_trimesh_build(&ctx, surface.positions, surface.vertex_count,
+                                      (const uint32_t(*)[3])corner, surface.face_count, &m),
+                     QM_OK);
+    size_t held = 0, left = 0;
+    assert_int_equal(qm_quads_hold_tips(&ctx, &m, size), QM_OK);
+    for (size_t v = 0; v < m.vertex_count; v++)
+        held += m.is_fixed[v];
+    assert_int_equal(qm_quads_remesh(&ctx, &m, bvh, size, 1), QM_OK);
+    qm_quads_release_tips(&m);
+    *height = 0.0;
+    for (size_t v = 0; v < m.vertex_count; v++) {
+        left += m.is_fixed[v];
+        *height = fmax(*height, m.position[v].z);
+    }
+    assert_int_equal(left, 0);
+    qm_trimesh_reset(&ctx, &m);
+    qm_bvh_destroy(&ctx, bvh);
+    free(corner);
+    qm_shape_free(&surface);
+    return held;
+}
+
+/** Centred among its neighbours, the tip of a horn slid down it. */
+static void tips_stay(void **state)
+{
+    (void)state;
+    double height;
+    for (double size = 0.05; size < 0.2; size *= 1.5) {
+        size_t tips = hold_tips_of(triangles_of(cube_grid(40, to_horn)), size, &height);
+        QM_CHECK(tips == 1 && height > 2.0 - 1e-9, "triangles of %.3g: %zu tips, height %.6f", size, tips,
+                 height);
+    }
+    size_t tips = hold_tips_of(triangles_of(cube_grid(20, to_bumps)), 0.05, &height);
+    QM_CHECK(tips == 0, "%zu tips of bumps", tips);
+    tips = hold_tips_of(triangles_of(cube_grid(20, to_box)), 0.05, &height);
+    QM_CHECK(tips == 0, "%zu tips of a box", tips);
 }
 
 static void creases_are_followed(void **state)
@@ -759,6 +817,69 @@ static void pockets_are_cut(void **state)
     qm_trimesh_reset(&ctx, &m);
 }
 
+/** A tube of length gap + 2 with features a unit from both ends, all edges between which have no step along it: as many columns as
+ * units round it. Returns the number of quads that are made of it; *off receives how far their features are from where they were. */
+static size_t extract_pinched_tube(int32_t gap, double *off)
+{
+    enum { COLUMNS = 12, MOST_ROWS = 8 };
+    qm_context ctx = qm_context_make();
+    double positions[3 * COLUMNS * (MOST_ROWS + 1)];
+    uint32_t corner[2 * COLUMNS * MOST_ROWS][3], vertices = COLUMNS * ((uint32_t)gap + 3), faces = 0;
+    for (uint32_t v = 0; v < vertices; v++) {
+        double angle = 2.0 * PI * (v % COLUMNS) / COLUMNS, radius = COLUMNS / (2.0 * PI);
+        const double at[3] = {radius * cos(angle), radius * sin(angle), v / COLUMNS};
+        memcpy(positions + 3 * (size_t)v, at, sizeof at);
+    }
+    for (uint32_t v = 0; v < vertices - COLUMNS; v++) {
+        uint32_t next = v % COLUMNS == COLUMNS - 1 ? v + 1 - COLUMNS : v + 1;
+        const uint32_t two[2][3] = {{v, next, next + COLUMNS}, {v, next + COLUMNS, v + COLUMNS}};
+        memcpy(corner[faces], two, sizeof two);
+        faces += 2;
+    }
+    qm_trimesh m;
+    assert_int_equal(qm_trimesh_build(&ctx, positions, vertices, (const uint32_t(*)[3])corner, faces, &m),
+                     QM_OK);
+    for (uint32_t h = 0; h < 3 * m.face_count; h++) {
+        const qm_vec end[2] = {m.position[m.from[h]], m.position[qm_trimesh_to(&m, h)]};
+        int32_t row[2], place[2];
+        for (int k = 0; k < 2; k++) {
+            row[k] = (int32_t)lrint(end[k].z);
+            place[k] = row[k] == 0 ? 0 : row[k] <= gap + 1 ? 1 : 2;
+        }
+        double turned = end[0].x * end[1].y - end[0].y * end[1].x;
+        m.step[h][0] = turned > 0.1 ? 1 : turned < -0.1 ? -1 : 0;
+        m.step[h][1] = place[1] - place[0];
+        m.is_feature[h] |= row[0] == row[1] && (row[0] == 1 || row[0] == gap + 1);
+    }
+    qm_quads_result r = {0};
+    qm_quads_record record = {0};
+    assert_int_equal(qm_quads_extract(&ctx, &m, 1.0, &r.mesh, &r.is_fixed, &r.is_feature, &record), QM_OK);
+    *off = 0.0;
+    for (size_t s = 0; s < 4 * r.mesh.face_count; s++) {
+        if (!r.is_feature[s]) continue;
+        double z = r.mesh.positions[3 * (size_t)r.mesh.faces[s] + 2], here = INFINITY;
+        const double lines[4] = {0.0, 1.0, gap + 1.0, gap + 2.0};
+        for (int k = 0; k < 4; k++)
+            here = fmin(here, fabs(z - lines[k]));
+        *off = fmax(*off, here);
+    }
+    size_t count = r.mesh.face_count;
+    qm_quads_result_reset(&ctx, &r);
+    qm_trimesh_reset(&ctx, &m);
+    return count;
+}
+
+/** Creases three quads apart, between which the flow left no row, became one line halfway between them; those of a narrow chamfer do. */
+static void creases_apart_are_not_pinched(void **state)
+{
+    (void)state;
+    double off;
+    size_t count = extract_pinched_tube(3, &off);
+    QM_CHECK(count == 36 && off < 1e-9, "%zu quads, creases %.3g from where they were", count, off);
+    count = extract_pinched_tube(1, &off);
+    QM_CHECK(count == 24 && off < 0.51, "%zu quads, creases %.3g from where they were", count, off);
+}
+
 /* ---- fitting ---- */
 
 #define MAJOR 1.0
@@ -866,9 +987,11 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(random_edits_keep_the_topology),
         cmocka_unit_test(pockets_are_cut),
+        cmocka_unit_test(creases_apart_are_not_pinched),
         cmocka_unit_test(closed_shapes_become_closed_quads),
         cmocka_unit_test(quads_lie_on_both_sides),
         cmocka_unit_test(creases_are_followed),
+        cmocka_unit_test(tips_stay),
         cmocka_unit_test(acute_corners_have_a_quad),
         cmocka_unit_test(slivers_hide_no_creases),
         cmocka_unit_test(facets_are_no_creases),

@@ -230,7 +230,9 @@ static qm_status make_part_along(qm_context *ctx, const part_job *job, double cr
     for (uint32_t h = 0; status == QM_OK && h < 3 * m.face_count; h++)
         *has_creases |= m.is_feature[h] && m.twin[h] != QM_NO_INDEX;
     if (status == QM_OK) status = qm_quads_list_features(ctx, &m, &out->segments, &out->segment_count);
+    if (status == QM_OK) status = qm_quads_hold_tips(ctx, &m, size);
     if (status == QM_OK) status = qm_quads_remesh(ctx, &m, job->bvh, TRIANGLE_SIDE * size, job->thread_count);
+    if (status == QM_OK) qm_quads_release_tips(&m);
     if (status == QM_OK) status = qm_quads_separate_features(ctx, &m);
     if (status == QM_OK) status = qm_quads_open_corners(ctx, &m, size, &corners);
     size_t faces = m.face_count;

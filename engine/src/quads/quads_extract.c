@@ -5,7 +5,10 @@
  * on the grid and goes with it; any other is half a cell: two of its edges are sides of the cell, one is a diagonal. The
  * two triangles at a diagonal are a quad.
  *
- * Not every edge can be contracted: round a thin part the surface may have no step at all. Where what is left beyond such an edge
+ * Between features that lie apart the flow may have taken all rows away. Edges from one to the other stay, or both would become
+ * one line in the middle.
+ *
+ * Nor can every other edge be contracted: round a thin part the surface may have no step at all. Where what is left beyond such an edge
  * is shallow, it is cut off. Triangles without a partner by
  * their steps are matched by augmenting paths in the dual graph; what is a cubic graph without bridges always has a
  * perfect matching (Petersen 1891). Where there is none, every face is cut by its midpoints.
@@ -20,6 +23,7 @@
 #define MOST_POCKET 64   /* faces */
 #define MOST_COMMON 16   /* neighbours of both ends of an edge that are tried */
 #define POCKET_DEPTH 0.5 /* in sides of a quad: of deeper ones horns are made */
+#define MOST_PINCH 1.75  /* between features that become one, in sides of a quad */
 
 typedef struct pairing {
     qm_context *ctx;
@@ -55,6 +59,19 @@ static void contract(qm_trimesh *m, gathered *g, uint32_t h)
         kept->count += gone->count;
     }
     qm_trimesh_collapse(m, h);
+}
+
+static qm_vec gathered_at(const gathered *g)
+{
+    return qm_vec_scale(1.0 / g->count, g->sum);
+}
+
+/** True if an edge leads from one feature to another that is too far away to become one with it. */
+static bool is_pinch(const qm_trimesh *m, const gathered *g, uint32_t h, double most)
+{
+    const gathered *a = &g[m->from[h]], *b = &g[qm_trimesh_to(m, h)];
+    if (m->is_feature[h] || a->kind == QM_TRIMESH_FREE || b->kind == QM_TRIMESH_FREE) return false;
+    return qm_vec_distance(gathered_at(a), gathered_at(b)) > most;
 }
 
 /*
@@ -201,14 +218,16 @@ static qm_status contract_all(qm_context *ctx, qm_trimesh *m, double size)
     while (is_changing && !qm_context_canceled(ctx)) {
         is_changing = false;
         for (uint32_t h = 0; h < 3 * m->face_count; h++) {
-            if (!qm_trimesh_has_face(m, h / 3) || has_step(m, h) || !qm_trimesh_can_collapse(m, h)) continue;
+            if (!qm_trimesh_has_face(m, h / 3) || has_step(m, h) || is_pinch(m, g, h, MOST_PINCH * size) ||
+                !qm_trimesh_can_collapse(m, h))
+                continue;
             contract(m, g, h);
             is_changing = true;
         }
         if (!is_changing) is_changing = cut_pockets(m, POCKET_DEPTH * size);
     }
     for (uint32_t v = 0; v < count; v++)
-        if (m->out[v] != QM_NO_INDEX) m->position[v] = qm_vec_scale(1.0 / g[v].count, g[v].sum);
+        if (m->out[v] != QM_NO_INDEX) m->position[v] = gathered_at(&g[v]);
     qm_context_free(ctx, g, count, sizeof *g);
     qm_trimesh_compact(m);
     return qm_context_canceled(ctx) ? QM_E_CANCELED : QM_OK;

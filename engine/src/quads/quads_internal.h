@@ -4,6 +4,7 @@
  *   quads_triangles.c  the triangles of the surface, component by component
  *   quads_slivers.c    triangles without a height, which go
  *   quads_features.c   creases and corners of the mesh
+ *   quads_tips.c       tips of horns, which stay where they are while triangles are remeshed
  *   quads_corners.c    acute corners of features, which need a quad
  *   quads_remesh.c     triangles of equal size, about half as long as the quads shall be
  *   quads_levels.c     a graph and its coarser versions, on which fields are smoothed
@@ -51,6 +52,12 @@ void qm_quads_drop_slivers(qm_trimesh *m);
  * a crease only below the size of a quad is left out, and, if wanted, edges between facets of a rounded surface. */
 qm_status qm_quads_find_features(qm_context *ctx, qm_trimesh *m, double crease_angle, double size,
                                  bool drops_facets);
+
+/** Marks tips of horns as fixed, which are longer than some sides of a quad of a size. Returns QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_quads_hold_tips(qm_context *ctx, qm_trimesh *m, double size);
+
+/** Lets go of fixed vertices without a feature. */
+void qm_quads_release_tips(qm_trimesh *m);
 
 /** Makes the edges about as long as length; vertices lie on the surface of bvh. */
 qm_status qm_quads_remesh(qm_context *ctx, qm_trimesh *m, const qm_bvh *bvh, double length, int thread_count);
