@@ -137,7 +137,7 @@ unset QM_TEST_STORE
 # Through PgBouncer, which gives each transaction another session.
 through=tests/with_pgbouncer.sh
 unit $(programs build/asan "test_store_contract test_store_nodes test_store_copies test_store_places")
-api build/asan tests/api/test_moving.py tests/api/test_two_nodes.py
+api build/asan tests/api/test_moving.py tests/api/test_two_nodes.py -n "$jobs" --dist loadfile
 through=
 api build/asan tests/cli -n "$jobs"
 api build/asan tests/pressure
