@@ -24,10 +24,10 @@ jobs=$(nproc)
 # The sandbox forbids what sanitizers do, and they put their own memory in place of large pages.
 released="test_sandbox test_large_pages"
 # These search for long: ASan would make minutes of it. What takes longest is first, as several run at a time.
-slow="test_hausdorff_overlay test_bilinear_match test_deviation_piece test_comparison_sides test_reconstruct test_cloud
-    test_noise test_hausdorff test_hausdorff_adversarial test_hausdorff_invariance test_hausdorff_property
-    test_hausdorff_parts test_bilinear_over test_bilinear_pair test_walls test_layout_features test_quad_layout test_quads
-    test_align test_collide test_comparison test_deviation test_deviation_loss test_deviation_regions
+slow="test_noise test_cloud test_quad_layout test_bilinear_match test_hausdorff_adversarial test_align
+    test_hausdorff_property test_reconstruct test_layout_features test_hausdorff_parts test_comparison_sides test_deviation_piece test_walls
+    test_bilinear_over test_hausdorff_overlay test_comparison test_deviation test_hausdorff test_hausdorff_invariance
+    test_bilinear_pair test_quads test_collide test_deviation_loss test_deviation_regions
     test_deviation_sides test_distance test_extent test_fill_grids test_locator test_pairs test_project test_rigour
     test_wide"
 sanitized=
@@ -97,9 +97,8 @@ tally() { # FILE, beside which the exit status is
     not_run=$((not_run + $(sed -n 's/^NOT RUN \([0-9]*\).*/\1/p' "$1" | awk '{ sum += $1 } END { print sum + 0 }')))
 }
 
-unit $(programs build/asan "$sanitized")
-unit $(programs build/check "$slow")
-unit $(programs build "$released")
+# All in one row: no processor waits for the last of a part.
+unit $(programs build/check "$slow") $(programs build/asan "$sanitized") $(programs build "$released")
 
 echo "== prove"
 make -s prove PROVE_SECONDS=60 PROVE_JOBS="$jobs" >"$output" 2>&1
@@ -138,7 +137,7 @@ unset QM_TEST_STORE
 # Through PgBouncer, which gives each transaction another session.
 through=tests/with_pgbouncer.sh
 unit $(programs build/asan "test_store_contract test_store_nodes test_store_copies test_store_places")
-api build/asan tests/api/test_moving.py tests/api/test_two_nodes.py
+api build/asan tests/api/test_moving.py tests/api/test_two_nodes.py -n "$jobs" --dist loadfile
 through=
 api build/asan tests/cli -n "$jobs"
 api build/asan tests/pressure

@@ -17,6 +17,13 @@ static vec load(const double p[3])
     return (vec){p[0], p[1], p[2]};
 }
 
+static void store(vec p, double out[3])
+{
+    out[0] = (double)p.x;
+    out[1] = (double)p.y;
+    out[2] = (double)p.z;
+}
+
 static vec add(vec a, vec b)
 {
     return (vec){a.x + b.x, a.y + b.y, a.z + b.z};
@@ -112,13 +119,20 @@ static heap_entry heap_pop(heap *h)
 
 /* ---- point to segment and triangle ---- */
 
-static real segment_distance(vec p, vec a, vec b, real *at)
+/** The square of the distance to a segment; *at: where on it the nearest point is. */
+static real segment_square(vec p, vec a, vec b, real *at)
 {
     vec ab = sub(b, a);
     real square = dot(ab, ab), t = square > 0 ? dot(sub(p, a), ab) / square : 0;
     t = t < 0 ? 0 : t > 1 ? 1 : t;
     if (at) *at = t;
-    return length(sub(p, lerp(a, b, t)));
+    vec apart = sub(p, lerp(a, b, t));
+    return dot(apart, apart);
+}
+
+static real segment_distance(vec p, vec a, vec b, real *at)
+{
+    return sqrtl(segment_square(p, a, b, at));
 }
 
 /** True when the triangle is not thin and p surely lies off the prism over it. */
@@ -131,9 +145,11 @@ static bool clearly_beside(vec ap, vec ab, vec ac)
     return v < -1e-9L || w < -1e-9L || v + w > 1 + 1e-9L;
 }
 
-/** Distance to the triangle's plane where p lies over its inside; INFINITY elsewhere. In 113 bits. */
-static real inside_distance(vec ap, vec ab, vec ac)
+/** Square of the distance to the triangle's plane where p lies over its inside; INFINITY elsewhere. In 113 bits. */
+static real inside_square(vec p, vec a, vec b, vec c)
 {
+    vec ap = sub(p, a), ab = sub(b, a), ac = sub(c, a);
+    if (clearly_beside(ap, ab, ac)) return INFINITY;
     wide nx = (wide)ab.y * ac.z - (wide)ab.z * ac.y, ny = (wide)ab.z * ac.x - (wide)ab.x * ac.z;
     wide nz = (wide)ab.x * ac.y - (wide)ab.y * ac.x, square = nx * nx + ny * ny + nz * nz;
     if (!(square > (wide)1e-32L * (wide)dot(ab, ab) * (wide)dot(ac, ac))) return INFINITY;
@@ -143,17 +159,35 @@ static real inside_distance(vec ap, vec ab, vec ac)
              ((wide)ab.x * ap.y - (wide)ab.y * ap.x) * nz;
     if (v < 0 || w < 0 || v + w > square) return INFINITY;
     wide height = nx * ap.x + ny * ap.y + nz * ap.z;
-    return sqrtl((real)(height * height / square));
+    return (real)(height * height / square);
 }
 
 /** The nearest of the three sides, and the plane where the point lies over the inside. */
 static real triangle_distance(vec p, vec a, vec b, vec c)
 {
-    real d = segment_distance(p, a, b, NULL);
-    d = least(d, segment_distance(p, b, c, NULL));
-    d = least(d, segment_distance(p, c, a, NULL));
-    vec ap = sub(p, a), ab = sub(b, a), ac = sub(c, a);
-    return clearly_beside(ap, ab, ac) ? d : least(d, inside_distance(ap, ab, ac));
+    real d = segment_square(p, a, b, NULL);
+    d = least(d, segment_square(p, b, c, NULL));
+    d = least(d, segment_square(p, c, a, NULL));
+    return sqrtl(least(d, inside_square(p, a, b, c)));
+}
+
+/** True only when p is farther than this from the hull of the corners: beside it along one axis, by more than rounding. */
+static bool is_beyond(const double p[3], const double (*corner)[3], int count, double distance)
+{
+    for (int k = 0; k < 3; ++k) {
+        double low = corner[0][k], high = corner[0][k];
+        for (int i = 1; i < count; ++i) {
+            if (corner[i][k] < low) low = corner[i][k];
+            if (corner[i][k] > high) high = corner[i][k];
+        }
+        if ((1 - 1e-12) * (low - p[k]) > distance || (1 - 1e-12) * (p[k] - high) > distance) return true;
+    }
+    return false;
+}
+
+bool qm_slow_triangle_is_beyond(const double p[3], const double corner[3][3], double distance)
+{
+    return is_beyond(p, corner, 3, distance);
 }
 
 double qm_slow_triangle_distance(const double p[3], const double a[3], const double b[3], const double c[3])
@@ -210,9 +244,14 @@ static label label_of_patch(const patch *q)
 
 static real label_distance(const label *l, vec p)
 {
-    real d = triangle_distance(p, l->corner[0], l->corner[1], l->corner[2]);
-    if (l->corner_count == 4) d = least(d, triangle_distance(p, l->corner[0], l->corner[2], l->corner[3]));
-    return d;
+    const vec *c = l->corner;
+    if (l->corner_count == 3) return triangle_distance(p, c[0], c[1], c[2]);
+    /* Two triangles, whose common side rounding could put outside of both. */
+    real d = segment_square(p, c[0], c[2], NULL);
+    for (int i = 0; i < 4; ++i)
+        d = least(d, segment_square(p, c[i], c[(i + 1) % 4], NULL));
+    d = least(d, inside_square(p, c[0], c[1], c[2]));
+    return sqrtl(least(d, inside_square(p, c[0], c[2], c[3])));
 }
 
 /** Improves (s, t) by turns, exactly along one parameter line at a time; returns the distance reached. */
@@ -410,10 +449,21 @@ bool qm_slow_face_within(const qm_mesh *mesh, size_t face, qm_quad_reading readi
     return patch_distance(&target.patch, load(p), 1e-9L * reach).upper <= reach;
 }
 
+static bool face_is_beyond(const qm_mesh *mesh, size_t face, const double p[3], double distance)
+{
+    vec corner[4];
+    double at[4][3];
+    int count = load_face(mesh, face, corner);
+    for (int i = 0; i < count; ++i)
+        store(corner[i], at[i]);
+    return is_beyond(p, at, count, distance);
+}
+
 qm_slow_bracket qm_slow_distance(const qm_mesh *mesh, qm_quad_reading reading, const double p[3], double eps)
 {
     real lower = INFINITY, upper = INFINITY;
     for (size_t f = 0; f < part_count(mesh); ++f) {
+        if (face_is_beyond(mesh, f, p, (double)upper)) continue;
         target_face target = make_target(mesh, f, reading);
         if (target.is_patch && label_distance(&target.labels[0], load(p)) - target.labels[0].slack >= upper)
             continue;
@@ -434,13 +484,6 @@ static vec face_at(const vec c[4], int count, qm_quad_reading reading, real u, r
     }
     if (v <= u) return add(c[0], add(scale(u, sub(c[1], c[0])), scale(v, sub(c[2], c[1]))));
     return add(c[0], add(scale(v, sub(c[3], c[0])), scale(u, sub(c[2], c[3]))));
-}
-
-static void store(vec p, double out[3])
-{
-    out[0] = (double)p.x;
-    out[1] = (double)p.y;
-    out[2] = (double)p.z;
 }
 
 void qm_slow_position(const qm_mesh *mesh, size_t face, qm_quad_reading reading, const double uv[2],

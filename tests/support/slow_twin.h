@@ -19,6 +19,9 @@ typedef struct qm_slow_bracket {
 /** Distance from a point to a triangle, which may be a segment or a point. */
 double qm_slow_triangle_distance(const double p[3], const double a[3], const double b[3], const double c[3]);
 
+/** True only when the triangle is farther from p than distance: what a search for the nearest need not measure. */
+bool qm_slow_triangle_is_beyond(const double p[3], const double corner[3][3], double distance);
+
 /** Distance from a point to the bilinear patch with corners c0 c1 c2 c3 (mesh.h). */
 qm_slow_bracket qm_slow_patch_distance(const double p[3], const double corners[4][3], double eps);
 

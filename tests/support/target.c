@@ -19,6 +19,7 @@ double qm_target_distance(const qm_bvh *target, qm_vec p)
             qm_bvh_load_triangle(target, pack, lane, corner);
             for (int i = 0; i < 3; i++)
                 qm_vec_store(at[i], corner[i]);
+            if (qm_slow_triangle_is_beyond(point, at, least)) continue;
             least = fmin(least, qm_slow_triangle_distance(point, at[0], at[1], at[2]));
         }
     }
