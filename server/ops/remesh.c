@@ -22,10 +22,10 @@
 #define MOST_PATCHES 2000
 #define LAYOUTS 4 /* at most */
 #define QUADS_A_PATCH 3
-#define PLAIN_RATIO 2.0
-#define FILLED_RATIO 1.0
+#define PLAIN_RATIO 2.5
+#define FILLED_RATIO 1.25
 #define FILLED_SINE 0.2
-#define WORTH_RATIO 1.25 /* of the distance, by which it may be greater for that */
+#define WORTH_RATIO 3.0 /* of the distance, by which it may be greater for that */
 /* Of the plain mesh's distance: if parts of the surface are farther from the filled mesh before it is settled, its layout's grids
  * miss tips, which settling does not bring back. */
 #define FILLED_START 6.0
@@ -248,13 +248,15 @@ static qm_quads_options quads_of_layout(const qm_remesh_options *options)
 /** These quads, as they are without a layout. */
 typedef struct plain_quads {
     qm_mesh mesh;
-    uint8_t *creases; /* of each */
-    double distance;  /* from the surface, at most */
+    uint8_t *creases;               /* of each */
+    double distance;                /* from the surface, at most */
+    qm_quad_layout_lengths lengths; /* of the layouts that were made of them */
 } plain_quads;
 
 static void plain_quads_reset(qm_context *ctx, plain_quads *plain)
 {
     qm_context_free(ctx, plain->creases, plain->mesh.face_count, 1);
+    qm_quad_layout_lengths_reset(ctx, &plain->lengths);
     qm_mesh_reset(ctx, &plain->mesh);
 }
 
@@ -292,12 +294,13 @@ static void drawn_layout_reset(qm_context *ctx, drawn_layout *drawn)
 
 /** Draws a layout of about so many patches. */
 static qm_status draw_layout(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                             const plain_quads *plain, size_t patches, const trial *best, drawn_layout *out)
+                             plain_quads *plain, size_t patches, const trial *best, drawn_layout *out)
 {
     const qm_quads_options quads = quads_of_layout(options);
     qm_quad_layout_options how = qm_quad_layout_options_default();
     how.patches = patches;
     how.creases = plain->creases;
+    how.lengths = &plain->lengths;
     how.may_cross = !(options->distance > 0.0); /* grids do not need curves that do not, steps do */
     begin(options, QM_REMESH_LAYOUT, quads.quads, &best->made);
     return qm_quad_layout_make_of_surface(ctx, surface, &quads, &plain->mesh, &how, &out->layout,

@@ -467,6 +467,41 @@ static qm_status reconstruct_box(qm_ground *g, const qm_layout *layout, const do
     return status;
 }
 
+/** Layouts that go on from the lengths of those of fewer patches are as if made without them. */
+static void expect_same_of_shared_lengths(qm_ground *g, const qm_mesh *made, qm_quad_layout_options with)
+{
+    qm_quad_layout_lengths lengths = {0};
+    size_t last = 0;
+    for (size_t patches = 0; patches <= 120; patches = 2 * patches + 30) {
+        qm_layout layout[2];
+        qm_layout_issues issues;
+        with.patches = patches;
+        for (int shared = 0; shared < 2; shared++) {
+            with.lengths = shared ? &lengths : NULL;
+            assert_int_equal(
+                qm_quad_layout_make(&g->ctx, made, &g->source, &with, &layout[shared], &issues, NULL), QM_OK);
+            qm_layout_issues_reset(&g->ctx, &issues);
+        }
+        QM_CHECK(layout[0].patch_count == layout[1].patch_count &&
+                     layout[0].node_count == layout[1].node_count && layout[0].patch_count > last,
+                 "%zu patches wanted: %zu, with shared lengths %zu, of fewer %zu", patches,
+                 layout[0].patch_count, layout[1].patch_count, last);
+        assert_memory_equal(layout[0].nodes, layout[1].nodes,
+                            3 * layout[0].node_count * sizeof *layout[0].nodes);
+        last = layout[0].patch_count;
+        qm_layout_reset(&g->ctx, &layout[0]);
+        qm_layout_reset(&g->ctx, &layout[1]);
+    }
+    lengths.count--;
+    qm_layout layout;
+    qm_layout_issues issues;
+    with.lengths = &lengths;
+    assert_int_equal(qm_quad_layout_make(&g->ctx, made, &g->source, &with, &layout, &issues, NULL),
+                     QM_E_ARGUMENT);
+    lengths.count++;
+    qm_quad_layout_lengths_reset(&g->ctx, &lengths);
+}
+
 /** Quads that are there already give the layout that they give when they are made for it. */
 static void expect_same_of_made_quads(qm_ground *g, const qm_quads_options *quads,
                                       const qm_quad_layout_options *options, const qm_layout *layout)
@@ -486,6 +521,7 @@ static void expect_same_of_made_quads(qm_ground *g, const qm_quads_options *quad
     assert_memory_equal(again.nodes, layout->nodes, 3 * layout->node_count * sizeof *layout->nodes);
     qm_layout_reset(&g->ctx, &again);
     qm_layout_issues_reset(&g->ctx, &issues);
+    expect_same_of_shared_lengths(g, &made, with);
     qm_context_free(&g->ctx, creases, made.face_count, 1);
     qm_mesh_reset(&g->ctx, &made);
 }
@@ -575,11 +611,13 @@ static qm_mesh horned_ball(qm_random *random, qm_vec tip[HORNS])
     return mesh;
 }
 
-/** The grids of a layout reach into horns: relaxed by the least pull alone, they end up to 1.05 below. */
+/** The grids of a layout reach into horns: relaxed by the least pull alone, they end 0.47 below in the mean. */
 static void grids_keep_horns(void **state)
 {
     (void)state;
-    for (uint64_t seed = 2; seed <= 3; seed++) {
+    enum { SEEDS = 8 };
+    double sum = 0.0;
+    for (uint64_t seed = 2; seed < 2 + SEEDS; seed++) {
         qm_random random = qm_random_make(seed, 0);
         qm_vec tip[HORNS];
         qm_ground g;
@@ -596,13 +634,16 @@ static void grids_keep_horns(void **state)
             double least = INFINITY;
             for (size_t i = 0; i < layout.patch_count * QM_LAYOUT_GRID_POINTS; i++)
                 least = fmin(least, qm_vec_distance(tip[h], qm_vec_load(grids + 3 * i)));
-            QM_CHECK(least < 0.8, "seed %d: the grids end %g below horn %d of 1.5", (int)seed, least, h);
+            QM_CHECK(least < 1.1, "seed %d: the grids end %g below horn %d of 1.5", (int)seed, least, h);
+            sum += least;
         }
         qm_quad_layout_free_grids(&g.ctx, &layout, grids);
         qm_layout_reset(&g.ctx, &layout);
         qm_layout_issues_reset(&g.ctx, &issues);
         qm_ground_free(&g);
     }
+    QM_CHECK(sum < 0.42 * SEEDS * HORNS, "the grids end %g below horns of 1.5 in the mean",
+             sum / (SEEDS * HORNS));
 }
 
 /** Divides a quad (a x b y) by a vertex that no other quad has, into (v a x b) and (v b y a), each turned at random. */
@@ -787,7 +828,7 @@ static void lengths_are_the_best_of_all(void **state)
         QM_CHECK(s.tmesh.arc_count <= 14, "case %zu has %zu arcs", i, s.tmesh.arc_count);
         size_t expected = fewest_faces(&s, 2);
         uint32_t *length = calloc(s.tmesh.arc_count, sizeof *length);
-        assert_int_equal(qm_tmesh_find_lengths(&s.ctx, &s.quads, &s.tmesh, 0, 200, length), QM_OK);
+        assert_int_equal(qm_tmesh_find_lengths(&s.ctx, &s.quads, &s.tmesh, 200, length), QM_OK);
         assert_true(sides_agree(&s, length));
         qm_tmesh_classes classes;
         assert_int_equal(qm_tmesh_classes_find(&s.scratch, &s.quads, &s.tmesh, length, 1, &classes), QM_OK);

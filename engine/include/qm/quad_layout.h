@@ -15,6 +15,12 @@
 #include "qm/layout.h"
 #include "qm/quads.h"
 
+/** Lengths of the parts of cuts, from which a layout of more patches of the same quads goes on: to find them takes longest. */
+typedef struct qm_quad_layout_lengths {
+    uint32_t *length;
+    size_t count;
+} qm_quad_layout_lengths;
+
 typedef struct qm_quad_layout_options {
     double
         crease_angle; /* degrees, from 0 to 180: an edge whose faces differ by more is a crease; 0: none are */
@@ -29,9 +35,14 @@ typedef struct qm_quad_layout_options {
                              where some faces are triangles */
     bool may_cross; /* curves that cross are told, but not drawn anew, nor are other quads tried: the grids do
                        without, and come several times faster */
+    qm_quad_layout_lengths *
+        lengths; /* NULL, or all zero, or from a layout of the same quads with the same options but for fewer patches, which
+                     is as if made without them; receives those of this layout, for their reset */
 } qm_quad_layout_options;
 
-/** 0, NULL, 0, 4000, false, false. */
+void qm_quad_layout_lengths_reset(qm_context *ctx, qm_quad_layout_lengths *lengths);
+
+/** 0, NULL, 0, 4000, false, false, NULL. */
 qm_quad_layout_options qm_quad_layout_options_default(void);
 
 /** Counts of the quads and of what was made of them. */

@@ -197,6 +197,39 @@ static qm_status settle_curves(qm_context *ctx, const qm_ref_surface *surface, q
     return status;
 }
 
+/** Finds the lengths of arcs, or goes on with those of a layout of fewer patches. */
+static qm_status find_lengths(layout_work *work, const qm_quad_layout_options *options)
+{
+    qm_quad_layout_lengths *shared = options->lengths;
+    size_t count = work->tmesh.arc_count;
+    qm_status status = QM_OK;
+    if (shared && shared->length) {
+        if (shared->count != count)
+            return qm_context_fail(work->ctx, QM_E_ARGUMENT, "the lengths are those of other quads");
+        memcpy(work->length, shared->length, count * sizeof *work->length);
+    } else {
+        status = qm_tmesh_find_lengths(work->ctx, &work->quads, &work->tmesh, options->effort, work->length);
+    }
+    if (status == QM_OK && options->patches > 0)
+        status =
+            qm_tmesh_divide_lengths(work->ctx, &work->quads, &work->tmesh, options->patches, work->length);
+    if (status != QM_OK || !shared) return status;
+    if (!shared->length) {
+        shared->length = qm_context_alloc(work->ctx, count, sizeof *shared->length);
+        if (!shared->length)
+            return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the lengths of arcs");
+        shared->count = count;
+    }
+    memcpy(shared->length, work->length, count * sizeof *work->length);
+    return QM_OK;
+}
+
+void qm_quad_layout_lengths_reset(qm_context *ctx, qm_quad_layout_lengths *lengths)
+{
+    qm_context_free(ctx, lengths->length, lengths->count, sizeof *lengths->length);
+    *lengths = (qm_quad_layout_lengths){0};
+}
+
 static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surface *surface,
                       const qm_quad_layout_options *options, qm_drawing *out)
 {
@@ -209,8 +242,7 @@ static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surfa
     work->is_held = qm_arena_zeroed(&work->lasting, work->tmesh.arc_count, sizeof *work->is_held);
     if (!work->length || !work->is_held)
         return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the lengths of arcs");
-    status = qm_tmesh_find_lengths(work->ctx, &work->quads, &work->tmesh, options->patches, options->effort,
-                                   work->length);
+    status = find_lengths(work, options);
     if (status == QM_OK)
         status = qm_tmesh_source_of_quads(&work->lasting, &work->quads, &work->set, &work->tmesh, surface,
                                           &work->source);
@@ -304,6 +336,7 @@ qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *
         qm_quad_layout_facts own_facts;
         qm_quads_options own = *quads;
         own.quads = (size_t)fmax(1.0, trial_shares[i] * (double)quads->quads);
+        if (i > 0 || !made) merging.lengths = NULL;
         status = i == 0 && made ? make_drawing(ctx, made, surface, options, &drawing, &own_facts)
                                 : make_once(ctx, surface, &own, options, &drawing, &own_facts);
         if (status == QM_OK && (i == 0 || drawing.issues.count < best.issues.count)) {

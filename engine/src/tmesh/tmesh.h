@@ -166,14 +166,18 @@ static inline uint32_t qm_tmesh_side_segment(const qm_tmesh_classes *classes, si
 /**
  * Finds lengths that give a layout of few faces.
  *
- * wanted  faces: where fewer suffice, long arcs are divided until there are nearly as many; 0: as few as found
  * effort  trials to find fewer
  * length  the caller's, one for each arc
  *
  * Returns: QM_OK; QM_E_LAYOUT (not even the quads are a layout); QM_E_NO_MEMORY; QM_E_CANCELED.
  */
 qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
-                                size_t wanted, size_t effort, uint32_t *length);
+                                size_t effort, uint32_t *length);
+
+/** Divides long arcs of a layout until it has nearly so many faces. Divided again, lengths are those that would have come of it at once.
+ * Returns: QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_tmesh_divide_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
+                                  size_t wanted, uint32_t *length);
 
 /**
  * Lengthens the longest arcs without length in classes that a drawing failed at, those of crossed curves first, and then

@@ -421,9 +421,9 @@ static qm_status construct(lengths_finder *finder, double *value)
     return qm_context_fail(finder->ctx, QM_E_LAYOUT, "the quads bound no layout: some have equal corners");
 }
 
-static qm_status find(lengths_finder *finder, size_t wanted, size_t effort)
+/** Finds lengths of few faces. */
+static qm_status find(lengths_finder *finder, size_t effort)
 {
-    if (!allocate(finder)) return QM_E_NO_MEMORY;
     double best = INFINITY, value = INFINITY;
     qm_status status = QM_OK;
     effort = limit_effort(finder, effort);
@@ -439,7 +439,7 @@ static qm_status find(lengths_finder *finder, size_t wanted, size_t effort)
     restore(finder, finder->first);
     status = try_shorter(finder, effort - effort / START_SHARE * STARTS, &best);
     finder->seed = 0;
-    return status == QM_OK && wanted > 0 ? divide_long(finder, wanted) : status;
+    return status;
 }
 
 static lengths_finder finder_make(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
@@ -467,10 +467,17 @@ static qm_status finder_end(lengths_finder *finder, qm_status status)
 }
 
 qm_status qm_tmesh_find_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
-                                size_t wanted, size_t effort, uint32_t *length)
+                                size_t effort, uint32_t *length)
 {
     lengths_finder finder = finder_make(ctx, quads, tmesh, length);
-    return finder_end(&finder, find(&finder, wanted, effort));
+    return finder_end(&finder, allocate(&finder) ? find(&finder, effort) : QM_E_NO_MEMORY);
+}
+
+qm_status qm_tmesh_divide_lengths(qm_context *ctx, const qm_tmesh_quads *quads, const qm_tmesh *tmesh,
+                                  size_t wanted, uint32_t *length)
+{
+    lengths_finder finder = finder_make(ctx, quads, tmesh, length);
+    return finder_end(&finder, allocate(&finder) ? divide_long(&finder, wanted) : QM_E_NO_MEMORY);
 }
 
 /** Lengthens a part of the arcs without length: of each class with this fault the longest, of these the longest. */
