@@ -8,9 +8,8 @@
 #include "mesh/quad_shape.h"
 #include "quads/quads_internal.h"
 
-#define MOST_PIECES                                                                                          \
-    1000.0                /* of the longest edge of a triangle, in the mean over triangles and wanted quads */
-#define TRIANGLE_SIDE 0.9 /* of the triangles on which fields are found, in sides of a quad */
+#define MOST_PIECES 1000.0 /* a triangle is cut into, in the mean over triangles and wanted quads */
+#define TRIANGLE_SIDE 0.9  /* of the triangles on which fields are found, in sides of a quad */
 #define LARGEST                                                                                              \
     1e75 /* diagonal of a surface: squares of areas would not be finite beyond 1e77, nor normal below 1e-77 */
 /* Length of a boundary that is filled, in sides of a quad: four quads round it would have no shape. */

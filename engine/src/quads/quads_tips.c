@@ -4,14 +4,13 @@
  */
 #include "quads/quads_internal.h"
 
-#define NEAR 1.0 /* in sides of a quad: how round an end may be */
-#define BENT_FROM                                                                                            \
-    0.25 /* in sides of a quad: from here on a surface that goes on along the tangent plane is no end */
-#define LEAST_BEND 0.2 /* sine of the angle between that plane and the way to a vertex of an end */
-#define FAR 3.0        /* in sides of a quad: how long a horn is at least */
-#define MOST_ANGLE                                                                                           \
-    30.0 /* degrees from the axis: on wider cones quads of the same size come near enough to the end */
-#define MOST_LIST 4096 /* vertices of an end */
+/* Lengths in sides of a quad. */
+#define NEAR 1.0        /* how round an end may be */
+#define BENT_FROM 0.25  /* from here on a surface that goes on along the tangent plane is no end */
+#define LEAST_BEND 0.2  /* sine of the angle between that plane and the way to a vertex of an end */
+#define FAR 3.0         /* how long a horn is at least */
+#define MOST_ANGLE 30.0 /* degrees from the axis: quads come near enough to the end of a wider cone */
+#define MOST_LIST 4096  /* vertices of an end */
 #define VERTICES_A_POLL 1024
 
 /** Vertices of an end, from its tip on. */
@@ -20,6 +19,27 @@ typedef struct end {
     size_t count;
     qm_vec ways; /* sum of the directions to those that are not near */
 } end;
+
+/** True if the surface goes on along the tangent plane of a vertex, on the way along edges that lead away from it: what
+ * gather_end would find as well, but only after all vertices that are nearer. */
+static bool goes_on(const qm_trimesh *m, uint32_t vertex, double size)
+{
+    qm_vec origin = m->position[vertex], normal = qm_trimesh_vertex_normal(m, vertex);
+    uint32_t at = vertex;
+    for (double reached = 0.0; reached <= BENT_FROM * size;) {
+        uint32_t first = qm_trimesh_first(m, at), h = first, farthest = at;
+        do {
+            uint32_t v = qm_trimesh_to(m, h);
+            double distance = qm_vec_distance(m->position[v], origin);
+            if (distance > reached) reached = distance, farthest = v;
+            h = qm_trimesh_around(m, h);
+        } while (h != QM_NO_INDEX && h != first);
+        if (farthest == at) return false;
+        at = farthest;
+    }
+    qm_vec d = qm_vec_sub(m->position[at], origin);
+    return !(-qm_vec_dot(d, normal) > LEAST_BEND * qm_vec_norm(d));
+}
 
 /** Lists the vertices within reach; false: they lead away in more than one direction, to a boundary or to features. */
 static bool gather_end(qm_trimesh *m, uint32_t tip, double size, end *e)
@@ -76,7 +96,7 @@ qm_status qm_quads_hold_tips(qm_context *ctx, qm_trimesh *m, double size)
     for (uint32_t v = 0; v < m->vertex_count && status == QM_OK; v++) {
         if (v % VERTICES_A_POLL == VERTICES_A_POLL - 1 && qm_context_canceled(ctx)) status = QM_E_CANCELED;
         if (status != QM_OK || m->out[v] == QM_NO_INDEX || m->is_fixed[v]) continue;
-        m->is_fixed[v] = gather_end(m, v, size, e) && is_tip(m, e, size);
+        m->is_fixed[v] = !goes_on(m, v, size) && gather_end(m, v, size, e) && is_tip(m, e, size);
     }
     qm_context_free(ctx, e, 1, sizeof *e);
     return status;
