@@ -134,7 +134,6 @@ static bool is_better(const trial *now, const trial *best)
     if (best->made.mesh.face_count == 0) return true;
     if (now->is_folded != best->is_folded) return best->is_folded;
     if (now->is_near != best->is_near) return now->is_near;
-    if (now->has_crossings != best->has_crossings) return best->has_crossings;
     if (now->is_near) return now->made.mesh.face_count < best->made.mesh.face_count;
     if (now->is_poor != best->is_poor)
         return best->is_poor ? now->made.upper <= WORTH_RATIO * best->made.upper

@@ -646,12 +646,19 @@ static void grids_keep_horns(void **state)
              sum / (SEEDS * HORNS));
 }
 
+static bool is_whole(const uint32_t *corner, size_t vertices)
+{
+    return corner[0] < vertices && corner[1] < vertices && corner[2] < vertices && corner[3] < vertices;
+}
+
 /** Divides a quad (a x b y) by a vertex that no other quad has, into (v a x b) and (v b y a), each turned at random. */
-static void insert_doublet(qm_mesh *mesh, uint8_t *creases, qm_random *random)
+static void insert_doublet(qm_mesh *mesh, size_t whole, uint8_t *creases, qm_random *random)
 {
     size_t f = qm_random_below(random, mesh->face_count), g = mesh->face_count++;
     uint32_t old[4], v = (uint32_t)mesh->vertex_count++;
     uint8_t bits = creases[f];
+    /* along a diagonal: it goes on at the vertex, in a square */
+    bool is_creased = is_whole(mesh->faces + 4 * f, whole) && qm_random_below(random, 3) == 0;
     memcpy(old, mesh->faces + 4 * f, sizeof old);
     memset(mesh->positions + 3 * (size_t)v, 0, 3 * sizeof *mesh->positions);
     for (int c = 0; c < 4; c++)
@@ -661,7 +668,7 @@ static void insert_doublet(qm_mesh *mesh, uint8_t *creases, qm_random *random)
     for (uint32_t half = 0; half < 2; half++) {
         size_t face = half ? g : f;
         uint32_t turn = (uint32_t)qm_random_below(random, 4);
-        creases[face] = 0;
+        creases[face] = (uint8_t)(is_creased ? 1u << turn | 1u << (turn + 3) % 4 : 0);
         mesh->faces[4 * face + turn] = v;
         for (uint32_t c = 1; c < 4; c++) {
             uint32_t from = (2 * half + c + 3) % 4, to = (turn + c) % 4;
@@ -712,7 +719,7 @@ static void doublets_are_merged(void **state)
         mesh.vertex_count = plain.vertex_count;
         mesh.face_count = plain.face_count;
         for (size_t i = 0; i < added; i++)
-            insert_doublet(&mesh, creases, &random);
+            insert_doublet(&mesh, plain.vertex_count, creases, &random);
         options = (qm_quad_layout_options){.creases = creases, .merges_doublets = true};
         assert_int_equal(qm_tmesh_quads_make(&arena, &mesh, &options, &after), QM_OK);
         QM_CHECK(after.mesh.face_count == plain.face_count && after.required_count == before.required_count,

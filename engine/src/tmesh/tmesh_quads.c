@@ -15,6 +15,7 @@
  * than SHARP_TURN degrees. */
 #define SHORTEST_SPUR 0.1
 #define SHARP_TURN 50
+#define MOST_TURN 60 /* degrees, of a crease that goes on */
 
 /** A side of a face with its vertices in order, for sorting. */
 typedef struct sided_pair {
@@ -113,14 +114,27 @@ static void set_crease(quads_maker *maker, uint32_t face, uint32_t side, bool is
     maker->creases[face] = (uint8_t)(is_one ? maker->creases[face] | bit : maker->creases[face] & ~bit);
 }
 
-/** Makes one quad of two that a vertex inside has alone, no crease at it: (v a x b) and (v b y a) become (y a x b), in place of the
- * first. The second is left without corners. */
+/** True if a line from a over v to b turns by less than MOST_TURN. */
+static bool is_straight(const quads_maker *maker, uint32_t a, uint32_t v, uint32_t b)
+{
+    qm_vec at = qm_vec_load(maker->positions + 3 * (size_t)v),
+           from = qm_vec_sub(at, qm_vec_load(maker->positions + 3 * (size_t)a)),
+           to = qm_vec_sub(qm_vec_load(maker->positions + 3 * (size_t)b), at);
+    return qm_vec_dot(from, to) > cos(MOST_TURN * QM_DEGREE) * qm_vec_norm(from) * qm_vec_norm(to);
+}
+
+/** Makes one quad of two that a vertex inside has alone: (v a x b) and (v b y a) become (y a x b), in place of the first. The second
+ * is left without corners. A crease between them stays only where it has a corner: where it goes on or ends, both quads would
+ * be flat triangles. */
 static bool merge_doublet(quads_maker *maker, uint32_t vertex, uint32_t face, uint32_t other)
 {
     uint32_t *one = maker->faces + 4 * (size_t)face, *two = maker->faces + 4 * (size_t)other;
     uint32_t i = corner_at(one, vertex), j = corner_at(two, vertex);
     if (i == 4 || j == 4 || one[(i + 1) & 3] != two[(j + 3) & 3] || one[(i + 3) & 3] != two[(j + 1) & 3] ||
-        one[(i + 2) & 3] == two[(j + 2) & 3] || is_crease(maker, face, i) || is_crease(maker, face, i + 3))
+        one[(i + 2) & 3] == two[(j + 2) & 3])
+        return false;
+    if (is_crease(maker, face, i) && is_crease(maker, face, i + 3) &&
+        !is_straight(maker, one[(i + 1) & 3], vertex, one[(i + 3) & 3]))
         return false;
     one[i] = two[(j + 2) & 3];
     set_crease(maker, face, i, is_crease(maker, other, j + 2));
