@@ -435,7 +435,8 @@ static qm_status run(settle *w)
     if (is_one && status == QM_OK) fix_corners(w, &sides);
     qm_quads_sides_reset(&sides);
     if (status != QM_OK || !is_one) return status;
-    return move_well(w);
+    status = move_well(w);
+    return status == QM_OK ? qm_quads_fit(w->ctx, &w->r, w->surface, w->options->thread_count) : status;
 }
 
 void qm_quads_marks_reset(qm_context *ctx, qm_quads_marks *marks)
