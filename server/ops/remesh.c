@@ -22,10 +22,10 @@
 #define MOST_PATCHES 2000
 #define LAYOUTS 4 /* at most */
 #define QUADS_A_PATCH 3
-#define PLAIN_RATIO 2.5
+#define PLAIN_RATIO 2.0
 #define FILLED_RATIO 1.25
 #define FILLED_SINE 0.2
-#define WORTH_RATIO 3.0 /* of the distance, by which it may be greater for that */
+#define WORTH_RATIO 2.0 /* of the distance, by which it may be greater for that */
 /* Of the plain mesh's distance: if parts of the surface are farther from the filled mesh before it is settled, its layout's grids
  * miss tips, which settling does not bring back. */
 #define FILLED_START 6.0

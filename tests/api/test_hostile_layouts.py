@@ -112,7 +112,7 @@ def run_job(client, body):
 
 def reconstruct(client, layout):
     began = time.monotonic()
-    reply = client.post("/v1/reconstructions", json={"layout": layout["id"]})
+    reply = client.post("/v1/reconstructions", json={"layout": layout["id"], "deadline_ms": 1000 * SECONDS})
     if check_answer(client, reply, began, (201,)):
         run_job(client, {"type": "reconstruction_step", "reconstruction": reply.json()["id"], "steps": 2, "max_quads": 2000})
 

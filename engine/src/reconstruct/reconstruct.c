@@ -76,9 +76,11 @@ static qm_status refine_lattices(qm_context *ctx, qm_reconstruction *r, int fair
     qm_status status = qm_lattices_fair(ctx, r, fair_rounds);
     if (status == QM_OK) status = qm_samples_project(ctx, r, samples);
     if (status == QM_OK) status = qm_lattices_fit(ctx, r, samples);
-    for (size_t p = 0; p < r->layout.patch_count && status == QM_OK; p++)
-        if (r->lattices[p].is_stale && !r->lattices[p].spans_hole)
-            qm_lattice_untangle(&r->surface, &r->lattices[p]);
+    for (size_t p = 0; p < r->layout.patch_count && status == QM_OK; p++) {
+        if (!r->lattices[p].is_stale || r->lattices[p].spans_hole) continue;
+        if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "reconstruction canceled");
+        if (status == QM_OK) qm_lattice_untangle(&r->surface, &r->lattices[p]);
+    }
     return status;
 }
 

@@ -612,9 +612,11 @@ qm_status qm_noise_fit_lattices(qm_context *ctx, qm_reconstruction *r, bool only
     }
     if (status == QM_OK) status = fit_round(ctx, r, &samples, true, only_stale, sigma, turn, first);
     if (status == QM_OK) status = fit_round(ctx, r, &samples, false, only_stale, sigma, turn, first);
-    for (size_t p = 0; p < patches && status == QM_OK; p++)
-        if (!r->lattices[p].spans_hole && (r->lattices[p].is_stale || !only_stale))
-            qm_lattice_untangle(&r->surface, &r->lattices[p]);
+    for (size_t p = 0; p < patches && status == QM_OK; p++) {
+        if (r->lattices[p].spans_hole || (only_stale && !r->lattices[p].is_stale)) continue;
+        if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "reconstruction canceled");
+        if (status == QM_OK) qm_lattice_untangle(&r->surface, &r->lattices[p]);
+    }
     qm_context_free(ctx, first, patches, sizeof *first);
     qm_context_free(ctx, samples.location, data->count, sizeof *samples.location);
     return status;
