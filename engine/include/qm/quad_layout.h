@@ -30,9 +30,9 @@ typedef struct qm_quad_layout_options {
     size_t patches; /* the layout is divided until it has nearly so many; 0: as few as are found */
     size_t effort;  /* trials to find fewer patches */
     bool
-        merges_doublets; /* two quads with a vertex inside the mesh that no other quad has become one: in a finer mesh
-                             they would have corners of 180 degrees there. The layout has no node at it then. Not
-                             where some faces are triangles */
+        merges_doublets; /* two quads with a vertex inside the mesh that no other quad has become one, unless a crease
+                             between them has a corner there: in a finer mesh they would have corners of 180 degrees. The
+                             layout has no node at it then. Not where some faces are triangles */
     bool may_cross; /* curves that cross are told, but not drawn anew, nor are other quads tried: the grids do
                        without, and come several times faster */
     qm_quad_layout_lengths *

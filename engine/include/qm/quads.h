@@ -45,7 +45,8 @@ typedef struct qm_quads_record {
  * for where whole rows of quads allow it. Every face of the result is a quad; the result is manifold. It is the same for any
  * number of threads.
  *
- * Vertices lie on creases and boundaries, else near the surface: where that brings the quads nearer to it they leave it.
+ * Vertices lie on creases and boundaries, else near the surface: where that brings the quads nearer to it they leave it. The
+ * diagonal from corner 0 to 2 of each quad, along which quads are read as triangles, is the one that is nearer to it.
  * engine/QUADS.md tells how it works and what was measured.
  *
  * Ownership: borrows the tree; *out is the caller's, for qm_mesh_reset. After an error it is empty.
