@@ -634,7 +634,8 @@ static void grids_keep_horns(void **state)
             double least = INFINITY;
             for (size_t i = 0; i < layout.patch_count * QM_LAYOUT_GRID_POINTS; i++)
                 least = fmin(least, qm_vec_distance(tip[h], qm_vec_load(grids + 3 * i)));
-            QM_CHECK(least < 1.1, "seed %d: the grids end %g below horn %d of 1.5", (int)seed, least, h);
+            QM_CHECK(least < (seed == 2 ? 0.8 : 1.1), "seed %d: the grids end %g below horn %d of 1.5",
+                     (int)seed, least, h);
             sum += least;
         }
         qm_quad_layout_free_grids(&g.ctx, &layout, grids);

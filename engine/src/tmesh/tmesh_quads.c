@@ -15,7 +15,6 @@
  * than SHARP_TURN degrees. */
 #define SHORTEST_SPUR 0.1
 #define SHARP_TURN 50
-#define MOST_TURN 60 /* degrees, of a crease that goes on */
 
 /** A side of a face with its vertices in order, for sorting. */
 typedef struct sided_pair {
@@ -114,13 +113,13 @@ static void set_crease(quads_maker *maker, uint32_t face, uint32_t side, bool is
     maker->creases[face] = (uint8_t)(is_one ? maker->creases[face] | bit : maker->creases[face] & ~bit);
 }
 
-/** True if a line from a over v to b turns by less than MOST_TURN. */
-static bool is_straight(const quads_maker *maker, uint32_t a, uint32_t v, uint32_t b)
+/** True if a line from a over v to b turns by more than SHARP_TURN. */
+static bool turns_sharply(const double *positions, uint32_t a, uint32_t v, uint32_t b)
 {
-    qm_vec at = qm_vec_load(maker->positions + 3 * (size_t)v),
-           from = qm_vec_sub(at, qm_vec_load(maker->positions + 3 * (size_t)a)),
-           to = qm_vec_sub(qm_vec_load(maker->positions + 3 * (size_t)b), at);
-    return qm_vec_dot(from, to) > cos(MOST_TURN * QM_DEGREE) * qm_vec_norm(from) * qm_vec_norm(to);
+    qm_vec at = qm_vec_load(positions + 3 * (size_t)v),
+           from = qm_vec_sub(at, qm_vec_load(positions + 3 * (size_t)a)),
+           to = qm_vec_sub(qm_vec_load(positions + 3 * (size_t)b), at);
+    return qm_vec_angle(from, to) > SHARP_TURN * QM_DEGREE;
 }
 
 /** Makes one quad of two that a vertex inside has alone: (v a x b) and (v b y a) become (y a x b), in place of the first. The second
@@ -134,7 +133,7 @@ static bool merge_doublet(quads_maker *maker, uint32_t vertex, uint32_t face, ui
         one[(i + 2) & 3] == two[(j + 2) & 3])
         return false;
     if (is_crease(maker, face, i) && is_crease(maker, face, i + 3) &&
-        !is_straight(maker, one[(i + 1) & 3], vertex, one[(i + 3) & 3]))
+        turns_sharply(maker->positions, one[(i + 1) & 3], vertex, one[(i + 3) & 3]))
         return false;
     one[i] = two[(j + 2) & 3];
     set_crease(maker, face, i, is_crease(maker, other, j + 2));
@@ -414,15 +413,6 @@ static bool share_face(const qm_tmesh_edge *a, const qm_tmesh_edge *b)
     return false;
 }
 
-static bool turns_sharply(const qm_tmesh_quads *quads, uint32_t v, const uint32_t pair[2])
-{
-    qm_vec at = qm_vec_load(quads->mesh.positions + 3 * (size_t)v), way[2];
-    for (int i = 0; i < 2; i++)
-        way[i] = qm_vec_sub(
-            qm_vec_load(quads->mesh.positions + 3 * (size_t)other_end(&quads->edges[pair[i]], v)), at);
-    return qm_vec_angle(way[0], qm_vec_scale(-1, way[1])) > SHARP_TURN * QM_DEGREE;
-}
-
 static bool is_required(const qm_tmesh_quads *quads, const feature_stars *stars, uint32_t v, uint32_t valence)
 {
     uint32_t size = star_size(stars, v);
@@ -433,7 +423,8 @@ static bool is_required(const qm_tmesh_quads *quads, const feature_stars *stars,
     if (on_boundary ? valence != 2
                     : valence != 4 || share_face(&quads->edges[pair[0]], &quads->edges[pair[1]]))
         return true;
-    return turns_sharply(quads, v, pair);
+    return turns_sharply(quads->mesh.positions, other_end(&quads->edges[pair[0]], v), v,
+                         other_end(&quads->edges[pair[1]], v));
 }
 
 /** Marks the edges of given sides. */
