@@ -129,11 +129,13 @@ typedef struct trial {
     bool is_near; /* as near as was wanted */
 } trial;
 
-static bool is_better(const trial *now, const trial *best)
+/** Crossings count where a distance is wanted: then all meshes are made by steps along curves. Grids that are filled have none. */
+static bool is_better(const trial *now, const trial *best, bool has_goal)
 {
     if (best->made.mesh.face_count == 0) return true;
     if (now->is_folded != best->is_folded) return best->is_folded;
     if (now->is_near != best->is_near) return now->is_near;
+    if (has_goal && now->has_crossings != best->has_crossings) return best->has_crossings;
     if (now->is_near) return now->made.mesh.face_count < best->made.mesh.face_count;
     if (now->is_poor != best->is_poor)
         return best->is_poor ? now->made.upper <= WORTH_RATIO * best->made.upper
@@ -142,9 +144,9 @@ static bool is_better(const trial *now, const trial *best)
 }
 
 /** Takes over a trial if it is the better one, and frees the other. */
-static void keep_better(qm_context *ctx, trial *now, trial *best)
+static void keep_better(qm_context *ctx, trial *now, trial *best, bool has_goal)
 {
-    if (now->made.mesh.face_count > 0 && is_better(now, best)) {
+    if (now->made.mesh.face_count > 0 && is_better(now, best, has_goal)) {
         trial worse = *best;
         *best = *now;
         *now = worse;
@@ -315,7 +317,7 @@ static qm_status try_layout(qm_context *ctx, const qm_ref_surface *surface, cons
                                                       now.has_crossings ? drawn->grids : NULL, &now)
                                          : fill_grids(ctx, surface, options, &drawn->layout, drawn->grids,
                                                       plain->distance, way == FILL_QUICKLY, &now);
-    if (status == QM_OK) keep_better(ctx, &now, best);
+    if (status == QM_OK) keep_better(ctx, &now, best, options->distance > 0.0);
     qm_mesh_reset(ctx, &now.made.mesh);
     return status;
 }
