@@ -208,7 +208,7 @@ typedef struct part_job {
     const qm_bvh *bvh;
     const uint32_t (*corner)[3];
     size_t count;
-    double wanted, size;
+    double area, wanted, size;
     int thread_count;
 } part_job;
 
@@ -255,8 +255,7 @@ static qm_status make_part(qm_context *ctx, const part_job *job, double crease_a
     bool has_creases = false;
     qm_status status = make_part_along(ctx, job, crease_angle, &best, out, &has_creases);
     out->quads = best.quads;
-    double area = qm_quads_area(qm_bvh_mesh(job->bvh)->positions, job->corner, job->count);
-    if (status == QM_OK && has_creases && qm_quads_mesh_area(&best.quads.mesh) < FAR_TOO_SMALL * area) {
+    if (status == QM_OK && has_creases && qm_quads_mesh_area(&best.quads.mesh) < FAR_TOO_SMALL * job->area) {
         part other = {0};
         status = make_part_along(ctx, job, 0.0, &plain, &other, &has_creases);
         other.quads = plain.quads;
@@ -311,7 +310,7 @@ static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const qm_quads_t
         if (!(own > 1e-12 * area)) continue;
         double wanted = qm_max((double)options->quads * own / area, LEAST_QUADS);
         double size = qm_max(sqrt(own / wanted), least_size(positions, corner + first, last - first, wanted));
-        const part_job job = {bvh, corner + first, last - first, wanted, size, options->thread_count};
+        const part_job job = {bvh, corner + first, last - first, own, wanted, size, options->thread_count};
         status = make_part(ctx, &job, options->crease_angle, &parts[k], record);
     }
     return status;
