@@ -17,8 +17,11 @@
 #define LEAST_QUADS 24    /* of a component */
 #define WANTED_OFF 0.04   /* number of quads from the wanted one, as a share */
 #define FAR_TOO_SMALL 0.8 /* of the area of a surface: quads that cover less have lost parts of it */
+#define FAR_OFF 0.1
 #define ATTEMPTS 3
-#define FEW_QUADS 1000 /* that is fast, and a row is a large share: twice the attempts */
+#define MOST_ATTEMPTS                                                                                        \
+    6 /* while the number is far off, or below FEW_QUADS, where they are fast and a row is a large share */
+#define FEW_QUADS 1000
 
 qm_quads_options qm_quads_options_default(void)
 {
@@ -149,18 +152,11 @@ static void add_record(qm_quads_record *sum, const qm_quads_record *own)
 }
 
 /** Quads of a side of size; the triangles are used up. */
-static qm_status lay_out(qm_context *ctx, qm_trimesh *m, const qm_vec *cross, const qm_quads_corners *corners,
-                         double size, attempt *out)
+static qm_status lay_out(qm_context *ctx, qm_trimesh *m, const qm_vec *cross, qm_quads_map *map, double size,
+                         attempt *out)
 {
-    size_t vertices = m->vertex_count;
-    qm_vec *grid = qm_context_alloc(ctx, 3 * vertices, sizeof *grid);
-    qm_status status = grid ? QM_OK : QM_E_NO_MEMORY;
-    if (status == QM_OK) {
-        qm_quads_grids grids = {grid, grid + vertices, grid + 2 * vertices};
-        status = qm_quads_find_grids(ctx, m, cross, size, &grids);
-        if (status == QM_OK) status = qm_quads_find_steps(ctx, m, cross, &grids, corners, size, &out->record);
-    }
-    qm_context_free(ctx, grid, 3 * vertices, sizeof *grid);
+    qm_status status = qm_quads_map_close(ctx, m, map, size);
+    if (status == QM_OK) status = qm_quads_find_steps(ctx, m, cross, map, size, &out->record);
     qm_quads_result *r = &out->quads;
     if (status == QM_OK)
         status = qm_quads_extract(ctx, m, size, &r->mesh, &r->is_fixed, &r->is_feature, &out->record);
@@ -175,17 +171,36 @@ static bool is_better(const attempt *a, const attempt *b)
     return off_a != off_b ? off_a < off_b : a->irregular < b->irregular;
 }
 
+/** Sizes tried that gave too few quads, and too many; 0: none yet. */
+typedef struct size_range {
+    double few, many;         /* sizes */
+    double few_off, many_off; /* logarithms of the ratios of the numbers to the wanted one */
+} size_range;
+
+/** The next size to try: between both, where the number would be right if it went smoothly. Rows come and go at once on both sides of a box. */
+static double next_size(size_range *range, double size, double ratio)
+{
+    double off = log(ratio);
+    if (ratio < 1.0 && (range->few == 0.0 || size < range->few)) range->few = size, range->few_off = off;
+    if (ratio >= 1.0 && size > range->many) range->many = size, range->many_off = off;
+    if (!(range->few > range->many && range->many > 0.0)) return size * qm_min(qm_max(sqrt(ratio), 0.5), 1.5);
+    double share = range->many_off / (range->many_off - range->few_off);
+    return range->many * pow(range->few / range->many, qm_min(qm_max(share, 0.2), 0.8));
+}
+
 /** Lays quads out until there are about as many as wanted: rows that the flow takes away or adds are made up for by their size. */
-static qm_status lay_out_counted(qm_context *ctx, const qm_trimesh *m, const qm_vec *cross,
-                                 const qm_quads_corners *corners, double size, double wanted, attempt *best)
+static qm_status lay_out_counted(qm_context *ctx, const qm_trimesh *m, const qm_vec *cross, qm_quads_map *map,
+                                 double size, double wanted, attempt *best)
 {
     qm_status status = QM_OK;
-    int attempts = wanted < FEW_QUADS ? 2 * ATTEMPTS : ATTEMPTS, vain = 0;
-    for (int k = 0; k < attempts && vain < 3 && status == QM_OK; k++) {
+    int vain = 0;
+    size_range range = {0};
+    for (int k = 0; k < MOST_ATTEMPTS && vain < 3 && status == QM_OK; k++) {
+        if (k >= ATTEMPTS && wanted >= FEW_QUADS && best->off <= FAR_OFF) break;
         qm_trimesh copy;
         attempt now = {0};
         status = qm_trimesh_copy(ctx, m, &copy);
-        if (status == QM_OK) status = lay_out(ctx, &copy, cross, corners, size, &now);
+        if (status == QM_OK) status = lay_out(ctx, &copy, cross, map, size, &now);
         qm_trimesh_reset(ctx, &copy);
         double ratio = (double)now.quads.mesh.face_count / wanted;
         now.off = fabs(ratio - 1.0);
@@ -198,7 +213,7 @@ static qm_status lay_out_counted(qm_context *ctx, const qm_trimesh *m, const qm_
         vain = is_kept ? 0 : vain + 1;
         qm_quads_result_reset(ctx, &now.quads);
         if (best->off <= WANTED_OFF) break;
-        size *= qm_min(qm_max(sqrt(ratio), 0.5), 1.5);
+        size = next_size(&range, size, qm_max(ratio, 1e-3));
     }
     return status;
 }
@@ -220,6 +235,7 @@ static qm_status make_part_along(qm_context *ctx, const part_job *job, double cr
     double size = job->size;
     qm_trimesh m;
     qm_quads_corners corners = {0};
+    qm_quads_map map = {0};
     qm_vec *cross = NULL;
     qm_status status =
         qm_trimesh_build(ctx, surface->positions, surface->vertex_count, job->corner, job->count, &m);
@@ -239,7 +255,9 @@ static qm_status make_part_along(qm_context *ctx, const part_job *job, double cr
         cross = qm_context_alloc(ctx, faces, sizeof *cross);
         status = cross ? qm_quads_find_crosses(ctx, &m, cross) : QM_E_NO_MEMORY;
     }
-    if (status == QM_OK) status = lay_out_counted(ctx, &m, cross, &corners, size, job->wanted, best);
+    if (status == QM_OK) status = qm_quads_map_build(ctx, &m, cross, &corners, size, &map);
+    if (status == QM_OK) status = lay_out_counted(ctx, &m, cross, &map, size, job->wanted, best);
+    qm_quads_map_reset(ctx, &map);
     qm_context_free(ctx, cross, faces, sizeof *cross);
     qm_quads_corners_reset(ctx, &corners);
     qm_trimesh_reset(ctx, &m);

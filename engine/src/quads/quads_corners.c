@@ -204,31 +204,31 @@ static uint32_t half_between(const qm_trimesh *m, uint32_t from, uint32_t to)
     return QM_NO_INDEX;
 }
 
-static int quarter_of(const float target[2], double sign)
+static int quarter_of(const float edge[2], double sign)
 {
-    return (int)lrint(atan2(sign * (double)target[1], sign * (double)target[0]) / (90.0 * QM_DEGREE));
+    return (int)lrint(atan2(sign * (double)edge[1], sign * (double)edge[0]) / (90.0 * QM_DEGREE));
 }
 
 /** Quarter turns from the first side of a corner to the second. */
-static int quarters_between_sides(const qm_trimesh *m, const uint8_t *turned, const float (*target)[2],
+static int quarters_between_sides(const qm_trimesh *m, const uint8_t *turned, const float (*edge)[2],
                                   uint32_t h)
 {
-    int quarters = -quarter_of(target[h], 1.0);
+    int quarters = -quarter_of(edge[h], 1.0);
     for (;;) {
         uint32_t back = qm_trimesh_prev(h);
-        if (m->is_feature[back]) return (quarters + quarter_of(target[back], -1.0)) & 3;
+        if (m->is_feature[back]) return (quarters + quarter_of(edge[back], -1.0)) & 3;
         quarters -= turned[back];
         h = m->twin[back];
     }
 }
 
 void qm_quads_turn_corners(const qm_trimesh *m, const qm_quads_corners *c, uint8_t *turned,
-                           const float (*target)[2])
+                           const float (*edge)[2])
 {
     for (size_t i = 0; i < c->count; i++) {
         uint32_t vertex = c->vertex[i], side = half_between(m, vertex, c->vertex[i + 1]), from = vertex;
-        bool is_turned = side != QM_NO_INDEX && m->is_feature[side] &&
-                         quarters_between_sides(m, turned, target, side) == 0;
+        bool is_turned =
+            side != QM_NO_INDEX && m->is_feature[side] && quarters_between_sides(m, turned, edge, side) == 0;
         for (i += 3; c->vertex[i] != QM_NO_INDEX; i++) {
             uint32_t h = is_turned ? half_between(m, from, c->vertex[i]) : QM_NO_INDEX;
             is_turned = h != QM_NO_INDEX;

@@ -9,6 +9,7 @@
  *   quads_remesh.c     triangles of equal size, about half as long as the quads shall be
  *   quads_levels.c     a graph and its coarser versions, on which fields are smoothed
  *   quads_field.c      a cross in each face: the directions of the quads (orientation field)
+ *   quads_map.c        the surface laid onto the plane of the grid, face by face: real steps that sum up to 0 round each
  *   quads_position.c   a grid at each vertex: where the corners of quads are to lie (position field)
  *   quads_steps.c      integers: how many quads lie between the ends of each edge, made consistent by a flow
  *   quads_extract.c    edges of no step are contracted; two triangles at a diagonal step make a quad
@@ -76,9 +77,9 @@ typedef struct qm_quads_corners {
  * qm_quads_corners_reset, after an error too. */
 qm_status qm_quads_open_corners(qm_context *ctx, qm_trimesh *m, double size, qm_quads_corners *out);
 
-/** Turns the frames of faces (quads_steps.c) against each other along the paths of corners without a quarter turn. */
+/** Turns the frames of faces (quads_map.c) against each other along the paths of corners without a quarter turn. */
 void qm_quads_turn_corners(const qm_trimesh *m, const qm_quads_corners *corners, uint8_t *turned,
-                           const float (*target)[2]);
+                           const float (*edge)[2]);
 void qm_quads_corners_reset(qm_context *ctx, qm_quads_corners *corners);
 
 /** A graph of nodes with normals. */
@@ -118,19 +119,61 @@ qm_quads_match qm_quads_match_crosses(qm_vec qa, qm_vec na, qm_vec qb, qm_vec nb
 /** A cross for each face: cross receives its first direction, of length 1. Faces with a feature follow it. */
 qm_status qm_quads_find_crosses(qm_context *ctx, const qm_trimesh *m, qm_vec *cross);
 
-/** The fields at the vertices of a mesh. */
-typedef struct qm_quads_grids {
-    qm_vec *normal, *cross, *origin; /* of each vertex: its grid has a corner at origin */
-} qm_quads_grids;
+/** A pair turned by quarters to the left. */
+static inline void qm_quads_turn_pair(double s[2], int quarters)
+{
+    static const double cosine[4] = {1.0, 0.0, -1.0, 0.0}, sine[4] = {0.0, 1.0, 0.0, -1.0};
+    double c = cosine[quarters & 3], i = sine[quarters & 3], x = s[0], y = s[1];
+    s[0] = c * x - i * y;
+    s[1] = i * x + c * y;
+}
 
-/** Fits a grid to each vertex: cross of each face as found, size is the side of a quad. */
-qm_status qm_quads_find_grids(qm_context *ctx, const qm_trimesh *m, const qm_vec *cross, double size,
-                              qm_quads_grids *out);
+/** A surface on the plane of the grid, face by face, in the frames of its faces (quads_map.c). */
+typedef struct qm_quads_map {
+    size_t face_count;
+    uint8_t
+        *turned; /* of each half-edge: quarter turns of pairs from the frame of its face to that across it */
+    float (*edge)[2]; /* of each half-edge: its vector, as long as it is */
+    float (*step)[2]; /* of each half-edge: its vector on the grid, in sides of a quad */
+    uint8_t *
+        is_across; /* of each half-edge: bit k for axis k: it leads from one feature to another at its side */
+    float *share;  /* of each half-edge: what it has left of its give */
+    double (*multiplier)[2]; /* of each face, for quads of a side of size */
+    double unit;
+    double size; /* 0: not closed yet */
+} qm_quads_map;
 
-/** Writes the steps of all half-edges, which are consistent in each face and along features. */
-qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cross,
-                              const qm_quads_grids *grids, const qm_quads_corners *corners, double size,
-                              qm_quads_record *record);
+/** The axis along a feature. */
+static inline int qm_quads_feature_axis(const qm_quads_map *map, uint32_t h)
+{
+    return fabsf(map->edge[h][0]) >= fabsf(map->edge[h][1]) ? 0 : 1;
+}
+
+/** Finds the frames, of which the first axes are the crosses, turned along the paths of corners. unit: about the side of a quad. Returns QM_OK;
+ * QM_E_NO_MEMORY. *map is the caller's, for qm_quads_map_reset, after an error too. */
+qm_status qm_quads_map_build(qm_context *ctx, const qm_trimesh *m, const qm_vec *cross,
+                             const qm_quads_corners *corners, double unit, qm_quads_map *map);
+
+/** Finds the steps for quads of a side of size, which nearly sum up to 0 in each face. Returns QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_quads_map_close(qm_context *ctx, const qm_trimesh *m, qm_quads_map *map, double size);
+void qm_quads_map_reset(qm_context *ctx, qm_quads_map *map);
+
+/** Where vertices lie on the grid. */
+typedef struct qm_quads_phases {
+    double (*phase)
+        [2]; /* of each vertex: its place from the nearest corner, in the frame of the first face of its fan */
+    uint8_t *
+        turned; /* of each half-edge: quarter turns of pairs from the frame of its face to that of its vertex */
+} qm_quads_phases;
+
+/** Fits a grid to each vertex of a map. Returns QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_quads_find_phases(qm_context *ctx, const qm_trimesh *m, const qm_quads_map *map,
+                               const qm_quads_phases *out);
+
+/** Writes the steps of all half-edges, which are consistent in each face and along features, and moves the vertices to their corners of the
+ * grid, of the crosses of faces and a side of size. */
+qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cross, const qm_quads_map *map,
+                              double size, qm_quads_record *record);
 
 /**
  * Contracts edges without a step and pairs the triangles that are left. size: of the side of a quad. m is used up; out receives quads, is_fixed a flag for

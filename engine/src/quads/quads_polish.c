@@ -12,6 +12,7 @@
 #include "mesh/quad_shape.h"
 
 #define ROUNDS 5 /* more would draw vertices off tips */
+#define LINE_ROUNDS 20
 /* The weights go as squares of lengths, so that a vertex that comes nearer to one neighbour is drawn back three times as much as with
  * equal ones: moves of more than a third of the way to the mean would not settle. */
 #define SPREAD_ROUNDS 120
@@ -123,7 +124,14 @@ static qm_vec centred(const polish *p, uint32_t v)
 {
     qm_vec here = at(p, v), sum = {0, 0, 0};
     if (p->kind[v] == QM_TRIMESH_CORNER || p->start[v] == p->start[v + 1]) return here;
-    if (p->kind[v] == QM_TRIMESH_ON_LINE) return qm_vec_mix(at(p, p->line[v][0]), at(p, p->line[v][1]), 0.5);
+    if (p->kind[v] == QM_TRIMESH_ON_LINE) {
+        /* parallel to the chord: round a hole of three or four quads the mean itself is nearest to the opposite side */
+        qm_vec from = at(p, p->line[v][0]), chord = qm_vec_sub(at(p, p->line[v][1]), from);
+        double length2 = qm_vec_norm2(chord);
+        if (!(length2 > 0.0)) return here;
+        double share = qm_vec_dot(qm_vec_sub(here, from), chord) / length2;
+        return qm_vec_axpy(here, 0.5 - share, chord);
+    }
     double weights = 0.0;
     for (uint32_t k = p->start[v]; k < p->start[v + 1]; k++) {
         uint32_t other = corner_vertex(p, p->corner[k] / 4, p->corner[k] + 1);
@@ -171,6 +179,18 @@ static qm_status centre_all(polish *p)
     return status == QM_OK ? project_kind(p, QM_TRIMESH_ON_LINE, &p->features) : status;
 }
 
+/** Centres vertices of features alone: these are few, and what they bound follows them. */
+static qm_status centre_lines(polish *p)
+{
+    for (size_t k = 0; k < p->active_count; k++) {
+        uint32_t v = p->active[k];
+        if (p->kind[v] != QM_TRIMESH_ON_LINE) continue;
+        p->normal[v] = vertex_normal(p, v, &p->is_sure[v]);
+        p->goal[v] = centred(p, v);
+    }
+    return project_kind(p, QM_TRIMESH_ON_LINE, &p->features);
+}
+
 /** The side of a square of the mean area. */
 static double mean_side(const polish *p)
 {
@@ -178,7 +198,7 @@ static double mean_side(const polish *p)
     return sqrt(qm_quads_mesh_area(m) / qm_max((double)m->face_count, 1.0));
 }
 
-static qm_status run(polish *p, const uint8_t *moves)
+static qm_status run(polish *p, const uint8_t *moves, int line_rounds)
 {
     list_corners(p);
     p->side = mean_side(p);
@@ -188,6 +208,8 @@ static qm_status run(polish *p, const uint8_t *moves)
     for (uint32_t v = 0; v < p->r->mesh.vertex_count; v++)
         if (!moves || moves[v]) p->active[p->active_count++] = v;
     qm_status status = QM_OK;
+    for (int round = 0; round < line_rounds && status == QM_OK; round++)
+        status = centre_lines(p);
     for (int round = 0; round < p->rounds && status == QM_OK; round++)
         status = centre_all(p);
     return status;
@@ -195,7 +217,7 @@ static qm_status run(polish *p, const uint8_t *moves)
 
 /** Moves the vertices that are marked, or all. */
 static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, const uint8_t *moves,
-                             bool spreads, int rounds, int thread_count)
+                             bool spreads, int line_rounds, int rounds, int thread_count)
 {
     size_t vertices = r->mesh.vertex_count, corners = 4 * r->mesh.face_count;
     qm_bvh *features = NULL;
@@ -222,7 +244,7 @@ static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *
     p.active = qm_context_alloc(ctx, vertices, sizeof *p.active);
     bool has_memory = p.start && p.corner && p.kind && p.line && p.target && p.nearest && p.goal &&
                       p.normal && p.toward && p.is_sure && p.active;
-    if (status == QM_OK) status = has_memory ? run(&p, moves) : QM_E_NO_MEMORY;
+    if (status == QM_OK) status = has_memory ? run(&p, moves, line_rounds) : QM_E_NO_MEMORY;
     qm_context_free(ctx, p.start, vertices + 1, sizeof *p.start);
     qm_context_free(ctx, p.corner, corners, sizeof *p.corner);
     qm_context_free(ctx, p.kind, vertices, 1);
@@ -241,11 +263,12 @@ static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *
 qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool spreads,
                           int thread_count)
 {
-    return polish_some(ctx, r, surface, NULL, spreads, spreads ? SPREAD_ROUNDS : ROUNDS, thread_count);
+    return polish_some(ctx, r, surface, NULL, spreads, spreads ? 0 : LINE_ROUNDS,
+                       spreads ? SPREAD_ROUNDS : ROUNDS, thread_count);
 }
 
 qm_status qm_quads_centre(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, const uint8_t *moves,
                           int rounds, int thread_count)
 {
-    return polish_some(ctx, r, surface, moves, false, rounds, thread_count);
+    return polish_some(ctx, r, surface, moves, false, 0, rounds, thread_count);
 }

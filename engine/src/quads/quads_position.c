@@ -1,225 +1,270 @@
 /**
- * quads_position.c: a grid at each vertex: where the corners of quads are to lie. A grid is a point of it, its origin, and the
- * cross; those of neighbours should have corners in common.
+ * quads_position.c: a grid at each vertex: where the corners of quads are to lie. A grid is told by its phase: the vertex's coordinates
+ * on it, from the nearest corner, along the axes of the vertex's frame, which is that of the first face of its fan. Grids of
+ * neighbours should have corners in common: along an edge the phase changes by its step (quads_map.c) and whole numbers.
  *
- * Source: W. Jakob, M. Tarini, D. Panozzo, O. Sorkine-Hornung, Instant field-aligned meshes, 2015, section 3.2.
+ * Phases are smoothed from coarse to fine. A node of a coarser level stands for one of the vertices that it has come from, and
+ * its links for paths along edges.
+ *
+ * Source: W. Jakob, M. Tarini, D. Panozzo, O. Sorkine-Hornung, Instant field-aligned meshes, 2015, section 3.2; with steps in place
+ * of vectors in space.
  */
 #include "quads/quads_internal.h"
 
 #include <string.h>
 
 #define SWEEPS 12
+#define HELD_WEIGHT 2.0 /* of a neighbour on a feature; others have 1 */
+#define BOTH_AXES 3
 
-/** Of a level: what a node is fitted to. */
-typedef struct grid_nodes {
+/** The way from one node to another: in the frame of the first, and quarter turns of pairs of the second's frame to the first's. */
+typedef struct hop {
+    float step[2];
+    int turned;
+} hop;
+
+/** A graph with hops along its links. */
+typedef struct phase_level {
     const qm_quads_graph *graph;
-    qm_vec *position, *cross, *origin;
-    qm_vec *anchor; /* of nodes with a kind: the grid has a line, or a corner, there */
-    uint8_t *kind;  /* QM_TRIMESH_FREE ... */
-} grid_nodes;
+    hop *hop;
+    double (*phase)[2];
+    uint8_t *held; /* of each node: bit k for axis k: its phase is 0 */
+    uint32_t (*children)
+        [2]; /* of each node, of the finer level: the one that it stands for, and the other or QM_NO_INDEX */
+} phase_level;
 
-/** The corner of a grid that is nearest to a point. */
-static qm_vec nearest_corner(qm_vec origin, qm_vec q, qm_vec n, qm_vec p, double size)
+static hop join(hop a, hop b)
 {
-    qm_vec other = qm_vec_cross(n, q), d = qm_vec_sub(p, origin);
-    double a = rint(qm_vec_dot(d, q) / size), b = rint(qm_vec_dot(d, other) / size);
-    return qm_vec_axpy(qm_vec_axpy(origin, a * size, q), b * size, other);
+    double step[2] = {b.step[0], b.step[1]};
+    qm_quads_turn_pair(step, a.turned);
+    return (hop){{(float)(a.step[0] + step[0]), (float)(a.step[1] + step[1])}, a.turned + b.turned};
 }
 
-/** The corners of the cell of a grid that a point lies in. */
-static void cell_corners(qm_vec origin, qm_vec q, qm_vec n, qm_vec p, double size, qm_vec out[4])
+static hop reverse(hop a)
 {
-    qm_vec other = qm_vec_cross(n, q), d = qm_vec_sub(p, origin);
-    double a = floor(qm_vec_dot(d, q) / size), b = floor(qm_vec_dot(d, other) / size);
-    for (int k = 0; k < 4; k++)
-        out[k] = qm_vec_axpy(qm_vec_axpy(origin, (a + (k & 1)) * size, q), (b + (k >> 1)) * size, other);
+    double step[2] = {-a.step[0], -a.step[1]};
+    qm_quads_turn_pair(step, -a.turned);
+    return (hop){{(float)step[0], (float)step[1]}, -a.turned};
 }
 
-static qm_vec hold(const grid_nodes *l, uint32_t i, qm_vec origin)
+/** The hop between neighbours. */
+static hop hop_between(const phase_level *l, uint32_t from, uint32_t to)
 {
-    if (l->kind[i] == QM_TRIMESH_FREE) {
-        qm_vec n = l->graph->normal[i];
-        return qm_vec_axpy(origin, -qm_vec_dot(n, qm_vec_sub(origin, l->position[i])), n);
-    }
-    qm_vec anchor = l->anchor[i];
-    if (l->kind[i] == QM_TRIMESH_CORNER) return anchor;
-    qm_vec q = l->cross[i];
-    return qm_vec_axpy(anchor, qm_vec_dot(q, qm_vec_sub(origin, anchor)), q);
+    uint32_t k = l->graph->start[from];
+    while (l->graph->link[k] != to)
+        k++;
+    return l->hop[k];
 }
 
-static void smooth(qm_context *ctx, const grid_nodes *l, double size)
-{
-    const qm_quads_graph *g = l->graph;
-    for (int sweep = 0; sweep < SWEEPS && !qm_context_canceled(ctx); sweep++) {
-        for (uint32_t i = 0; i < g->count; i++) {
-            if (l->kind[i] == QM_TRIMESH_CORNER) continue;
-            qm_vec sum = l->origin[i], p = l->position[i], q = l->cross[i], n = g->normal[i];
-            double weight = 0.0;
-            for (uint32_t k = g->start[i]; k < g->start[i + 1]; k++) {
-                uint32_t j = g->link[k];
-                qm_vec middle = qm_vec_mix(p, l->position[j], 0.5), a[4], own = sum, other = sum;
-                cell_corners(sum, q, n, middle, size, a);
-                double least = INFINITY;
-                for (int c = 0; c < 4; c++) {
-                    qm_vec b = nearest_corner(l->origin[j], l->cross[j], g->normal[j], a[c], size);
-                    double d = qm_vec_norm2(qm_vec_sub(a[c], b));
-                    if (d < least) least = d, own = a[c], other = b;
-                }
-                double link_weight = l->kind[j] == QM_TRIMESH_FREE ? 1.0 : 2.0;
-                sum = qm_vec_mix(own, other, link_weight / (weight + link_weight));
-                weight += link_weight;
-                sum = hold(l, i, sum);
-            }
-            if (weight > 0.0) l->origin[i] = hold(l, i, nearest_corner(sum, q, n, p, size));
-        }
-    }
-}
+/*
+ * The finest level.
+ */
 
-/** A coarse node lies at the mean of its children; directions and anchors are those of the child that is most bound. */
-static void restrict_nodes(const grid_nodes *fine, const grid_nodes *coarse)
+/** Of each half-edge: quarter turns of pairs of its face's frame to that of its first vertex. */
+static void find_fans(const qm_trimesh *m, const qm_quads_map *map, uint8_t *turned)
 {
-    const qm_quads_graph *g = fine->graph;
-    size_t count = coarse->graph->count;
-    memset(coarse->position, 0, count * sizeof *coarse->position);
-    memset(coarse->cross, 0, count * sizeof *coarse->cross);
-    memset(coarse->kind, 0, count);
-    for (uint32_t i = 0; i < g->count; i++) {
-        uint32_t p = g->parent[i];
-        qm_vec n = coarse->graph->normal[p];
-        coarse->position[p] =
-            qm_vec_axpy(coarse->position[p], g->weight[i] / coarse->graph->weight[p], fine->position[i]);
-        bool is_first = qm_vec_norm2(coarse->cross[p]) == 0.0;
-        if (!is_first && fine->kind[i] <= coarse->kind[p]) continue;
-        qm_vec q = qm_vec_axpy(fine->cross[i], -qm_vec_dot(n, fine->cross[i]), n);
-        double length = qm_vec_norm(q);
-        if (length < 1e-6) continue;
-        coarse->cross[p] = qm_vec_scale(1.0 / length, q);
-        coarse->kind[p] = fine->kind[i];
-        coarse->anchor[p] = fine->anchor[i];
-    }
-    for (uint32_t p = 0; p < count; p++) {
-        if (qm_vec_norm2(coarse->cross[p]) > 0.0) continue;
-        qm_vec q = qm_vec_perpendicular(coarse->graph->normal[p]);
-        coarse->cross[p] = qm_vec_scale(1.0 / qm_vec_norm(q), q);
-    }
-}
-
-static bool build_graph(qm_context *ctx, const qm_trimesh *m, qm_quads_graph *g)
-{
-    size_t count = m->vertex_count;
-    if (!qm_quads_graph_alloc(ctx, g, count, 6 * m->face_count)) return false;
-    uint32_t links = 0;
-    for (uint32_t v = 0; v < count; v++) {
+    for (uint32_t v = 0; v < m->vertex_count; v++) {
         uint32_t first = qm_trimesh_first(m, v), h = first;
-        g->start[v] = links;
-        double area = 0.0;
+        int quarters = 0;
         do {
+            turned[h] = (uint8_t)(quarters & 3);
+            h = qm_trimesh_around(m, h);
+            if (h != QM_NO_INDEX) quarters += map->turned[h];
+        } while (h != QM_NO_INDEX && h != first);
+    }
+}
+
+static hop hop_along(const float step[2], double sign, int here, int there)
+{
+    double turned[2] = {sign * step[0], sign * step[1]};
+    qm_quads_turn_pair(turned, here);
+    return (hop){{(float)turned[0], (float)turned[1]}, here - there};
+}
+
+/** Notes that a phase of a vertex is 0 across a feature at it. */
+static void hold(const qm_trimesh *m, const qm_quads_map *map, uint32_t feature, int turned, uint8_t *held)
+{
+    if (m->is_feature[feature])
+        *held |= (uint8_t)(1 << ((1 - qm_quads_feature_axis(map, feature) + turned) & 1));
+}
+
+static void list_vertices(const qm_trimesh *m, const qm_quads_map *map, const uint8_t *turned,
+                          qm_quads_graph *g, const phase_level *l)
+{
+    uint32_t links = 0;
+    for (uint32_t v = 0; v < m->vertex_count; v++) {
+        uint32_t first = qm_trimesh_first(m, v), h = first;
+        double area = 0.0;
+        g->start[v] = links;
+        l->held[v] = m->is_fixed[v] ? BOTH_AXES : 0;
+        do {
+            uint32_t back = qm_trimesh_prev(h), next = qm_trimesh_next(h);
             area += qm_vec_norm(qm_trimesh_normal(m, h / 3));
-            g->link[links++] = qm_trimesh_to(m, h);
-            uint32_t back = qm_trimesh_prev(h);
-            if (m->twin[back] == QM_NO_INDEX) g->link[links++] = m->from[back];
+            l->hop[links] = hop_along(map->step[h], 1.0, turned[h], turned[next]);
+            g->link[links++] = m->from[next];
+            if (m->twin[back] == QM_NO_INDEX) {
+                l->hop[links] = hop_along(map->step[back], -1.0, turned[h], turned[back]);
+                g->link[links++] = m->from[back];
+            }
+            hold(m, map, h, turned[h], &l->held[v]);
+            hold(m, map, back, turned[h], &l->held[v]);
             h = qm_trimesh_around(m, h);
         } while (h != QM_NO_INDEX && h != first);
         g->weight[v] = area > 0.0 ? area : 1e-300;
         g->normal[v] = qm_trimesh_vertex_normal(m, v);
         if (qm_vec_norm2(g->normal[v]) == 0.0) g->normal[v] = (qm_vec){0, 0, 1};
     }
-    g->start[count] = links;
-    return true;
+    g->start[m->vertex_count] = links;
 }
 
-/** Directions at vertices: along a feature, or the mean of the faces' crosses. */
-static void spread_crosses(const qm_trimesh *m, const qm_vec *face_cross, const qm_quads_graph *g,
-                           const grid_nodes *l)
+/*
+ * Coarser levels.
+ */
+
+static bool alloc_level(qm_context *ctx, size_t nodes, size_t links, phase_level *l)
 {
-    for (uint32_t v = 0; v < m->vertex_count; v++) {
-        uint32_t line[2];
-        int kind = qm_trimesh_kind(m, v, line);
-        qm_vec n = g->normal[v], sum = {0, 0, 0};
-        if (kind == QM_TRIMESH_ON_LINE) {
-            sum = qm_vec_sub(m->position[line[1]], m->position[line[0]]);
+    l->hop = qm_context_alloc(ctx, links + 1, sizeof *l->hop);
+    l->phase = qm_context_alloc(ctx, nodes, sizeof *l->phase);
+    l->held = qm_context_alloc(ctx, nodes, 1);
+    l->children = qm_context_alloc(ctx, nodes, sizeof *l->children);
+    return l->hop && l->phase && l->held && l->children;
+}
+
+static void free_level(qm_context *ctx, size_t nodes, size_t links, phase_level *l)
+{
+    qm_context_free(ctx, l->hop, links + 1, sizeof *l->hop);
+    qm_context_free(ctx, l->phase, nodes, sizeof *l->phase);
+    qm_context_free(ctx, l->held, nodes, 1);
+    qm_context_free(ctx, l->children, nodes, sizeof *l->children);
+}
+
+/** A node stands for that of its children that is held along more axes. */
+static void choose_children(const phase_level *fine, const phase_level *coarse)
+{
+    memset(coarse->children, 0xff, coarse->graph->count * sizeof *coarse->children);
+    for (uint32_t i = 0; i < fine->graph->count; i++) {
+        uint32_t *child = coarse->children[fine->graph->parent[i]];
+        if (child[0] == QM_NO_INDEX) {
+            child[0] = i;
+        } else if (fine->held[i] == BOTH_AXES || !fine->held[child[0]]) {
+            child[1] = child[0], child[0] = i;
         } else {
-            uint32_t first = qm_trimesh_first(m, v), h = first;
-            do {
-                qm_vec normal = qm_trimesh_normal(m, h / 3);
-                double length = qm_vec_norm(normal);
-                if (length > 0.0) {
-                    qm_vec q = face_cross[h / 3];
-                    if (qm_vec_norm2(sum) == 0.0) {
-                        sum = q;
-                    } else {
-                        qm_vec unit = qm_vec_scale(1.0 / qm_vec_norm(sum), sum);
-                        qm_quads_match match =
-                            qm_quads_match_crosses(unit, n, q, qm_vec_scale(1.0 / length, normal));
-                        sum = qm_vec_axpy(match.b, qm_vec_norm(sum), match.a);
-                    }
-                    sum = qm_vec_axpy(sum, -qm_vec_dot(n, sum), n);
-                }
-                h = qm_trimesh_around(m, h);
-            } while (h != QM_NO_INDEX && h != first);
+            child[1] = i;
         }
-        sum = qm_vec_axpy(sum, -qm_vec_dot(n, sum), n);
-        double length = qm_vec_norm(sum);
-        if (!(length > 0.0)) {
-            sum = qm_vec_perpendicular(n);
-            length = qm_vec_norm(sum);
-        }
-        l->cross[v] = qm_vec_scale(1.0 / length, sum);
-        l->kind[v] = (uint8_t)kind;
-        l->position[v] = l->anchor[v] = m->position[v];
     }
+    for (uint32_t p = 0; p < coarse->graph->count; p++)
+        coarse->held[p] = fine->held[coarse->children[p][0]];
 }
 
-static void solve(qm_context *ctx, const qm_quads_levels *levels, grid_nodes *nodes, double size)
+/** A hop between nodes of a coarser level, through a link of the finer one. */
+static hop hop_through(const phase_level *fine, const phase_level *coarse, uint32_t from, uint32_t to)
 {
-    int top = levels->count - 1;
-    for (int k = 0; k < top; k++)
-        restrict_nodes(&nodes[k], &nodes[k + 1]);
-    for (uint32_t i = 0; i < levels->graph[top].count; i++)
-        nodes[top].origin[i] = nodes[top].position[i];
-    for (int k = top; k >= 0; k--) {
-        const grid_nodes *l = &nodes[k];
-        for (uint32_t i = 0; i < l->graph->count; i++) {
-            qm_vec origin = k < top ? nodes[k + 1].origin[l->graph->parent[i]] : l->position[i];
-            qm_vec n = l->graph->normal[i];
-            origin = qm_vec_axpy(origin, -qm_vec_dot(n, qm_vec_sub(origin, l->position[i])), n);
-            l->origin[i] = hold(l, i, nearest_corner(origin, l->cross[i], n, l->position[i], size));
+    for (int side = 0; side < 2; side++) {
+        uint32_t a = coarse->children[from][side];
+        for (uint32_t k = fine->graph->start[a]; k < fine->graph->start[a + 1]; k++) {
+            uint32_t b = fine->graph->link[k];
+            if (fine->graph->parent[b] != to) continue;
+            hop way = fine->hop[k];
+            if (side == 1) way = join(hop_between(fine, coarse->children[from][0], a), way);
+            if (b != coarse->children[to][0])
+                way = join(way, reverse(hop_between(fine, coarse->children[to][0], b)));
+            return way;
         }
-        smooth(ctx, l, size);
+    }
+    QM_ASSERT(false); /* there would be no link */
+    return (hop){{0, 0}, 0};
+}
+
+static void list_nodes(const phase_level *fine, const phase_level *coarse)
+{
+    choose_children(fine, coarse);
+    for (uint32_t p = 0; p < coarse->graph->count; p++)
+        for (uint32_t k = coarse->graph->start[p]; k < coarse->graph->start[p + 1]; k++)
+            coarse->hop[k] = hop_through(fine, coarse, p, coarse->graph->link[k]);
+}
+
+/*
+ * Smoothing.
+ */
+
+static void smooth(qm_context *ctx, const phase_level *l)
+{
+    const qm_quads_graph *g = l->graph;
+    for (int sweep = 0; sweep < SWEEPS && !qm_context_canceled(ctx); sweep++)
+        for (uint32_t i = 0; i < g->count; i++) {
+            if (l->held[i] == BOTH_AXES) continue;
+            double sum[2] = {l->phase[i][0], l->phase[i][1]}, weights = 0.0;
+            for (uint32_t k = g->start[i]; k < g->start[i + 1]; k++) {
+                uint32_t j = g->link[k];
+                double own = l->held[j] ? HELD_WEIGHT : 1.0, other[2] = {l->phase[j][0], l->phase[j][1]};
+                qm_quads_turn_pair(other, l->hop[k].turned);
+                weights += own;
+                for (int axis = 0; axis < 2; axis++) {
+                    double away = other[axis] - (double)l->hop[k].step[axis] - sum[axis];
+                    sum[axis] += (away - rint(away)) * own / weights;
+                }
+            }
+            for (int axis = 0; axis < 2; axis++)
+                if (!(l->held[i] >> axis & 1)) l->phase[i][axis] = sum[axis] - rint(sum[axis]);
+        }
+}
+
+/** Phases of a level from those of the coarser one. */
+static void refine(const phase_level *coarse, const phase_level *fine)
+{
+    for (uint32_t p = 0; p < coarse->graph->count; p++) {
+        const uint32_t *child = coarse->children[p];
+        memcpy(fine->phase[child[0]], coarse->phase[p], sizeof *coarse->phase);
+        if (child[1] == QM_NO_INDEX) continue;
+        hop way = hop_between(fine, child[0], child[1]);
+        double phase[2] = {coarse->phase[p][0] + (double)way.step[0],
+                           coarse->phase[p][1] + (double)way.step[1]};
+        qm_quads_turn_pair(phase, -way.turned);
+        for (int axis = 0; axis < 2; axis++)
+            fine->phase[child[1]][axis] =
+                fine->held[child[1]] >> axis & 1 ? 0.0 : phase[axis] - rint(phase[axis]);
     }
 }
 
-qm_status qm_quads_find_grids(qm_context *ctx, const qm_trimesh *m, const qm_vec *cross, double size,
-                              qm_quads_grids *out)
+static void solve(qm_context *ctx, phase_level *level, int count)
+{
+    for (int k = 1; k < count; k++)
+        list_nodes(&level[k - 1], &level[k]);
+    memset(level[count - 1].phase, 0, level[count - 1].graph->count * sizeof *level->phase);
+    smooth(ctx, &level[count - 1]);
+    for (int k = count - 1; k > 0; k--) {
+        refine(&level[k], &level[k - 1]);
+        smooth(ctx, &level[k - 1]);
+    }
+}
+
+qm_status qm_quads_find_phases(qm_context *ctx, const qm_trimesh *m, const qm_quads_map *map,
+                               const qm_quads_phases *out)
 {
     qm_quads_levels levels = {.count = 1};
-    grid_nodes nodes[QM_QUADS_MAX_LEVELS] = {{0}};
-    qm_status status =
-        build_graph(ctx, m, &levels.graph[0]) ? qm_quads_levels_build(ctx, &levels) : QM_E_NO_MEMORY;
-    size_t total = 0;
-    for (int k = 0; k < levels.count; k++)
-        total += levels.graph[k].count;
-    qm_vec *vectors = qm_context_alloc(ctx, 4 * total, sizeof *vectors);
-    uint8_t *kind = qm_context_alloc(ctx, total, sizeof *kind);
-    if (status == QM_OK && !(vectors && kind)) status = QM_E_NO_MEMORY;
+    phase_level level[QM_QUADS_MAX_LEVELS] = {{0}};
+    size_t links = 6 * m->face_count;
+    bool has_memory = qm_quads_graph_alloc(ctx, &levels.graph[0], m->vertex_count, links) &&
+                      alloc_level(ctx, m->vertex_count, links, &level[0]);
+    qm_status status = has_memory ? QM_OK : QM_E_NO_MEMORY;
     if (status == QM_OK) {
-        size_t done = 0;
-        for (int k = 0; k < levels.count; k++) {
-            qm_vec *v = vectors + done;
-            nodes[k] =
-                (grid_nodes){&levels.graph[k], v, v + total, v + 2 * total, v + 3 * total, kind + done};
-            done += levels.graph[k].count;
-        }
-        spread_crosses(m, cross, &levels.graph[0], &nodes[0]);
-        solve(ctx, &levels, nodes, size);
-        if (qm_context_canceled(ctx)) status = QM_E_CANCELED;
-        size_t bytes = m->vertex_count * sizeof(qm_vec);
-        memcpy(out->normal, levels.graph[0].normal, bytes);
-        memcpy(out->cross, nodes[0].cross, bytes);
-        memcpy(out->origin, nodes[0].origin, bytes);
+        level[0].graph = &levels.graph[0];
+        find_fans(m, map, out->turned);
+        list_vertices(m, map, out->turned, &levels.graph[0], &level[0]);
+        status = qm_quads_levels_build(ctx, &levels);
     }
-    qm_context_free(ctx, vectors, 4 * total, sizeof *vectors);
-    qm_context_free(ctx, kind, total, sizeof *kind);
+    for (int k = 1; k < levels.count && status == QM_OK; k++) {
+        const qm_quads_graph *g = level[k].graph = &levels.graph[k];
+        if (!alloc_level(ctx, g->count, g->link_capacity, &level[k])) status = QM_E_NO_MEMORY;
+    }
+    if (status == QM_OK) {
+        solve(ctx, level, levels.count);
+        memcpy(out->phase, level[0].phase, m->vertex_count * sizeof *out->phase);
+        if (qm_context_canceled(ctx)) status = QM_E_CANCELED;
+    }
+    free_level(ctx, m->vertex_count, links, &level[0]);
+    for (int k = 1; k < levels.count; k++)
+        free_level(ctx, levels.graph[k].count, levels.graph[k].link_capacity, &level[k]);
     qm_quads_levels_reset(ctx, &levels);
     return status;
 }

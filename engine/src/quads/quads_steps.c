@@ -1,22 +1,16 @@
 /**
  * quads_steps.c: how many quads lie between the ends of each edge, in both directions of the grid.
  *
- * The step of a half-edge is a pair of integers in the frame of its face: the first axis is the face's cross, the second
- * lies a quarter turn to its left. Frames of neighbours differ by quarter turns: a pair s of face f is turned[h] quarter
- * turns of s in the face across h. Steps are consistent if
+ * The step of a half-edge is a pair of integers in the frame of its face (quads_map.c). Steps are consistent if
  *
  *   - the steps of the three half-edges of a face sum up to 0,
  *   - that of a twin is the opposite, turned,
  *   - that of a feature is 0 across it.
  *
- * Where two features run side by side less than a quad apart, round the rim of a plate, steps from one to the other would be
- * rounded to 0, and one wall would end up on the other. They are given a step of 1 (a row of narrow quads), which the flow
- * takes away only where nothing else closes the faces.
- *
  * The surface is then laid out on the integer grid, face by face, and only vertices may be singular: round them the turns
  * do not sum up to 0. All vertices are corners of the grid, so no parity has to be kept.
  *
- * Steps are first read from the grids of the vertices. Where they do not sum up to 0 there is an excess, in a face and an
+ * Steps are first read from the phases of the vertices. Where they do not sum up to 0 there is an excess, in a face and an
  * axis. A change of a step by 1 moves an excess of 1 to the face across the edge, where it may have another axis and sign.
  * So excesses are moved along shortest paths, until they meet their opposites or leave by a boundary. The nodes of the paths
  * are half-edges with axis and sign, since the sheet for an excess of +1 and that for -1 are joined where the turns round
@@ -41,10 +35,9 @@
  * rounds, and a round visits the whole mesh. */
 #define NEAR_FACTOR 1.5
 #define NEAR_COST 0.5
-#define FIRST_REACH 2.0    /* of the paths, half of their cost: doubled where few are joined by it */
-#define REACH_COST 1.0     /* beyond half of its cheapest path an excess is searched no further than this */
-#define STRIP_COSINE 0.8   /* of the angle between features that run side by side, at least */
-#define WALL_COSINE (-0.8) /* between the walls that they are the rims of, at most: else it is a chamfer */
+#define FIRST_REACH 2.0 /* of the paths, half of their cost: doubled where few are joined by it */
+#define REACH_COST 1.0  /* beyond half of its cheapest path an excess is searched no further than this */
+#define MOST_BENT 0.5   /* sides by which the way to a corner may differ from that in the plane */
 #define FOLLOW_ROUNDS 3
 #define REPAIR_ROUNDS 12
 
@@ -72,9 +65,7 @@ typedef struct path_meeting {
 typedef struct steps_work {
     qm_context *ctx;
     qm_trimesh *m;
-    uint8_t *turned;
-    float (*target)[2];   /* of each half-edge: its vector in the frame of its face, in quads */
-    uint8_t *is_across;   /* of each half-edge: bit k for axis k: from one feature to another at its side */
+    const qm_quads_map *map;
     int32_t (*excess)[2]; /* of each face: sum of its steps */
     path_node *node;
     uint32_t stamp;
@@ -107,40 +98,9 @@ static void turn(int32_t s[2], int quarters)
     }
 }
 
-static int quarters_between(double from, double to)
-{
-    return (int)lrint((to - from) / 1.57079632679489661923) & 3;
-}
-
 /*
- * Frames and first steps.
+ * First steps.
  */
-
-static void find_turns(const steps_work *w, const qm_vec *cross, double size)
-{
-    const qm_trimesh *m = w->m;
-    for (uint32_t f = 0; f < m->face_count; f++) {
-        qm_vec normal = qm_trimesh_normal(m, f), q = cross[f];
-        double area = qm_vec_norm(normal);
-        qm_vec other = qm_vec_cross(area > 0.0 ? qm_vec_scale(1.0 / area, normal) : (qm_vec){0, 0, 1}, q);
-        for (uint32_t h = 3 * f; h < 3 * f + 3; h++) {
-            qm_vec edge = qm_trimesh_edge(m, h);
-            w->target[h][0] = (float)(qm_vec_dot(edge, q) / size);
-            w->target[h][1] = (float)(qm_vec_dot(edge, other) / size);
-        }
-    }
-    for (uint32_t h = 0; h < 3 * m->face_count; h++) {
-        uint32_t t = m->twin[h];
-        w->turned[h] = 0;
-        if (t == QM_NO_INDEX) continue;
-        double here = atan2(w->target[h][1], w->target[h][0]),
-               there = atan2(-w->target[t][1], -w->target[t][0]);
-        if (t > h)
-            w->turned[h] = (uint8_t)quarters_between(here, there);
-        else
-            w->turned[h] = (uint8_t)((4 - w->turned[t]) & 3);
-    }
-}
 
 /** Writes the step of a half-edge and of its twin. */
 static void set_step(const steps_work *w, uint32_t h, const int32_t step[2])
@@ -149,120 +109,84 @@ static void set_step(const steps_work *w, uint32_t h, const int32_t step[2])
     memcpy(w->m->step[h], step, sizeof w->m->step[h]);
     if (t == QM_NO_INDEX) return;
     int32_t back[2] = {-step[0], -step[1]};
-    turn(back, w->turned[h]);
+    turn(back, w->map->turned[h]);
     memcpy(w->m->step[t], back, sizeof back);
 }
 
-/** The axis along a feature. */
-static int feature_axis(const steps_work *w, uint32_t h)
-{
-    return fabsf(w->target[h][0]) >= fabsf(w->target[h][1]) ? 0 : 1;
-}
-
-/** Corners of the grids of both ends that are nearest to each other near the middle of the edge: both stand for one corner, and
- * the step is the way from the origin of the first to that of the second. */
-static void read_step(const qm_trimesh *m, uint32_t h, qm_vec face_cross, const qm_quads_grids *g,
-                      double size, int32_t out[2])
-{
-    uint32_t end[2] = {m->from[h], qm_trimesh_to(m, h)};
-    qm_vec middle = qm_vec_mix(m->position[end[0]], m->position[end[1]], 0.5),
-           normal = qm_trimesh_normal(m, h / 3);
-    double area = qm_vec_norm(normal), least = INFINITY;
-    qm_vec other =
-        qm_vec_cross(area > 0.0 ? qm_vec_scale(1.0 / area, normal) : (qm_vec){0, 0, 1}, face_cross);
-    qm_vec corner[2][4];
-    int32_t count[2][4][2];
-    for (int s = 0; s < 2; s++) {
-        qm_vec q = g->cross[end[s]], p = qm_vec_cross(g->normal[end[s]], q), o = g->origin[end[s]];
-        qm_vec d = qm_vec_sub(middle, o);
-        int32_t a = (int32_t)floor(qm_vec_dot(d, q) / size), b = (int32_t)floor(qm_vec_dot(d, p) / size);
-        int quarters = quarters_between(0.0, atan2(qm_vec_dot(q, other), qm_vec_dot(q, face_cross)));
-        for (int k = 0; k < 4; k++) {
-            int32_t i = a + (k & 1), j = b + (k >> 1);
-            corner[s][k] = qm_vec_axpy(qm_vec_axpy(o, i * size, q), j * size, p);
-            count[s][k][0] = i, count[s][k][1] = j;
-            turn(count[s][k], quarters);
-        }
-    }
-    for (int k = 0; k < 16; k++) {
-        double d = qm_vec_norm2(qm_vec_sub(corner[0][k & 3], corner[1][k >> 2]));
-        if (d >= least) continue;
-        least = d;
-        for (int axis = 0; axis < 2; axis++)
-            out[axis] = count[0][k & 3][axis] - count[1][k >> 2][axis];
-    }
-}
-
-/** Notes that a half-edge, and so its twin, crosses a strip along an axis of its face, in a direction of 1 or -1. */
-static void mark_across(const steps_work *w, uint32_t h, int axis, int direction)
-{
-    uint32_t t = w->m->twin[h];
-    int32_t back[2] = {0, 0};
-    back[axis] = -direction;
-    w->target[h][axis] = (float)direction;
-    w->is_across[h] |= (uint8_t)(1 << axis);
-    if (t == QM_NO_INDEX) return;
-    turn(back, w->turned[h]);
-    int twin_axis = back[0] == 0;
-    w->target[t][twin_axis] = (float)back[twin_axis];
-    w->is_across[t] |= (uint8_t)(1 << twin_axis);
-}
-
-/** True if a feature at a vertex runs along the half-edge of another, and the walls beyond both look apart, or both are boundaries. */
-static bool is_opposite(const qm_trimesh *m, uint32_t half, uint32_t vertex)
-{
-    qm_vec along = qm_trimesh_edge(m, half), strip = qm_trimesh_normal(m, half / 3);
-    bool is_boundary = m->twin[half] == QM_NO_INDEX;
-    qm_vec wall = is_boundary ? strip : qm_trimesh_normal(m, m->twin[half] / 3);
-    uint32_t first = qm_trimesh_first(m, vertex), h = first;
-    do {
-        uint32_t back = qm_trimesh_prev(h);
-        const uint32_t side[2] = {h, back};
-        for (int k = 0; k < 2; k++) {
-            uint32_t t = m->twin[side[k]];
-            qm_vec edge = qm_trimesh_edge(m, side[k]);
-            if (!m->is_feature[side[k]] || (t == QM_NO_INDEX) != is_boundary ||
-                !(fabs(qm_vec_dot(edge, along)) > STRIP_COSINE * qm_vec_norm(along) * qm_vec_norm(edge)))
-                continue;
-            if (is_boundary) return true;
-            /* the strip lies on one side of it */
-            qm_vec a = qm_trimesh_normal(m, side[k] / 3), b = qm_trimesh_normal(m, t / 3);
-            double scale_a = qm_vec_norm(a), scale_b = qm_vec_norm(b);
-            qm_vec beyond = qm_vec_dot(a, strip) * scale_b > qm_vec_dot(b, strip) * scale_a ? b : a;
-            if (qm_vec_dot(beyond, wall) < WALL_COSINE * qm_vec_norm(beyond) * qm_vec_norm(wall)) return true;
-        }
-        h = qm_trimesh_around(m, h);
-    } while (h != QM_NO_INDEX && h != first);
-    return false;
-}
-
-/** Finds the strips: faces between a feature and a vertex of another that runs along it, less than a quad away. */
-static void find_strips(const steps_work *w)
-{
-    const qm_trimesh *m = w->m;
-    for (uint32_t h = 0; h < 3 * m->face_count; h++) {
-        if (!m->is_feature[h]) continue;
-        int along = feature_axis(w, h), axis = 1 - along;
-        uint32_t next = qm_trimesh_next(h), back = qm_trimesh_prev(h);
-        int left = (w->target[h][along] > 0.0F) == (along == 0) ? 1 : -1;
-        if (!((float)left * w->target[next][axis] < 1.0F) || !is_opposite(m, h, m->from[back])) continue;
-        mark_across(w, next, axis, left);
-        mark_across(w, back, axis, -left);
-    }
-}
-
-static void read_steps(const steps_work *w, const qm_vec *cross, const qm_quads_grids *grids, double size)
+/** A step is the real one, from the corner of the first vertex to that of the second, rounded. */
+static void read_steps(const steps_work *w, const qm_quads_phases *phases)
 {
     const qm_trimesh *m = w->m;
     for (uint32_t h = 0; h < 3 * m->face_count; h++) {
         if (m->twin[h] != QM_NO_INDEX && m->twin[h] < h) continue;
+        uint32_t next = qm_trimesh_next(h);
+        double from[2], to[2];
+        memcpy(from, phases->phase[m->from[h]], sizeof from);
+        memcpy(to, phases->phase[m->from[next]], sizeof to);
+        qm_quads_turn_pair(from, -phases->turned[h]);
+        qm_quads_turn_pair(to, -phases->turned[next]);
         int32_t step[2];
-        read_step(m, h, cross[h / 3], grids, size, step);
-        if (m->is_feature[h]) step[1 - feature_axis(w, h)] = 0;
-        for (int axis = 0; axis < 2; axis++)
-            if (w->is_across[h] >> axis & 1) step[axis] = (int32_t)w->target[h][axis];
+        for (int axis = 0; axis < 2; axis++) {
+            double real = w->map->step[h][axis];
+            /* strips have a row even where their ends' phases have none between them */
+            step[axis] =
+                (int32_t)rint(w->map->is_across[h] >> axis & 1 ? real : real + from[axis] - to[axis]);
+        }
+        if (m->is_feature[h]) step[1 - qm_quads_feature_axis(w->map, h)] = 0;
         set_step(w, h, step);
     }
+}
+
+/** The way in space from a vertex to the nearest corner of its grid, in the frame of the first face of its fan: what steps mean there is
+ * fitted to the edges of the fan. Where these do not tell it is as in the plane. */
+static void way_to_corner(const steps_work *w, const qm_quads_phases *phases, uint32_t vertex, double size,
+                          double out[2])
+{
+    double cross[2][2] = {{0}}, square[2][2] = {{0}};
+    const double *phase = phases->phase[vertex];
+    uint32_t first = qm_trimesh_first(w->m, vertex), h = first;
+    do {
+        double edge[2] = {w->map->edge[h][0], w->map->edge[h][1]};
+        double step[2] = {w->map->step[h][0], w->map->step[h][1]};
+        qm_quads_turn_pair(edge, phases->turned[h]);
+        qm_quads_turn_pair(step, phases->turned[h]);
+        for (int i = 0; i < 2; i++)
+            for (int k = 0; k < 2; k++) {
+                cross[i][k] += w->map->unit * edge[i] * step[k];
+                square[i][k] += step[i] * step[k];
+            }
+        h = qm_trimesh_around(w->m, h);
+    } while (h != QM_NO_INDEX && h != first);
+    double determinant = square[0][0] * square[1][1] - square[0][1] * square[1][0];
+    double solved[2] = {square[1][1] * phase[0] - square[0][1] * phase[1],
+                        square[0][0] * phase[1] - square[1][0] * phase[0]};
+    for (int i = 0; i < 2; i++) {
+        double way = (cross[i][0] * solved[0] + cross[i][1] * solved[1]) / determinant;
+        bool is_near = fabs(way - size * phase[i]) <= MOST_BENT * size;
+        out[i] = phase[i] == 0.0 ? 0.0 : is_near ? -way : -size * phase[i];
+    }
+}
+
+/** Moves vertices to the nearest corners of their grids; those of features stay on them. */
+static qm_status move_to_corners(const steps_work *w, const qm_vec *cross, const qm_quads_phases *phases,
+                                 double size)
+{
+    const qm_trimesh *m = w->m;
+    qm_vec *moved = qm_context_alloc(w->ctx, m->vertex_count, sizeof *moved);
+    if (!moved) return QM_E_NO_MEMORY;
+    for (uint32_t v = 0; v < m->vertex_count; v++) {
+        uint32_t f = qm_trimesh_first(m, v) / 3;
+        qm_vec normal = qm_trimesh_normal(m, f);
+        double area = qm_vec_norm(normal), way[2];
+        moved[v] = m->position[v];
+        if (!(area > 0.0)) continue;
+        qm_vec other = qm_vec_cross(qm_vec_scale(1.0 / area, normal), cross[f]);
+        way_to_corner(w, phases, v, size, way);
+        moved[v] = qm_vec_axpy(qm_vec_axpy(moved[v], way[0], cross[f]), way[1], other);
+    }
+    memcpy(m->position, moved, m->vertex_count * sizeof *moved);
+    qm_context_free(w->ctx, moved, m->vertex_count, sizeof *moved);
+    return QM_OK;
 }
 
 /*
@@ -294,18 +218,18 @@ static int32_t area_after(const steps_work *w, uint32_t up, uint32_t down, int a
 
 static double change_cost(const steps_work *w, uint32_t h, int axis, int change)
 {
-    double target = w->target[h][axis];
+    double target = w->map->step[h][axis];
     int32_t now = w->m->step[h][axis], then = now + change;
     double cost = STEP_COST + fabs(then - target) - fabs(now - target);
     int beyond = abs(then) - 1;
     if (beyond > 0) cost += LONG_COST * beyond;
-    if (then == 0 && w->is_across[h] >> axis & 1) cost += STRIP_COST;
+    if (then == 0 && w->map->is_across[h] >> axis & 1) cost += STRIP_COST;
     return qm_max(cost, MIN_COST);
 }
 
 static bool may_change(const steps_work *w, uint32_t h, int axis)
 {
-    return !w->m->is_feature[h] || feature_axis(w, h) == axis;
+    return !w->m->is_feature[h] || qm_quads_feature_axis(w->map, h) == axis;
 }
 
 /** A node: an excess of a sign that has come into the face of a half-edge across it. */
@@ -319,7 +243,7 @@ static void across(const steps_work *w, uint32_t h, int axis, int change, int *t
 {
     int32_t s[2] = {0, 0};
     s[axis] = -change;
-    turn(s, w->turned[h]);
+    turn(s, w->map->turned[h]);
     *twin_axis = s[0] == 0;
     *twin_change = s[*twin_axis];
 }
@@ -602,8 +526,8 @@ static double fan_energy(const steps_work *w, uint32_t first)
         uint32_t back = qm_trimesh_prev(h);
         if (face_area(w, h / 3) < 0) sum += FOLD_COST;
         for (int axis = 0; axis < 2; axis++) {
-            sum += fabs(m->step[h][axis] - (double)w->target[h][axis]);
-            sum += fabs(m->step[back][axis] - (double)w->target[back][axis]);
+            sum += fabs(m->step[h][axis] - (double)w->map->step[h][axis]);
+            sum += fabs(m->step[back][axis] - (double)w->map->step[back][axis]);
             sum += LONG_COST * ((abs(m->step[h][axis]) > 1) + (abs(m->step[back][axis]) > 1));
         }
         h = qm_trimesh_around(m, h);
@@ -620,9 +544,9 @@ static bool shift(const steps_work *w, uint32_t first, int32_t x, int32_t y)
     uint32_t h = first;
     do { /* once round without a change */
         uint32_t back = qm_trimesh_prev(h);
-        if (m->is_feature[h] && move[1 - feature_axis(w, h)] != 0) return false;
-        if (m->is_feature[back] && move[1 - feature_axis(w, back)] != 0) return false;
-        turn(move, w->turned[back]);
+        if (m->is_feature[h] && move[1 - qm_quads_feature_axis(w->map, h)] != 0) return false;
+        if (m->is_feature[back] && move[1 - qm_quads_feature_axis(w->map, back)] != 0) return false;
+        turn(move, w->map->turned[back]);
         h = qm_trimesh_around(m, h);
     } while (h != QM_NO_INDEX && h != first);
     if (h == first && (move[0] != x || move[1] != y)) return false;
@@ -634,7 +558,7 @@ static bool shift(const steps_work *w, uint32_t first, int32_t x, int32_t y)
             m->step[h][axis] -= move[axis];
             m->step[back][axis] += move[axis];
         }
-        turn(move, w->turned[back]);
+        turn(move, w->map->turned[back]);
         h = qm_trimesh_around(m, h);
     } while (h != QM_NO_INDEX && h != first);
     return true;
@@ -677,7 +601,7 @@ static void count_turns(const steps_work *w, qm_quads_record *record)
         uint32_t first = qm_trimesh_first(w->m, v), h = first;
         int sum = 0;
         do {
-            sum += w->turned[qm_trimesh_prev(h)];
+            sum += w->map->turned[qm_trimesh_prev(h)];
             h = qm_trimesh_around(w->m, h);
         } while (h != QM_NO_INDEX && h != first);
         record->crosses_turned += h != QM_NO_INDEX && (sum & 3) != 0;
@@ -756,23 +680,16 @@ static qm_status split_steps(qm_context *ctx, qm_trimesh *m)
 static bool alloc_work(steps_work *w)
 {
     size_t faces = w->m->face_count, nodes = 12 * faces;
-    w->turned = qm_context_alloc(w->ctx, 3 * faces, sizeof *w->turned);
-    w->target = qm_context_alloc(w->ctx, 3 * faces, sizeof *w->target);
-    w->is_across = qm_context_alloc(w->ctx, 3 * faces, 1);
     w->excess = qm_context_alloc(w->ctx, faces, sizeof *w->excess);
     w->node = qm_context_alloc(w->ctx, nodes, sizeof *w->node);
     w->arrival = qm_context_alloc(w->ctx, 4 * faces, sizeof *w->arrival);
     if (w->node) memset(w->node, 0, nodes * sizeof *w->node);
-    if (w->is_across) memset(w->is_across, 0, 3 * faces);
-    return w->turned && w->target && w->is_across && w->excess && w->node && w->arrival;
+    return w->excess && w->node && w->arrival;
 }
 
 static void free_work(steps_work *w, size_t faces)
 {
     size_t nodes = 12 * faces;
-    qm_context_free(w->ctx, w->turned, 3 * faces, sizeof *w->turned);
-    qm_context_free(w->ctx, w->target, 3 * faces, sizeof *w->target);
-    qm_context_free(w->ctx, w->is_across, 3 * faces, 1);
     qm_context_free(w->ctx, w->excess, faces, sizeof *w->excess);
     qm_context_free(w->ctx, w->node, nodes, sizeof *w->node);
     qm_context_free(w->ctx, w->arrival, 4 * faces, sizeof *w->arrival);
@@ -781,18 +698,15 @@ static void free_work(steps_work *w, size_t faces)
     qm_heap_reset(w->ctx, &w->heap);
 }
 
-qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cross,
-                              const qm_quads_grids *grids, const qm_quads_corners *corners, double size,
-                              qm_quads_record *record)
+/** The integers of a map whose phases are known. */
+static qm_status choose_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cross, const qm_quads_map *map,
+                              const qm_quads_phases *phases, double size, qm_quads_record *record)
 {
-    steps_work w = {.ctx = ctx, .m = m};
+    steps_work w = {.ctx = ctx, .m = m, .map = map};
     size_t faces = m->face_count;
     qm_status status = alloc_work(&w) ? QM_OK : QM_E_NO_MEMORY;
     if (status == QM_OK) {
-        find_turns(&w, cross, size);
-        qm_quads_turn_corners(m, corners, w.turned, (const float(*)[2])w.target);
-        find_strips(&w);
-        read_steps(&w, cross, grids, size);
+        read_steps(&w, phases);
         count_turns(&w, record);
         status = close_faces(&w, record);
     }
@@ -800,9 +714,22 @@ qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cros
         unfold(&w);
         for (uint32_t f = 0; f < faces; f++)
             record->steps_folded += face_area(&w, f) < 0;
+        status = move_to_corners(&w, cross, phases, size);
     }
     free_work(&w, faces);
-    if (status != QM_OK) return status;
-    memcpy(m->position, grids->origin, m->vertex_count * sizeof *m->position);
-    return split_steps(ctx, m);
+    return status;
+}
+
+qm_status qm_quads_find_steps(qm_context *ctx, qm_trimesh *m, const qm_vec *cross, const qm_quads_map *map,
+                              double size, qm_quads_record *record)
+{
+    size_t vertices = m->vertex_count, halves = 3 * m->face_count;
+    const qm_quads_phases phases = {qm_context_alloc(ctx, vertices, sizeof *phases.phase),
+                                    qm_context_alloc(ctx, halves, 1)};
+    qm_status status =
+        phases.phase && phases.turned ? qm_quads_find_phases(ctx, m, map, &phases) : QM_E_NO_MEMORY;
+    if (status == QM_OK) status = choose_steps(ctx, m, cross, map, &phases, size, record);
+    qm_context_free(ctx, phases.phase, vertices, sizeof *phases.phase);
+    qm_context_free(ctx, phases.turned, halves, 1);
+    return status == QM_OK ? split_steps(ctx, m) : status;
 }
