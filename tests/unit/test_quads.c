@@ -503,14 +503,70 @@ static void components_stay_apart(void **state)
 }
 
 /** Each face of a sphere of cells with vertices of its own, as files have them that keep a normal for each corner. */
+/** Each face by itself, with vertices of its own. */
+static qm_mesh loose_faces_of(const qm_mesh *m)
+{
+    qm_mesh apart = qm_shape_make(4 * m->face_count, m->face_count);
+    for (size_t c = 0; c < 4 * m->face_count; c++) {
+        memcpy(apart.positions + 3 * c, m->positions + 3 * (size_t)m->faces[c], 3 * sizeof(double));
+        apart.faces[c] = (uint32_t)c;
+    }
+    return apart;
+}
+
+static void turn_face(const qm_mesh *m, size_t face)
+{
+    uint32_t *c = m->faces + 4 * face, other = c[1];
+    c[1] = c[3], c[3] = other;
+}
+
+/** Six times the volume that the quads of a surface enclose. */
+static double volume_of_quads(const qm_mesh *surface, size_t quads)
+{
+    qm_context ctx = qm_context_make();
+    qm_mesh made = make_quads(&ctx, surface, quads, 1);
+    double sum = 0.0;
+    for (size_t f = 0; f < made.face_count; f++) {
+        qm_vec p[4];
+        for (int k = 0; k < 4; k++)
+            p[k] = qm_vec_load(made.positions + 3 * (size_t)made.faces[4 * f + (size_t)k]);
+        for (int k = 1; k < 3; k++)
+            sum += qm_vec_dot(p[0], qm_vec_cross(p[k], p[k + 1]));
+    }
+    qm_mesh_reset(&ctx, &made);
+    return sum;
+}
+
+/** Where neighbours look different ways each edge between them was a boundary of the quads. */
+static void faces_that_look_either_way_are_turned(void **state)
+{
+    (void)state;
+    const wanted sphere = {"sphere of turned faces", 600, 2, 1, true, 8, 20, 0.15};
+    for (int is_loose = 0; is_loose < 2; is_loose++)
+        for (uint64_t run = 0; run < 3; run++) {
+            qm_random random = qm_random_make(qm_check_seed(), run);
+            qm_mesh whole = cube_grid(12, to_sphere),
+                    m = is_loose ? loose_faces_of(&whole) : qm_shape_copy(&whole);
+            for (size_t f = 0; f < m.face_count; f++)
+                if (qm_random_bits(&random) >> 63) turn_face(&m, f);
+            qm_shape_free(&whole);
+            check_quads(m, &sphere);
+        }
+    /* the greater part stays as it is, whichever way that is */
+    qm_mesh whole = cube_grid(12, to_sphere);
+    for (size_t f = 0; f < whole.face_count; f += 3)
+        turn_face(&whole, f);
+    QM_CHECK(volume_of_quads(&whole, 400) > 24.0, "volume %g", volume_of_quads(&whole, 400) / 6.0);
+    for (size_t f = 0; f < whole.face_count; f++)
+        turn_face(&whole, f);
+    QM_CHECK(volume_of_quads(&whole, 400) < -24.0, "volume %g", volume_of_quads(&whole, 400) / 6.0);
+    qm_shape_free(&whole);
+}
+
 static void seams_close(void **state)
 {
     (void)state;
-    qm_mesh whole = cube_grid(12, to_sphere), apart = qm_shape_make(4 * whole.face_count, whole.face_count);
-    for (size_t c = 0; c < 4 * whole.face_count; c++) {
-        memcpy(apart.positions + 3 * c, whole.positions + 3 * (size_t)whole.faces[c], 3 * sizeof(double));
-        apart.faces[c] = (uint32_t)c;
-    }
+    qm_mesh whole = cube_grid(12, to_sphere), apart = loose_faces_of(&whole);
     qm_shape_free(&whole);
     const wanted sphere = {"sphere of loose faces", 600, 2, 1, true, 8, 20, 0.15};
     check_quads(apart, &sphere);
@@ -1002,6 +1058,7 @@ int main(void)
         cmocka_unit_test(open_shapes_keep_their_boundaries),
         cmocka_unit_test(components_stay_apart),
         cmocka_unit_test(seams_close),
+        cmocka_unit_test(faces_that_look_either_way_are_turned),
         cmocka_unit_test(any_soup_becomes_manifold_quads),
         cmocka_unit_test(threads_do_not_change_the_mesh),
         cmocka_unit_test(bad_input_is_told),

@@ -1,8 +1,14 @@
 /**
- * quads_seams.c: closes the seams of a surface. Formats that give a vertex one normal or one place in a picture have
- * it twice where these jump, and modellers' patches that meet often share no vertex: two boundaries then run through the
- * same places, of which each would be a boundary of the quads. Where just two sides without a partner lead from one place to another and
- * back, they become one edge. What only touches stays apart.
+ * quads_seams.c: turns triangles that look the other way than their neighbours, and closes the seams of a surface.
+ *
+ * Formats that give a vertex one normal or one place in a picture have it twice where these jump, and modellers' patches that
+ * meet often share no vertex: two boundaries then run through the same places, of which each would be a boundary of the
+ * quads. Where just two sides without a partner lead from one place to another and back, they become one edge. What only
+ * touches stays apart.
+ *
+ * Where just two lead the same way, one of their triangles looks the wrong way. Each triangle is a pair of nodes, as it is and turned: sides with a
+ * partner join the nodes of one kind, sides that lead the same way those of different kinds, unless that would join both nodes of
+ * a triangle, as on a Moebius strip: such an edge stays a boundary. Of each surface the part of the smaller area is turned.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -13,11 +19,17 @@
 /** A side of a triangle without a partner. */
 typedef struct seam_side {
     uint32_t from, to; /* vertices */
+    uint32_t triangle;
     uint32_t place[2]; /* the lowest vertices at their positions, the lower first */
     bool is_up;        /* it leads from the lower place to the higher */
 } seam_side;
 
-/** A vertex of such a side. */
+/** A side from a vertex: where it leads, and of which triangle it is. Those of v are way[start[v]] ... way[start[v + 1] - 1]. */
+typedef struct seam_way {
+    uint32_t to, triangle;
+} seam_way;
+
+/** A vertex of a side without a partner. */
 typedef struct seam_end {
     qm_vec at;
     uint32_t vertex;
@@ -36,28 +48,34 @@ static int compare_sides(const void *a, const void *b)
     for (int k = 0; k < 2; k++)
         if (one->place[k] != other->place[k]) return one->place[k] < other->place[k] ? -1 : 1;
     if (one->from != other->from) return one->from < other->from ? -1 : 1;
-    return (one->to > other->to) - (one->to < other->to);
+    if (one->to != other->to) return one->to < other->to ? -1 : 1;
+    return (one->triangle > other->triangle) - (one->triangle < other->triangle);
 }
 
-/** Lists the sides without a partner: start and to hold where the sides from each vertex lead. */
-static size_t list_open_sides(const qm_quads_triangles *t, const uint32_t *start, const uint32_t *to,
+/** The triangle with a side from one vertex to another; QM_NO_INDEX: there is none. */
+static uint32_t triangle_between(const uint32_t *start, const seam_way *way, uint32_t from, uint32_t to)
+{
+    for (uint32_t s = start[from]; s < start[from + 1]; s++)
+        if (way[s].to == to) return way[s].triangle;
+    return QM_NO_INDEX;
+}
+
+/** Lists the sides without a partner. */
+static size_t list_open_sides(const qm_quads_triangles *t, const uint32_t *start, const seam_way *way,
                               seam_side *out)
 {
     size_t count = 0;
     for (size_t i = 0; i < t->count; i++)
         for (int k = 0; k < 3; k++) {
             uint32_t a = t->corner[i][k], b = t->corner[i][(k + 1) % 3];
-            bool has_partner = a == b;
-            for (uint32_t s = start[b]; s < start[b + 1] && !has_partner; s++)
-                has_partner = to[s] == a;
-            if (has_partner) continue;
-            if (out) out[count] = (seam_side){.from = a, .to = b};
+            if (a == b || triangle_between(start, way, b, a) != QM_NO_INDEX) continue;
+            if (out) out[count] = (seam_side){.from = a, .to = b, .triangle = (uint32_t)i};
             count++;
         }
     return count;
 }
 
-static void list_ends(const qm_quads_triangles *t, size_t vertex_count, uint32_t *start, uint32_t *to)
+static void list_ways(const qm_quads_triangles *t, size_t vertex_count, uint32_t *start, seam_way *way)
 {
     memset(start, 0, (vertex_count + 1) * sizeof *start);
     for (size_t i = 0; i < t->count; i++)
@@ -67,7 +85,7 @@ static void list_ends(const qm_quads_triangles *t, size_t vertex_count, uint32_t
         start[v + 1] += start[v];
     for (size_t i = t->count; i-- > 0;)
         for (int k = 0; k < 3; k++)
-            to[--start[t->corner[i][k]]] = t->corner[i][(k + 1) % 3];
+            way[--start[t->corner[i][k]]] = (seam_way){t->corner[i][(k + 1) % 3], (uint32_t)i};
 }
 
 /** Finds the lowest vertex at the position of each end. */
@@ -91,17 +109,110 @@ static void find_places(const qm_mesh *mesh, seam_side *sides, size_t count, sea
     qsort(sides, count, sizeof *sides, compare_sides);
 }
 
-static void join_sides(const seam_side *sides, size_t count, uint32_t *parent)
+/** The next pair of sides alone at their places, from *next on; NULL: there is none. */
+static const seam_side *next_pair(const seam_side *sides, size_t count, size_t *next)
 {
-    for (size_t i = 0, end; i < count; i = end) {
+    for (size_t i = *next, end; i < count; i = end) {
         for (end = i + 1; end < count && sides[end].place[0] == sides[i].place[0] &&
                           sides[end].place[1] == sides[i].place[1];)
             end++;
-        const seam_side *one = &sides[i], *other = &sides[i + 1];
-        if (end - i != 2 || one->is_up == other->is_up || one->place[0] == one->place[1]) continue;
-        qm_union_find_join(parent, one->from, other->to);
-        qm_union_find_join(parent, one->to, other->from);
+        *next = end;
+        if (end - i == 2 && sides[i].place[0] != sides[i].place[1]) return &sides[i];
     }
+    return NULL;
+}
+
+static bool leads_back(const seam_side *pair)
+{
+    return pair[0].is_up != pair[1].is_up;
+}
+
+static void join_sides(const seam_side *sides, size_t count, uint32_t *parent)
+{
+    size_t next = 0;
+    for (const seam_side *pair; (pair = next_pair(sides, count, &next));) {
+        if (!leads_back(pair)) continue;
+        qm_union_find_join(parent, pair[0].from, pair[1].to);
+        qm_union_find_join(parent, pair[0].to, pair[1].from);
+    }
+}
+
+/** Joins the nodes of two triangles: i as it is and i + count turned. */
+static void join_nodes(uint32_t *parent, size_t count, uint32_t i, uint32_t j, bool is_same)
+{
+    uint32_t turned = (uint32_t)count, other = is_same ? j : j + turned;
+    if (qm_union_find_root(parent, i) == qm_union_find_root(parent, is_same ? j + turned : j)) return;
+    qm_union_find_join(parent, i, other);
+    qm_union_find_join(parent, i + turned, is_same ? j + turned : j);
+}
+
+/** Joins triangles by the sides that have a partner. */
+static void join_partners(const qm_quads_triangles *t, const uint32_t *start, const seam_way *way,
+                          uint32_t *parent)
+{
+    for (uint32_t i = 0; i < t->count; i++)
+        for (int k = 0; k < 3; k++) {
+            uint32_t partner = triangle_between(start, way, t->corner[i][(k + 1) % 3], t->corner[i][k]);
+            if (partner != QM_NO_INDEX) join_nodes(parent, t->count, i, partner, true);
+        }
+}
+
+/** Turns the triangles of the smaller part of each surface. area has two entries for each class: of those as they are, and turned. */
+static void turn_parts(const qm_mesh *mesh, const qm_quads_triangles *t, uint32_t *parent, double (*area)[2])
+{
+    memset(area, 0, 2 * t->count * sizeof *area);
+    for (int pass = 0; pass < 2; pass++)
+        for (uint32_t i = 0; i < t->count; i++) {
+            uint32_t own = qm_union_find_root(parent, i),
+                     other = qm_union_find_root(parent, i + (uint32_t)t->count);
+            bool is_turned = own > other;
+            double *sums = area[is_turned ? other : own];
+            if (pass == 0)
+                sums[is_turned] += qm_quads_area(mesh->positions, (const uint32_t(*)[3])t->corner + i, 1);
+            else if ((sums[1] > sums[0]) != is_turned) {
+                uint32_t corner = t->corner[i][1];
+                t->corner[i][1] = t->corner[i][2];
+                t->corner[i][2] = corner;
+            }
+        }
+}
+
+static void join_pairs(const qm_quads_triangles *t, const seam_side *sides, size_t count, bool lead_back,
+                       uint32_t *parent)
+{
+    size_t next = 0;
+    for (const seam_side *pair; (pair = next_pair(sides, count, &next));)
+        if (leads_back(pair) == lead_back)
+            join_nodes(parent, t->count, pair[0].triangle, pair[1].triangle, lead_back);
+}
+
+/** Turns triangles until neighbours look the same way, where that can be. */
+static bool turn_triangles(qm_context *ctx, const qm_mesh *mesh, const qm_quads_triangles *t,
+                           const uint32_t *start, const seam_way *way, const seam_side *sides, size_t count)
+{
+    size_t nodes = 2 * t->count;
+    uint32_t *parent = qm_context_alloc(ctx, nodes, sizeof *parent);
+    double(*area)[2] = qm_context_alloc(ctx, nodes, sizeof *area);
+    bool has_memory = parent && area;
+    if (has_memory) {
+        for (uint32_t i = 0; i < nodes; i++)
+            parent[i] = i;
+        join_partners(t, start, way, parent);
+        join_pairs(t, sides, count, true, parent);
+        join_pairs(t, sides, count, false, parent);
+        turn_parts(mesh, t, parent, area);
+    }
+    qm_context_free(ctx, parent, nodes, sizeof *parent);
+    qm_context_free(ctx, area, nodes, sizeof *area);
+    return has_memory;
+}
+
+static bool has_turned(const seam_side *sides, size_t count)
+{
+    size_t next = 0;
+    for (const seam_side *pair; (pair = next_pair(sides, count, &next));)
+        if (!leads_back(pair)) return true;
+    return false;
 }
 
 /** Gives the triangles the lowest of the vertices that have become one. */
@@ -112,15 +223,18 @@ static void rename_corners(qm_quads_triangles *t, uint32_t *parent)
             t->corner[i][k] = qm_union_find_root(parent, t->corner[i][k]);
 }
 
-qm_status qm_quads_close_seams(qm_context *ctx, const qm_mesh *mesh, qm_quads_triangles *t)
+/** Turns triangles, or closes seams if turns is false or none has to be turned; *is_turned tells. */
+static qm_status mend(qm_context *ctx, const qm_mesh *mesh, qm_quads_triangles *t, bool turns,
+                      bool *is_turned)
 {
     size_t vertices = mesh->vertex_count, count = 0;
     uint32_t *start = qm_context_alloc(ctx, vertices + 1, sizeof *start);
-    uint32_t *to = qm_context_alloc(ctx, 3 * t->count, sizeof *to);
-    bool has_memory = start && to;
+    seam_way *way = qm_context_alloc(ctx, 3 * t->count, sizeof *way);
+    bool has_memory = start && way;
+    *is_turned = false;
     if (has_memory) {
-        list_ends(t, vertices, start, to);
-        count = list_open_sides(t, start, to, NULL);
+        list_ways(t, vertices, start, way);
+        count = list_open_sides(t, start, way, NULL);
     }
     seam_side *sides = NULL;
     seam_end *ends = NULL;
@@ -131,18 +245,30 @@ qm_status qm_quads_close_seams(qm_context *ctx, const qm_mesh *mesh, qm_quads_tr
         place = qm_context_alloc(ctx, vertices, sizeof *place);
         has_memory = sides && ends && place;
         if (has_memory) {
-            list_open_sides(t, start, to, sides);
+            list_open_sides(t, start, way, sides);
             find_places(mesh, sides, count, ends, place);
-            for (uint32_t v = 0; v < vertices; v++)
-                place[v] = v; /* now of union-find */
-            join_sides(sides, count, place);
-            rename_corners(t, place);
+            *is_turned = turns && has_turned(sides, count);
+            if (*is_turned) {
+                has_memory = turn_triangles(ctx, mesh, t, start, way, sides, count);
+            } else {
+                for (uint32_t v = 0; v < vertices; v++)
+                    place[v] = v; /* now of union-find */
+                join_sides(sides, count, place);
+                rename_corners(t, place);
+            }
         }
     }
     qm_context_free(ctx, start, vertices + 1, sizeof *start);
-    qm_context_free(ctx, to, 3 * t->count, sizeof *to);
+    qm_context_free(ctx, way, 3 * t->count, sizeof *way);
     qm_context_free(ctx, sides, count, sizeof *sides);
     qm_context_free(ctx, ends, 2 * count, sizeof *ends);
     qm_context_free(ctx, place, vertices, sizeof *place);
     return has_memory ? QM_OK : QM_E_NO_MEMORY;
+}
+
+qm_status qm_quads_close_seams(qm_context *ctx, const qm_mesh *mesh, qm_quads_triangles *t)
+{
+    bool is_turned;
+    qm_status status = mend(ctx, mesh, t, true, &is_turned);
+    return status == QM_OK && is_turned ? mend(ctx, mesh, t, false, &is_turned) : status;
 }
