@@ -589,31 +589,81 @@ static void seams_close(void **state)
     qm_shape_free(&fan);
 }
 
+static void check_soup(qm_mesh soup, size_t wanted_quads, uint64_t run)
+{
+    qm_context ctx = qm_context_make();
+    qm_bvh *bvh;
+    qm_mesh out;
+    qm_quads_options options = qm_quads_options_default();
+    options.quads = wanted_quads;
+    assert_int_equal(qm_bvh_build(&ctx, &soup, QM_BVH_TARGET, 1, &bvh), QM_OK);
+    qm_status status = qm_quads_make(&ctx, bvh, &options, &out, NULL);
+    QM_CHECK(status == QM_OK || status == QM_E_EMPTY, "seed %llu, run %llu: %s",
+             (unsigned long long)qm_check_seed(), (unsigned long long)run, ctx.message);
+    if (status == QM_OK) {
+        qm_topology t = qm_topology_find(&out);
+        QM_CHECK(t.is_all_quads && t.is_manifold && t.is_oriented,
+                 "seed %llu, run %llu: quads %d, manifold %d", (unsigned long long)qm_check_seed(),
+                 (unsigned long long)run, t.is_all_quads, t.is_manifold);
+    }
+    qm_mesh_reset(&ctx, &out);
+    qm_bvh_destroy(&ctx, bvh);
+    qm_shape_free(&soup);
+}
+
 static void any_soup_becomes_manifold_quads(void **state)
 {
     (void)state;
     for (uint64_t run = 0; run < 2 * (uint64_t)QM_SOUP_STYLE_COUNT; run++) {
         qm_random random = qm_random_make(qm_check_seed(), run);
-        qm_mesh soup =
-            qm_shape_soup(&random, 12, QM_SOUP_MIXED, (qm_soup_style)(run % QM_SOUP_STYLE_COUNT), 0.3);
-        qm_context ctx = qm_context_make();
-        qm_bvh *bvh;
-        qm_mesh out;
-        qm_quads_options options = qm_quads_options_default();
-        options.quads = 300;
-        assert_int_equal(qm_bvh_build(&ctx, &soup, QM_BVH_TARGET, 1, &bvh), QM_OK);
-        qm_status status = qm_quads_make(&ctx, bvh, &options, &out, NULL);
-        QM_CHECK(status == QM_OK || status == QM_E_EMPTY, "seed %llu, run %llu: %s",
-                 (unsigned long long)qm_check_seed(), (unsigned long long)run, ctx.message);
-        if (status == QM_OK) {
-            qm_topology t = qm_topology_find(&out);
-            QM_CHECK(t.is_all_quads && t.is_manifold && t.is_oriented,
-                     "seed %llu, run %llu: quads %d, manifold %d", (unsigned long long)qm_check_seed(),
-                     (unsigned long long)run, t.is_all_quads, t.is_manifold);
+        check_soup(qm_shape_soup(&random, 12, QM_SOUP_MIXED, (qm_soup_style)(run % QM_SOUP_STYLE_COUNT), 0.3),
+                   300, run);
+    }
+}
+
+/** A fin on an edge inside a surface makes it a slit, whose two sides have both vertices in common: sides of quads there were paired anyhow, and
+ * walking round a vertex had no end. */
+static void fins_leave_slits(void **state)
+{
+    (void)state;
+    for (uint64_t run = 0; run < 12; run++) {
+        qm_random random = qm_random_make(qm_check_seed(), run);
+        qm_mesh ball = triangles_of(cube_grid(3 + (int)(run % 3), to_sphere));
+        size_t fins = 1 + ball.face_count / 8;
+        qm_mesh m = qm_shape_make(ball.vertex_count + fins, ball.face_count + fins);
+        memcpy(m.positions, ball.positions, 3 * ball.vertex_count * sizeof *m.positions);
+        memcpy(m.faces, ball.faces, 4 * ball.face_count * sizeof *m.faces);
+        for (size_t i = 0; i < fins; i++) {
+            const uint32_t *c = ball.faces + 4 * qm_random_below(&random, ball.face_count);
+            size_t k = qm_random_below(&random, 3), tip = ball.vertex_count + i;
+            const uint32_t row[4] = {c[k], c[(k + 1) % 3], (uint32_t)tip, QM_NO_INDEX};
+            memcpy(m.faces + 4 * (ball.face_count + i), row, sizeof row);
+            for (size_t x = 0; x < 3; x++)
+                m.positions[3 * tip + x] =
+                    0.7 * (ball.positions[3 * row[0] + x] + ball.positions[3 * row[1] + x]);
         }
-        qm_mesh_reset(&ctx, &out);
-        qm_bvh_destroy(&ctx, bvh);
-        qm_shape_free(&soup);
+        qm_shape_free(&ball);
+        check_soup(m, 100 + 50 * run, run);
+    }
+}
+
+/** A triangle of two sides: edges from the middle of one of its edges to the corner across were two, with the same ends. */
+static void sheets_of_two_sides_become_closed_quads(void **state)
+{
+    (void)state;
+    const double corners[9] = {0, 0, 0, 2, 0, 0, 0.5, 1.5, 0};
+    for (size_t quads = 30; quads <= 240; quads *= 2) {
+        qm_mesh sheet = qm_shape_make(3, 2);
+        const uint32_t rows[8] = {0, 1, 2, QM_NO_INDEX, 0, 2, 1, QM_NO_INDEX};
+        memcpy(sheet.positions, corners, sizeof corners);
+        memcpy(sheet.faces, rows, sizeof rows);
+        qm_context ctx = qm_context_make();
+        qm_mesh made = make_quads(&ctx, &sheet, quads, 1);
+        qm_topology t = qm_topology_find(&made);
+        QM_CHECK(t.is_all_quads && t.is_manifold && t.is_oriented && t.euler == 2 && t.boundary_edges == 0,
+                 "%zu quads: manifold %d, Euler number %td", made.face_count, t.is_manifold, t.euler);
+        qm_mesh_reset(&ctx, &made);
+        qm_shape_free(&sheet);
     }
 }
 
@@ -936,6 +986,48 @@ static void creases_apart_are_not_pinched(void **state)
     QM_CHECK(count == 24 && off < 0.51, "%zu quads, creases %.3g from where they were", count, off);
 }
 
+/* ---- tidying ---- */
+
+/** Where several quads have a side in common, any two of them were paired, and walking round a vertex came back to none of its own sides. */
+static void sides_of_several_quads_are_boundaries(void **state)
+{
+    (void)state;
+    for (uint64_t run = 0; run < 200; run++) {
+        qm_random random = qm_random_make(qm_check_seed(), run);
+        qm_mesh ball = cube_grid(2 + (int)(run % 3), to_sphere);
+        qm_context ctx = qm_context_make();
+        qm_quads_result r = {0};
+        /* a pair of vertices become one: sides from both to a third are then the same */
+        uint32_t kept = (uint32_t)qm_random_below(&random, ball.vertex_count),
+                 gone = (uint32_t)qm_random_below(&random, ball.vertex_count);
+        size_t faces = ball.face_count;
+        r.mesh = (qm_mesh){.vertex_count = ball.vertex_count, .face_count = faces};
+        r.mesh.positions = qm_context_alloc(&ctx, ball.vertex_count, 3 * sizeof(double));
+        r.mesh.faces = qm_context_alloc(&ctx, faces, 4 * sizeof(uint32_t));
+        r.is_fixed = qm_context_alloc(&ctx, ball.vertex_count, 1);
+        r.is_feature = qm_context_alloc(&ctx, faces, 4);
+        memcpy(r.mesh.positions, ball.positions, 3 * ball.vertex_count * sizeof(double));
+        memset(r.is_fixed, 0, ball.vertex_count);
+        memset(r.is_feature, 0, 4 * faces);
+        for (size_t c = 0; c < 4 * faces; c++)
+            r.mesh.faces[c] = ball.faces[c] == gone ? kept : ball.faces[c];
+        size_t irregular = 0;
+        bool has_corner_twice = false;
+        for (size_t f = 0; f < faces; f++)
+            for (int k = 0; k < 4; k++)
+                for (int i = 0; i < k; i++)
+                    has_corner_twice |= r.mesh.faces[4 * f + (size_t)k] == r.mesh.faces[4 * f + (size_t)i];
+        if (!has_corner_twice) {
+            assert_int_equal(qm_quads_tidy(&ctx, &r, &irregular), QM_OK);
+            QM_CHECK(r.mesh.face_count > faces / 4 && r.mesh.face_count <= faces,
+                     "seed %llu, run %llu: %zu quads of %zu", (unsigned long long)qm_check_seed(),
+                     (unsigned long long)run, r.mesh.face_count, faces);
+        }
+        qm_quads_result_reset(&ctx, &r);
+        qm_shape_free(&ball);
+    }
+}
+
 /* ---- fitting ---- */
 
 #define MAJOR 1.0
@@ -1044,6 +1136,7 @@ int main(void)
         cmocka_unit_test(random_edits_keep_the_topology),
         cmocka_unit_test(pockets_are_cut),
         cmocka_unit_test(creases_apart_are_not_pinched),
+        cmocka_unit_test(sides_of_several_quads_are_boundaries),
         cmocka_unit_test(closed_shapes_become_closed_quads),
         cmocka_unit_test(quads_lie_on_both_sides),
         cmocka_unit_test(creases_are_followed),
@@ -1060,6 +1153,8 @@ int main(void)
         cmocka_unit_test(seams_close),
         cmocka_unit_test(faces_that_look_either_way_are_turned),
         cmocka_unit_test(any_soup_becomes_manifold_quads),
+        cmocka_unit_test(fins_leave_slits),
+        cmocka_unit_test(sheets_of_two_sides_become_closed_quads),
         cmocka_unit_test(threads_do_not_change_the_mesh),
         cmocka_unit_test(bad_input_is_told),
         cmocka_unit_test(memory_and_cancel_end_the_call),

@@ -239,6 +239,7 @@ static qm_status make_part_along(qm_context *ctx, const part_job *job, double cr
     qm_vec *cross = NULL;
     qm_status status =
         qm_trimesh_build(ctx, surface->positions, surface->vertex_count, job->corner, job->count, &m);
+    if (status == QM_OK) status = qm_trimesh_split_doubles(ctx, &m);
     if (status == QM_OK) qm_quads_drop_slivers(&m);
     if (status == QM_OK) status = qm_trimesh_fill_holes(ctx, &m, SMALL_HOLE * size);
     if (status == QM_OK) status = qm_quads_find_features(ctx, &m, crease_angle, size, true);

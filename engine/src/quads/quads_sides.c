@@ -226,7 +226,20 @@ void qm_quads_turn(qm_quads_sides *t, const qm_quads_hexagon *x, int k)
  * The whole mesh.
  */
 
-/** Pairs the sides between the same vertices: in each vertex's list of sides the one to that of the other is searched. */
+/** The sides from a vertex: of v those from start[v + 1] on. *only receives the one that leads to another; returns how many do. */
+static int count_sides(const qm_quads_sides *t, const uint32_t *start, const uint32_t *list, uint32_t from,
+                       uint32_t to, uint32_t *only)
+{
+    const qm_mesh *m = &t->r->mesh;
+    uint32_t end = from + 2 <= m->vertex_count ? start[from + 2] : (uint32_t)(4 * m->face_count);
+    int count = 0;
+    for (uint32_t k = start[from + 1]; k < end; k++)
+        if (m->faces[qm_quads_next(list[k])] == to) *only = list[k], count++;
+    return count;
+}
+
+/** Pairs the sides between the same vertices: in each vertex's list of sides the one to that of the other is searched. Where there
+ * are several, none have a twin, and the vertices stay: going round them does not come to all of their quads. */
 static bool pair_sides(qm_quads_sides *t)
 {
     const qm_mesh *m = &t->r->mesh;
@@ -242,11 +255,12 @@ static bool pair_sides(qm_quads_sides *t)
         for (uint32_t s = (uint32_t)sides; s-- > 0;)
             list[--start[m->faces[s] + 1]] = s;
         for (uint32_t s = 0; s < sides; s++) {
-            uint32_t a = m->faces[s], b = m->faces[qm_quads_next(s)];
-            uint32_t end = b + 2 <= m->vertex_count ? start[b + 2] : (uint32_t)sides;
-            t->twin[s] = QM_NO_INDEX;
-            for (uint32_t k = start[b + 1]; k < end; k++)
-                if (m->faces[qm_quads_next(list[k])] == a) t->twin[s] = list[k];
+            uint32_t a = m->faces[s], b = m->faces[qm_quads_next(s)], own = s, twin = QM_NO_INDEX;
+            int there = count_sides(t, start, list, a, b, &own),
+                back = count_sides(t, start, list, b, a, &twin);
+            bool is_paired = there == 1 && back == 1;
+            t->twin[s] = is_paired ? twin : QM_NO_INDEX;
+            if (there > 1 || back > 1) t->r->is_fixed[a] = t->r->is_fixed[b] = QM_QUADS_HELD;
             t->out[a] = s;
         }
     }

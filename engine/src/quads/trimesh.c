@@ -465,6 +465,34 @@ static bool leaves_fin(const qm_trimesh *m, uint32_t h)
     return a / 3 == b / 3 || m->twin[qm_trimesh_prev(a)] == qm_trimesh_next(b);
 }
 
+/** True if a vertex has another edge to the vertex that a half-edge from it leads to. */
+static bool is_double(const qm_trimesh *m, uint32_t h)
+{
+    uint32_t v = m->from[h], to = qm_trimesh_to(m, h), first = qm_trimesh_first(m, v), k = first;
+    do {
+        uint32_t back = qm_trimesh_prev(k);
+        if (k != h && qm_trimesh_to(m, k) == to) return true;
+        if (m->twin[back] == QM_NO_INDEX && m->from[back] == to) return true;
+        k = qm_trimesh_around(m, k);
+    } while (k != QM_NO_INDEX && k != first);
+    return false;
+}
+
+qm_status qm_trimesh_split_doubles(qm_context *ctx, qm_trimesh *m)
+{
+    uint32_t halves = 3 * (uint32_t)m->face_count, vertex;
+    qm_status status = QM_OK;
+    for (uint32_t h = 0; h < halves && status == QM_OK; h++) {
+        uint32_t t = m->twin[h];
+        bool is_sheet = t != QM_NO_INDEX && m->from[qm_trimesh_prev(h)] == m->from[qm_trimesh_prev(t)];
+        if (is_sheet) status = qm_trimesh_split_face(ctx, m, h / 3, &vertex);
+        if (t != QM_NO_INDEX || !is_double(m, h)) continue;
+        qm_vec middle = qm_vec_mix(m->position[m->from[h]], m->position[qm_trimesh_to(m, h)], 0.5);
+        status = qm_trimesh_split(ctx, m, h, middle, &vertex);
+    }
+    return status;
+}
+
 bool qm_trimesh_can_collapse(qm_trimesh *m, uint32_t h)
 {
     uint32_t u = m->from[h], v = qm_trimesh_to(m, h), twin = m->twin[h];

@@ -99,6 +99,11 @@ qm_status qm_trimesh_split_face(qm_context *ctx, qm_trimesh *m, uint32_t face, u
 /** Closes boundaries that are no longer than longest, each by a fan round a new vertex. Returns QM_OK; QM_E_NO_MEMORY. */
 qm_status qm_trimesh_fill_holes(qm_context *ctx, qm_trimesh *m, double longest);
 
+/** Splits edges of the boundary that have both vertices in common with another edge, and faces that have all three in common with their
+ * neighbour, whose edges would when they are split: quads, which are told by their vertices, could not be told apart there. No face
+ * may have been removed. Returns QM_OK; QM_E_NO_MEMORY. */
+qm_status qm_trimesh_split_doubles(qm_context *ctx, qm_trimesh *m);
+
 /** True if the edge can be contracted without a change of topology. */
 bool qm_trimesh_can_collapse(qm_trimesh *m, uint32_t h);
 
