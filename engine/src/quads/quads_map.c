@@ -28,6 +28,7 @@
 #define FAR_OFF 0.6 /* change of a step, as a share of its length, that takes half of the give */
 #define FIRST_PASSES 2
 #define TOLERANCE 1e-3 /* of the sums round faces: the norm of those that are left, as a share of the first */
+#define ROUNDING 0x1p-22 /* of a step: sums of this are left as they are */
 #define MOST_ITERATIONS 1000
 #define FAILED 0.5      /* of these sums, that are left after most iterations */
 #define MOST_CHANGE 1.0 /* of a step, along an axis */
@@ -126,7 +127,8 @@ static void find_strips(const qm_trimesh *m, const qm_quads_map *map)
         int along = qm_quads_feature_axis(map, h), axis = 1 - along;
         uint32_t next = qm_trimesh_next(h), back = qm_trimesh_prev(h);
         int left = (map->edge[h][along] > 0.0F) == (along == 0) ? 1 : -1;
-        if (!((float)left * map->step[next][axis] < 1.0F) || !is_opposite(m, h, m->from[back])) continue;
+        /* a neighbour may have made it 1 */
+        if (!((float)left * map->step[next][axis] <= 1.0F) || !is_opposite(m, h, m->from[back])) continue;
         mark_across(m, map, next, axis, left);
         mark_across(m, map, back, axis, -left);
     }
@@ -242,7 +244,8 @@ static qm_status solve(qm_context *ctx, const qm_trimesh *m, const qm_quads_map 
             first += sum * sum;
             left += r * r;
         }
-    for (int k = 0; k < MOST_ITERATIONS && left > TOLERANCE * TOLERANCE * first; k++) {
+    double enough = qm_max(TOLERANCE * TOLERANCE * first, ROUNDING * ROUNDING * (double)(3 * m->face_count));
+    for (int k = 0; k < MOST_ITERATIONS && left > enough; k++) {
         if (k % POLL_ITERATIONS == 0 && qm_context_canceled(ctx)) return QM_E_CANCELED;
         apply_laplacian(m, map, (const pair *)c->give, (const pair *)c->direction, c->image);
         double bend = 0.0, next = 0.0;
@@ -307,7 +310,7 @@ qm_status qm_quads_map_close(qm_context *ctx, const qm_trimesh *m, qm_quads_map 
             set_give(m, map, &c);
             status = solve(ctx, m, map, &c);
         }
-        map->size = size;
+        if (status == QM_OK) map->size = size;
     }
     qm_context_free(ctx, vectors, 4 * faces, sizeof *vectors);
     qm_context_free(ctx, c.give, halves, sizeof *c.give);
