@@ -22,8 +22,8 @@
 #define MOST_PATCHES 2000
 #define LAYOUTS 4 /* at most */
 #define QUADS_A_PATCH 3
-#define PLAIN_RATIO 2.0
-#define FILLED_RATIO 1.25
+#define PLAIN_RATIO 2.5
+#define FILLED_RATIO 1.6
 #define FILLED_SINE 0.2
 #define WORTH_RATIO 2.0 /* of the distance, by which it may be greater for that */
 /* Of the plain mesh's distance: if parts of the surface are farther from the filled mesh before it is settled, its layout's grids
@@ -329,16 +329,22 @@ static bool is_usable(const trial *best, const plain_quads *plain)
            (best->is_near || best->made.upper <= PLAIN_RATIO * plain->distance);
 }
 
-/** True if a mesh without folds and poor quads is no farther than so many times the plain one. */
+/** True if a mesh without folds is no farther than so many times the plain one. */
+static bool is_whole(const trial *best, const plain_quads *plain, double ratio)
+{
+    return best->made.mesh.face_count > 0 && !best->is_folded && best->made.upper <= ratio * plain->distance;
+}
+
+/** True if it has no poor quads, either. */
 static bool is_good(const trial *best, const plain_quads *plain, double ratio)
 {
-    return best->made.mesh.face_count > 0 && !best->is_folded && !best->is_poor &&
-           best->made.upper <= ratio * plain->distance;
+    return is_whole(best, plain, ratio) && !best->is_poor;
 }
 
 /**
  * Tries layouts of more and more patches, whose grids are filled at once, until the mesh is about as near as one without a layout. Where
- * none is good, meshes are made by steps, which takes long: from their curves they are nearer over ears and tips that grids leave out.
+ * none is good, meshes are made by steps, which takes long: from their curves they are nearer over ears and tips that grids leave out. Poor quads
+ * alone are worth the steps of one layout.
  * With a wanted distance there are steps alone.
  */
 static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surface,
@@ -367,8 +373,9 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
         is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO);
     }
-    for (size_t i = 0; i < count && status == QM_OK && !has_goal && !is_good(&best, &plain, PLAIN_RATIO);
-         i++) {
+    for (size_t i = 0; i < count && status == QM_OK && !has_goal; i++) {
+        bool is_done = i == 0 ? is_good(&best, &plain, PLAIN_RATIO) : is_whole(&best, &plain, PLAIN_RATIO);
+        if (is_done) break;
         last = try_layout(ctx, surface, options, &drawn[i], &plain, TAKE_STEPS, &best);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
     }
