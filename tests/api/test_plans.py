@@ -104,7 +104,7 @@ def test_a_few_strokes_make_a_complete_layout_from_nothing(client, model):
 
 def test_an_automatic_layout_is_corrected(client, model):
     _, mesh = model
-    made = client.post("/v1/layouts", json={"mesh": mesh, "auto": True, "quad_count": 3000})
+    made = client.post("/v1/layouts", json={"mesh": mesh, "auto": True, "quad_count": 3500})
     assert made.status_code == 201, made.text
     sketch = Sketcher(client, made.json())
     assert sketch.layout["complete"]
