@@ -15,14 +15,15 @@
 #define LAYOUT_QUADS 5000 /* of which a layout is made, or fewer where the limit is lower */
 /* Layouts are divided into about LAYOUT_PATCHES, then MORE_PATCHES times as many, up to MOST_PATCHES and one for each QUADS_A_PATCH
  * quads. Their grids are filled until a mesh is no farther than FILLED_RATIO times one of LAYOUT_QUADS quads without a layout, and no
- * quad has a scaled Jacobian below FILLED_SINE. Where no mesh is, meshes are made by steps until one is no farther than PLAIN_RATIO
- * times that. */
+ * quad has a scaled Jacobian below FILLED_SINE. Where no mesh is, meshes are made by steps until one is no farther than STEPS_RATIO
+ * times that; with a wanted distance, until one is as near as that, or no farther than PLAIN_RATIO times. */
 #define LAYOUT_PATCHES 250
 #define MORE_PATCHES 2
 #define MOST_PATCHES 2000
 #define LAYOUTS 4 /* at most */
 #define QUADS_A_PATCH 3
-#define PLAIN_RATIO 2.5
+#define PLAIN_RATIO 2.0
+#define STEPS_RATIO 2.5
 #define FILLED_RATIO 1.6
 #define FILLED_SINE 0.2
 #define WORTH_RATIO 2.0 /* of the distance, by which it may be greater for that */
@@ -374,7 +375,7 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
         is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO);
     }
     for (size_t i = 0; i < count && status == QM_OK && !has_goal; i++) {
-        bool is_done = i == 0 ? is_good(&best, &plain, PLAIN_RATIO) : is_whole(&best, &plain, PLAIN_RATIO);
+        bool is_done = i == 0 ? is_good(&best, &plain, STEPS_RATIO) : is_whole(&best, &plain, STEPS_RATIO);
         if (is_done) break;
         last = try_layout(ctx, surface, options, &drawn[i], &plain, TAKE_STEPS, &best);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
