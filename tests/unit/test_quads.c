@@ -4,6 +4,7 @@
 
 #include "base/host.h"
 #include "failing_allocator.h"
+#include "poll_cancel.h"
 #include "qm/features.h"
 #include "qm/hausdorff.h"
 #include "qm/quads.h"
@@ -622,8 +623,7 @@ static void any_soup_becomes_manifold_quads(void **state)
     }
 }
 
-/** A fin on an edge inside a surface makes it a slit, whose two sides have both vertices in common: sides of quads there were paired anyhow, and
- * walking round a vertex had no end. */
+/** A fin on an edge inside a surface makes it a slit, whose two sides have both vertices in common. */
 static void fins_leave_slits(void **state)
 {
     (void)state;
@@ -648,16 +648,52 @@ static void fins_leave_slits(void **state)
     }
 }
 
-/** A triangle of two sides: edges from the middle of one of its edges to the corner across were two, with the same ends. */
+static qm_mesh sheet_of_two_sides(void)
+{
+    const double corners[9] = {0, 0, 0, 2, 0, 0, 0.5, 1.5, 0};
+    const uint32_t rows[8] = {0, 1, 2, QM_NO_INDEX, 0, 2, 1, QM_NO_INDEX};
+    qm_mesh sheet = qm_shape_make(3, 2);
+    memcpy(sheet.positions, corners, sizeof corners);
+    memcpy(sheet.faces, rows, sizeof rows);
+    return sheet;
+}
+
+/** Half-edges that lead from one vertex to another where another half-edge does. */
+static size_t count_doubles(const qm_trimesh *m)
+{
+    size_t count = 0;
+    for (uint32_t h = 0; h < 3 * m->face_count; h++)
+        for (uint32_t k = 0; k < 3 * m->face_count; k++)
+            count += k != h && m->from[k] == m->from[h] && qm_trimesh_to(m, k) == qm_trimesh_to(m, h);
+    return count;
+}
+
+/** A triangle of two sides: from the middle of one of its edges two edges led to the corner across, which quads could not tell apart. */
+static void sheets_of_two_sides_are_split(void **state)
+{
+    (void)state;
+    qm_mesh sheet = sheet_of_two_sides();
+    qm_context ctx = qm_context_make();
+    const uint32_t corner[2][3] = {{0, 1, 2}, {0, 2, 1}};
+    for (int is_split = 0; is_split < 2; is_split++) {
+        qm_trimesh m;
+        uint32_t vertex;
+        assert_int_equal(qm_trimesh_build(&ctx, sheet.positions, 3, corner, 2, &m), QM_OK);
+        if (is_split) assert_int_equal(qm_trimesh_split_doubles(&ctx, &m), QM_OK);
+        QM_CHECK(count_doubles(&m) == 0, "%zu doubles", count_doubles(&m));
+        qm_vec middle = qm_vec_mix(m.position[m.from[0]], m.position[qm_trimesh_to(&m, 0)], 0.5);
+        assert_int_equal(qm_trimesh_split(&ctx, &m, 0, middle, &vertex), QM_OK);
+        QM_CHECK((count_doubles(&m) == 0) == is_split, "split %d: %zu doubles", is_split, count_doubles(&m));
+        qm_trimesh_reset(&ctx, &m);
+    }
+    qm_shape_free(&sheet);
+}
+
 static void sheets_of_two_sides_become_closed_quads(void **state)
 {
     (void)state;
-    const double corners[9] = {0, 0, 0, 2, 0, 0, 0.5, 1.5, 0};
     for (size_t quads = 30; quads <= 240; quads *= 2) {
-        qm_mesh sheet = qm_shape_make(3, 2);
-        const uint32_t rows[8] = {0, 1, 2, QM_NO_INDEX, 0, 2, 1, QM_NO_INDEX};
-        memcpy(sheet.positions, corners, sizeof corners);
-        memcpy(sheet.faces, rows, sizeof rows);
+        qm_mesh sheet = sheet_of_two_sides();
         qm_context ctx = qm_context_make();
         qm_mesh made = make_quads(&ctx, &sheet, quads, 1);
         qm_topology t = qm_topology_find(&made);
@@ -738,18 +774,6 @@ static void memory_and_cancel_end_the_call(void **state)
     qm_shape_free(&surface);
 }
 
-/** Raises the flag at a poll. */
-typedef struct cancel_at {
-    atomic_bool looks, cancel;
-    size_t polls, at;
-} cancel_at;
-
-static void count_poll(void *user)
-{
-    cancel_at *c = user;
-    if (c->polls++ == c->at) atomic_store(&c->cancel, true);
-}
-
 /** Wherever the engine polls, it ends there, with nothing; and it polls in every sweep of the fields. */
 static void every_poll_can_end_the_call(void **state)
 {
@@ -760,12 +784,8 @@ static void every_poll_can_end_the_call(void **state)
     assert_int_equal(qm_bvh_build(&ctx, &surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
     qm_quads_options options = qm_quads_options_default();
     options.quads = 200;
-    cancel_at c = {.looks = true, .at = SIZE_MAX};
-    qm_context watched = qm_context_make();
-    watched.cancel = &c.cancel;
-    watched.pause = &c.looks;
-    watched.wait = count_poll;
-    watched.wait_user = &c;
+    qm_poll_cancel c;
+    qm_context watched = qm_poll_cancel_context(&c, SIZE_MAX);
     qm_mesh out;
     assert_int_equal(qm_quads_make(&watched, bvh, &options, &out, NULL), QM_OK);
     qm_mesh_reset(&watched, &out);
@@ -773,10 +793,8 @@ static void every_poll_can_end_the_call(void **state)
     QM_CHECK(all > 100, "%zu polls", all);
     for (size_t at = 0; at < all; at += 1 + at / 16) {
         qm_failing_allocator memory = {.fail_at = SIZE_MAX};
+        watched = qm_poll_cancel_context(&c, at);
         watched.allocator = qm_failing_allocator_hook(&memory);
-        c.polls = 0;
-        c.at = at;
-        atomic_store(&c.cancel, false);
         qm_status status = qm_quads_make(&watched, bvh, &options, &out, NULL);
         QM_CHECK(status == QM_E_CANCELED, "poll %zu: %d", at, status);
         QM_CHECK(c.polls < at + 24, "poll %zu: %zu more", at, c.polls - at);
@@ -1315,6 +1333,7 @@ int main(void)
         cmocka_unit_test(faces_that_look_either_way_are_turned),
         cmocka_unit_test(any_soup_becomes_manifold_quads),
         cmocka_unit_test(fins_leave_slits),
+        cmocka_unit_test(sheets_of_two_sides_are_split),
         cmocka_unit_test(sheets_of_two_sides_become_closed_quads),
         cmocka_unit_test(threads_do_not_change_the_mesh),
         cmocka_unit_test(bad_input_is_told),

@@ -5,6 +5,7 @@
 #include "check.h"
 
 #include "failing_allocator.h"
+#include "poll_cancel.h"
 #include "quads/quads_internal.h"
 #include "shapes.h"
 
@@ -15,8 +16,8 @@
 #define PI 3.14159265358979323846
 
 /* The head of quads_map.c. */
-#define LEAST_GIVE 0.05
-#define MOST_GIVE 4.0
+#define LEAST_COMPLIANCE 0.05
+#define MOST_COMPLIANCE 4.0
 #define FAR_OFF 0.6
 #define MOST_CHANGE 1.0
 #define TOLERANCE 1e-3
@@ -254,9 +255,9 @@ static bool is_first_half(const qm_trimesh *m, uint32_t h)
 typedef struct twin {
     size_t columns, rows, rank;
     uint32_t *column; /* of each half-edge: of its first component; of a second half that of the first one */
-    double *wanted, *give, *step;
+    double *wanted, *compliance, *step;
     double *basis,
-        *bound;     /* orthonormal rows, of steps over the roots of their give, and what they amount to */
+        *bound; /* orthonormal rows, of steps over the roots of their compliance, and what they amount to */
     double clamped; /* the greatest change */
 } twin;
 
@@ -278,7 +279,7 @@ static twin make_twin(const subject *s, double size)
     for (uint32_t h = 0; h < halves; h++)
         if (!is_first_half(m, h)) t.column[h] = t.column[m->twin[h]];
     t.wanted = allocate(t.columns, sizeof *t.wanted);
-    t.give = allocate(t.columns, sizeof *t.give);
+    t.compliance = allocate(t.columns, sizeof *t.compliance);
     t.step = allocate(t.columns, sizeof *t.step);
     t.basis = allocate(t.rows * t.columns, sizeof *t.basis);
     t.bound = allocate(t.rows, sizeof *t.bound);
@@ -301,20 +302,20 @@ static twin make_twin(const subject *s, double size)
 
 static void free_twin(twin *t)
 {
-    free(t->column), free(t->wanted), free(t->give), free(t->step), free(t->basis), free(t->bound);
+    free(t->column), free(t->wanted), free(t->compliance), free(t->step), free(t->basis), free(t->bound);
 }
 
 /** share: of each edge, at its first component; NULL: 1 */
-static void set_twin_give(const subject *s, twin *t, const double *share)
+static void set_twin_compliance(const subject *s, twin *t, const double *share)
 {
     const qm_trimesh *m = &s->m;
     for (uint32_t h = 0; h < 3 * m->face_count; h++) {
         if (!is_first_half(m, h)) continue;
         uint32_t c = t->column[h];
         double length2 = t->wanted[c] * t->wanted[c] + t->wanted[c + 1] * t->wanted[c + 1];
-        double give = fmin(fmax(length2, LEAST_GIVE), MOST_GIVE) * (share ? share[c] : 1.0);
-        t->give[c] = t->give[c + 1] = give;
-        if (m->is_feature[h]) t->give[c + (uint32_t)(1 - feature_axis(s, h))] = 0.0;
+        double compliance = fmin(fmax(length2, LEAST_COMPLIANCE), MOST_COMPLIANCE) * (share ? share[c] : 1.0);
+        t->compliance[c] = t->compliance[c + 1] = compliance;
+        if (m->is_feature[h]) t->compliance[c + (uint32_t)(1 - feature_axis(s, h))] = 0.0;
     }
 }
 
@@ -351,7 +352,7 @@ static void find_basis(const subject *s, twin *t)
         for (int axis = 0; axis < 2; axis++) {
             double *row = pair[axis];
             for (size_t c = 0; c < t->columns; c++)
-                row[c] *= sqrt(t->give[c]);
+                row[c] *= sqrt(t->compliance[c]);
             double before = sqrt(dot(row, row, t->columns));
             for (size_t i = 0; i < 2 * t->rank; i++) {
                 const double *other = t->basis + i % t->rank * t->columns;
@@ -374,7 +375,7 @@ static void project(const twin *t, const double *from, double *to)
 {
     double *scaled = allocate(t->columns, sizeof *scaled), *whole = allocate(t->columns, sizeof *whole);
     for (size_t c = 0; c < t->columns; c++)
-        scaled[c] = t->give[c] > 0.0 ? from[c] / sqrt(t->give[c]) : 0.0;
+        scaled[c] = t->compliance[c] > 0.0 ? from[c] / sqrt(t->compliance[c]) : 0.0;
     for (size_t i = 0; i < 2 * t->rank; i++) {
         const double *row = t->basis + i % t->rank * t->columns;
         double part = dot(scaled, row, t->columns);
@@ -382,7 +383,7 @@ static void project(const twin *t, const double *from, double *to)
             scaled[c] -= part * row[c];
     }
     for (size_t c = 0; c < t->columns; c++)
-        whole[c] = t->give[c] > 0.0 ? scaled[c] * sqrt(t->give[c]) : from[c];
+        whole[c] = t->compliance[c] > 0.0 ? scaled[c] * sqrt(t->compliance[c]) : from[c];
     memcpy(to, whole, t->columns * sizeof *to);
     free(scaled), free(whole);
 }
@@ -390,7 +391,7 @@ static void project(const twin *t, const double *from, double *to)
 /** One pass. */
 static void solve_twin(const subject *s, twin *t, const double *share)
 {
-    set_twin_give(s, t, share);
+    set_twin_compliance(s, t, share);
     find_basis(s, t);
     project(t, t->wanted, t->step);
     t->clamped = 0.0;
@@ -401,14 +402,14 @@ static void solve_twin(const subject *s, twin *t, const double *share)
     }
 }
 
-/** What edges that have changed much keep of their give. */
+/** What edges that have changed much keep of their compliance. */
 static double *shares_of(const twin *t)
 {
     double *share = allocate(t->columns, sizeof *share);
     for (size_t c = 0; c < t->columns; c += 2) {
         const double *d = t->step + c, *w = t->wanted + c;
         double change2 = (d[0] - w[0]) * (d[0] - w[0]) + (d[1] - w[1]) * (d[1] - w[1]);
-        double scale = FAR_OFF * FAR_OFF * fmax(w[0] * w[0] + w[1] * w[1], LEAST_GIVE);
+        double scale = FAR_OFF * FAR_OFF * fmax(w[0] * w[0] + w[1] * w[1], LEAST_COMPLIANCE);
         share[c] = share[c + 1] = 1.0 / (1.0 + change2 / scale);
     }
     return share;
@@ -518,7 +519,7 @@ static void one_pass_is_a_projection(void **state)
              (unsigned long long)qm_check_seed(), compared, (unsigned long long)runs);
 }
 
-/** And so is the second, with the give that the first has left. */
+/** And so is the second, with the compliance that the first has left. */
 static void both_passes_are_projections(void **state)
 {
     (void)state;
@@ -549,30 +550,6 @@ static void both_passes_are_projections(void **state)
         free_twin(&t);
         unload(&s);
     }
-}
-
-/* ---- polls ---- */
-
-/** Raises the flag at a poll. */
-typedef struct cancel_at {
-    atomic_bool looks, cancel;
-    size_t polls, at;
-} cancel_at;
-
-static void count_poll(void *user)
-{
-    cancel_at *c = user;
-    if (c->polls++ == c->at) atomic_store(&c->cancel, true);
-}
-
-static qm_context watched_context(cancel_at *c)
-{
-    qm_context ctx = qm_context_make();
-    ctx.cancel = &c->cancel;
-    ctx.pause = &c->looks;
-    ctx.wait = count_poll;
-    ctx.wait_user = c;
-    return ctx;
 }
 
 /* ---- properties ---- */
@@ -633,7 +610,7 @@ static void steps_agree_and_sum_up(void **state)
              closed, (unsigned long long)(3 * runs));
 }
 
-/** Where no length is at a limit of the give, the steps of all sizes are the same, scaled: another size starts from multipliers that fit. */
+/** Where no length is at a limit of the compliance, the steps of all sizes are the same, scaled: another size starts from multipliers that fit. */
 static void another_size_is_as_a_first_one(void **state)
 {
     (void)state;
@@ -650,7 +627,7 @@ static void another_size_is_as_a_first_one(void **state)
         size_t at_limits = 0;
         for (size_t c = 0; c < t.columns; c += 2) {
             double length2 = t.wanted[c] * t.wanted[c] + t.wanted[c + 1] * t.wanted[c + 1];
-            at_limits += length2 < LEAST_GIVE || length2 > MOST_GIVE * 0.7;
+            at_limits += length2 < LEAST_COMPLIANCE || length2 > MOST_COMPLIANCE * 0.7;
         }
         double *first = list_steps(&s, &t);
         close_map(&s, size);
@@ -660,8 +637,8 @@ static void another_size_is_as_a_first_one(void **state)
         double off = distance_between(first, again, t.columns);
         QM_CHECK(off <= TOLERANCE * change + FLOAT_ERROR * sqrt((double)t.columns),
                  "%s: the same size gives other steps, off by %.3g", s.name, off);
-        cancel_at c = {.looks = true, .at = SIZE_MAX};
-        qm_context watched = watched_context(&c);
+        qm_poll_cancel c;
+        qm_context watched = qm_poll_cancel_context(&c, SIZE_MAX);
         assert_int_equal(qm_quads_map_close(&watched, &s.m, &s.map, next), QM_OK);
         close_map(&fresh, next);
         if (count_across(&s.map) == 0 && count_across(&fresh.map) == 0 && at_limits == 0 &&
@@ -1010,26 +987,23 @@ static void memory_and_cancel_end_the_calls(void **state)
                      memory.mismatched);
         }
         QM_CHECK(calls > 16, "%s: %zu calls", s.name, calls);
-        cancel_at c = {.looks = true, .at = SIZE_MAX};
-        qm_context watched = watched_context(&c);
+        qm_poll_cancel c;
+        qm_context watched = qm_poll_cancel_context(&c, SIZE_MAX);
         assert_int_equal(run_all(&watched, &s, size, &p), QM_OK);
         size_t all = c.polls;
         QM_CHECK(all > 12, "%s: %zu polls", s.name, all);
         for (size_t at = 0; at < all; at++) {
             qm_failing_allocator memory = {.fail_at = SIZE_MAX};
-            watched = watched_context(&c);
+            watched = qm_poll_cancel_context(&c, at);
             watched.allocator = qm_failing_allocator_hook(&memory);
-            c.polls = 0, c.at = at;
-            atomic_store(&c.cancel, false);
             status = run_all(&watched, &s, size, &p);
             QM_CHECK(status == QM_E_CANCELED, "%s, poll %zu of %zu: %d", s.name, at, all, status);
             QM_CHECK(memory.live_blocks == 0 && !memory.mismatched, "%s, poll %zu leaves %zu blocks", s.name,
                      at, memory.live_blocks);
         }
-        watched = watched_context(&c); /* each call by itself */
+        watched = qm_poll_cancel_context(&c, SIZE_MAX); /* each call by itself */
         build(&s, size);
-        c.at = SIZE_MAX;
-        atomic_store(&c.cancel, true);
+        atomic_store(&c.is_canceled, true);
         assert_int_equal(qm_quads_map_close(&watched, &s.m, &s.map, size), QM_E_CANCELED);
         close_map(&s, size);
         assert_int_equal(qm_quads_find_phases(&watched, &s.m, &s.map, &p), QM_E_CANCELED);
