@@ -37,7 +37,8 @@ typedef struct qm_quads_triangles {
     size_t component_count;
 } qm_quads_triangles;
 
-/** Gives triangles along seams their vertices in common: where just two sides without a partner join two places, one each way. Returns
+/** Turns triangles that look the other way than most of their surface, and gives those along seams their vertices in common: where just two
+ * sides without a partner join two places, one each way. Returns
  * QM_OK; QM_E_NO_MEMORY. */
 qm_status qm_quads_close_seams(qm_context *ctx, const qm_mesh *mesh, qm_quads_triangles *t);
 
@@ -137,7 +138,7 @@ typedef struct qm_quads_map {
     float (*step)[2]; /* of each half-edge: its vector on the grid, in sides of a quad */
     uint8_t *
         is_across; /* of each half-edge: bit k for axis k: it leads from one feature to another at its side */
-    float *share;  /* of each half-edge: what it has left of its give */
+    float *share;  /* of each half-edge: the part of its compliance that it has left */
     double (*multiplier)[2]; /* of each face, for quads of a side of size */
     double unit;
     double size; /* 0: not closed yet */

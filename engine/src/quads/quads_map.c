@@ -8,9 +8,9 @@
  * the edges then meet in hundreds of rows that end, and the flow (quads_steps.c) joins such ends by paths of its own.
  *
  * So the steps t change as little as possible to steps d that sum up to 0 in each face, agree across each edge, and
- * do not cross a feature: they minimise the sum of |d - t|^2 / give over the edges. The give of an edge is the square of
- * its length. The multipliers of the conditions, a pair for each face, solve a Laplace equation on the graph of faces, with
- * quarter turns along its links; conjugate gradients find them. A second pass takes give from edges whose steps have
+ * do not cross a feature: they minimise the sum of |d - t|^2 / compliance over the edges. The compliance of an edge is the square
+ * of its length. The multipliers of the conditions, a pair for each face, solve a Laplace equation on the graph of faces, with
+ * quarter turns along its links; conjugate gradients find them. A second pass makes edges stiffer whose steps have
  * changed much: a wide stretch of rows becomes a little narrower, instead of a few rows that fold where they end.
  *
  * Where two features run side by side less than a quad apart, round the rim of a plate, steps from one to the other would be
@@ -23,9 +23,9 @@
 
 #include "quads/quads_internal.h"
 
-#define LEAST_GIVE 0.05
-#define MOST_GIVE 4.0
-#define FAR_OFF 0.6 /* change of a step, as a share of its length, that takes half of the give */
+#define LEAST_COMPLIANCE 0.05
+#define MOST_COMPLIANCE 4.0
+#define FAR_OFF 0.6 /* change of a step, as a share of its length, that leaves half of the compliance */
 #define FIRST_PASSES 2
 #define TOLERANCE 1e-3 /* of the sums round faces: the norm of those that are left, as a share of the first */
 #define ROUNDING 0x1p-22 /* of a step: sums of this are left as they are */
@@ -140,11 +140,11 @@ static void find_strips(const qm_trimesh *m, const qm_quads_map *map)
 
 typedef double pair[2];
 
-/** The vectors of conjugate gradients, a pair for each face, and of each half-edge the step wanted and its give. */
+/** The vectors of conjugate gradients, a pair for each face, and of each half-edge the step wanted and its compliance. */
 typedef struct closing {
     size_t face_count;
     pair *residual, *direction, *image, *inverse; /* of the diagonal */
-    pair *give;
+    pair *compliance;
     float (*wanted)[2];
 } closing;
 
@@ -159,17 +159,17 @@ static void difference(const qm_trimesh *m, const qm_quads_map *map, const pair 
     out[0] -= other[0], out[1] -= other[1];
 }
 
-/** The Laplacian: the sums round faces of steps that change by their give times the difference of x. */
-static void apply_laplacian(const qm_trimesh *m, const qm_quads_map *map, const pair *give, const pair *x,
-                            pair *out)
+/** The Laplacian: the sums round faces of steps that change by their compliance times the difference of x. */
+static void apply_laplacian(const qm_trimesh *m, const qm_quads_map *map, const pair *compliance,
+                            const pair *x, pair *out)
 {
     for (uint32_t f = 0; f < m->face_count; f++) {
         pair sum = {0.0, 0.0};
         for (uint32_t h = 3 * f; h < 3 * f + 3; h++) {
             pair d;
             difference(m, map, x, h, d);
-            sum[0] += give[h][0] * d[0];
-            sum[1] += give[h][1] * d[1];
+            sum[0] += compliance[h][0] * d[0];
+            sum[1] += compliance[h][1] * d[1];
         }
         out[f][0] = sum[0], out[f][1] = sum[1];
     }
@@ -200,29 +200,30 @@ static double length2(const float step[2])
     return (double)step[0] * (double)step[0] + (double)step[1] * (double)step[1];
 }
 
-/** Takes give from steps that have changed much. */
+/** Leaves steps that have changed much less of their compliance. */
 static void stiffen(const closing *c, const qm_quads_map *map)
 {
     for (size_t h = 0; h < 3 * c->face_count; h++) {
         const float change[2] = {map->step[h][0] - c->wanted[h][0], map->step[h][1] - c->wanted[h][1]};
-        double scale = FAR_OFF * FAR_OFF * qm_max(length2(c->wanted[h]), LEAST_GIVE);
+        double scale = FAR_OFF * FAR_OFF * qm_max(length2(c->wanted[h]), LEAST_COMPLIANCE);
         map->share[h] = (float)(1.0 / (1.0 + length2(change) / scale));
     }
 }
 
-static void set_give(const qm_trimesh *m, const qm_quads_map *map, const closing *c)
+static void set_compliance(const qm_trimesh *m, const qm_quads_map *map, const closing *c)
 {
     for (uint32_t h = 0; h < 3 * m->face_count; h++) {
         uint32_t t = m->twin[h];
         if (t != QM_NO_INDEX && t < h) continue;
-        double give = map->share[h] * qm_min(qm_max(length2(c->wanted[h]), LEAST_GIVE), MOST_GIVE);
+        double compliance =
+            map->share[h] * qm_min(qm_max(length2(c->wanted[h]), LEAST_COMPLIANCE), MOST_COMPLIANCE);
         for (int axis = 0; axis < 2; axis++)
-            c->give[h][axis] = map->is_across[h] >> axis & 1 ? 0.0 : give;
-        if (m->is_feature[h]) c->give[h][1 - qm_quads_feature_axis(map, h)] = 0.0;
+            c->compliance[h][axis] = map->is_across[h] >> axis & 1 ? 0.0 : compliance;
+        if (m->is_feature[h]) c->compliance[h][1 - qm_quads_feature_axis(map, h)] = 0.0;
         if (t == QM_NO_INDEX) continue;
         int odd = map->turned[h] & 1;
-        c->give[t][odd] = c->give[h][0];
-        c->give[t][1 - odd] = c->give[h][1];
+        c->compliance[t][odd] = c->compliance[h][0];
+        c->compliance[t][1 - odd] = c->compliance[h][1];
     }
 }
 
@@ -230,12 +231,12 @@ static void set_give(const qm_trimesh *m, const qm_quads_map *map, const closing
 static qm_status solve(qm_context *ctx, const qm_trimesh *m, const qm_quads_map *map, const closing *c)
 {
     double first = 0.0, left = 0.0, slope = 0.0;
-    apply_laplacian(m, map, (const pair *)c->give, (const pair *)map->multiplier, c->image);
+    apply_laplacian(m, map, (const pair *)c->compliance, (const pair *)map->multiplier, c->image);
     for (uint32_t f = 0; f < m->face_count; f++)
         for (int axis = 0; axis < 2; axis++) {
             double sum = 0.0, diagonal = 0.0;
             for (uint32_t h = 3 * f; h < 3 * f + 3; h++)
-                sum += (double)c->wanted[h][axis], diagonal += c->give[h][axis];
+                sum += (double)c->wanted[h][axis], diagonal += c->compliance[h][axis];
             double r = -sum - c->image[f][axis];
             c->inverse[f][axis] = diagonal > 0.0 ? 1.0 / diagonal : 0.0;
             c->residual[f][axis] = r;
@@ -247,7 +248,7 @@ static qm_status solve(qm_context *ctx, const qm_trimesh *m, const qm_quads_map 
     double enough = qm_max(TOLERANCE * TOLERANCE * first, ROUNDING * ROUNDING * (double)(3 * m->face_count));
     for (int k = 0; k < MOST_ITERATIONS && left > enough; k++) {
         if (k % POLL_ITERATIONS == 0 && qm_context_canceled(ctx)) return QM_E_CANCELED;
-        apply_laplacian(m, map, (const pair *)c->give, (const pair *)c->direction, c->image);
+        apply_laplacian(m, map, (const pair *)c->compliance, (const pair *)c->direction, c->image);
         double bend = 0.0, next = 0.0;
         for (uint32_t f = 0; f < m->face_count; f++)
             bend += c->direction[f][0] * c->image[f][0] + c->direction[f][1] * c->image[f][1];
@@ -270,13 +271,13 @@ static qm_status solve(qm_context *ctx, const qm_trimesh *m, const qm_quads_map 
                     c->inverse[f][axis] * c->residual[f][axis] + turn * c->direction[f][axis];
     }
     /* features that no steps go with: the flow does what it can */
-    if (!(left <= FAILED * FAILED * first))
+    if (!(left <= qm_max(FAILED * FAILED * first, enough)))
         memset(map->multiplier, 0, m->face_count * sizeof *map->multiplier);
     for (uint32_t h = 0; h < 3 * m->face_count; h++) {
         pair d;
         difference(m, map, (const pair *)map->multiplier, h, d);
         for (int axis = 0; axis < 2; axis++) {
-            double change = qm_min(qm_max(c->give[h][axis] * d[axis], -MOST_CHANGE), MOST_CHANGE);
+            double change = qm_min(qm_max(c->compliance[h][axis] * d[axis], -MOST_CHANGE), MOST_CHANGE);
             map->step[h][axis] = (float)((double)c->wanted[h][axis] + change);
         }
     }
@@ -293,9 +294,9 @@ qm_status qm_quads_map_close(qm_context *ctx, const qm_trimesh *m, qm_quads_map 
     agree(m, map);
     pair *vectors = qm_context_alloc(ctx, 4 * faces, sizeof *vectors);
     closing c = {.face_count = faces,
-                 .give = qm_context_alloc(ctx, halves, sizeof *c.give),
+                 .compliance = qm_context_alloc(ctx, halves, sizeof *c.compliance),
                  .wanted = qm_context_alloc(ctx, halves, sizeof *c.wanted)};
-    qm_status status = vectors && c.give && c.wanted ? QM_OK : QM_E_NO_MEMORY;
+    qm_status status = vectors && c.compliance && c.wanted ? QM_OK : QM_E_NO_MEMORY;
     if (status == QM_OK) {
         c.residual = vectors, c.direction = vectors + faces;
         c.image = vectors + 2 * faces, c.inverse = vectors + 3 * faces;
@@ -307,13 +308,13 @@ qm_status qm_quads_map_close(qm_context *ctx, const qm_trimesh *m, qm_quads_map 
         int passes = map->size > 0.0 ? 1 : FIRST_PASSES;
         for (int pass = 0; pass < passes && status == QM_OK; pass++) {
             if (pass > 0) stiffen(&c, map);
-            set_give(m, map, &c);
+            set_compliance(m, map, &c);
             status = solve(ctx, m, map, &c);
         }
         if (status == QM_OK) map->size = size;
     }
     qm_context_free(ctx, vectors, 4 * faces, sizeof *vectors);
-    qm_context_free(ctx, c.give, halves, sizeof *c.give);
+    qm_context_free(ctx, c.compliance, halves, sizeof *c.compliance);
     qm_context_free(ctx, c.wanted, halves, sizeof *c.wanted);
     return status;
 }

@@ -12,7 +12,8 @@
 #include "mesh/quad_shape.h"
 
 #define ROUNDS 5 /* more would draw vertices off tips */
-#define LINE_ROUNDS 20
+#define LINE_ROUNDS                                                                                          \
+    20 /* before that, of vertices of features alone, whose sides may be twice as long as others */
 /* The weights go as squares of lengths, so that a vertex that comes nearer to one neighbour is drawn back three times as much as with
  * equal ones: moves of more than a third of the way to the mean would not settle. */
 #define SPREAD_ROUNDS 120

@@ -17,43 +17,43 @@
 #define HELD_WEIGHT 2.0 /* of a neighbour on a feature; others have 1 */
 #define BOTH_AXES 3
 
-/** The way from one node to another: in the frame of the first, and quarter turns of pairs of the second's frame to the first's. */
-typedef struct hop {
+/** The transition from one node to another: the step in the frame of the first, and quarter turns of pairs of the second's frame to the first's. */
+typedef struct transition {
     float step[2];
     int turned;
-} hop;
+} transition;
 
-/** A graph with hops along its links. */
+/** A graph with the transitions along its links. */
 typedef struct phase_level {
     const qm_quads_graph *graph;
-    hop *hop;
+    transition *transition;
     double (*phase)[2];
     uint8_t *held; /* of each node: bit k for axis k: its phase is 0 */
     uint32_t (*children)
         [2]; /* of each node, of the finer level: the one that it stands for, and the other or QM_NO_INDEX */
 } phase_level;
 
-static hop join(hop a, hop b)
+static transition join(transition a, transition b)
 {
     double step[2] = {b.step[0], b.step[1]};
     qm_quads_turn_pair(step, a.turned);
-    return (hop){{(float)(a.step[0] + step[0]), (float)(a.step[1] + step[1])}, a.turned + b.turned};
+    return (transition){{(float)(a.step[0] + step[0]), (float)(a.step[1] + step[1])}, a.turned + b.turned};
 }
 
-static hop reverse(hop a)
+static transition reverse(transition a)
 {
     double step[2] = {-a.step[0], -a.step[1]};
     qm_quads_turn_pair(step, -a.turned);
-    return (hop){{(float)step[0], (float)step[1]}, -a.turned};
+    return (transition){{(float)step[0], (float)step[1]}, -a.turned};
 }
 
-/** The hop between neighbours. */
-static hop hop_between(const phase_level *l, uint32_t from, uint32_t to)
+/** The transition between neighbours. */
+static transition transition_between(const phase_level *l, uint32_t from, uint32_t to)
 {
     uint32_t k = l->graph->start[from];
     while (l->graph->link[k] != to)
         k++;
-    return l->hop[k];
+    return l->transition[k];
 }
 
 /*
@@ -74,11 +74,11 @@ static void find_fans(const qm_trimesh *m, const qm_quads_map *map, uint8_t *tur
     }
 }
 
-static hop hop_along(const float step[2], double sign, int here, int there)
+static transition transition_along(const float step[2], double sign, int here, int there)
 {
     double turned[2] = {sign * step[0], sign * step[1]};
     qm_quads_turn_pair(turned, here);
-    return (hop){{(float)turned[0], (float)turned[1]}, here - there};
+    return (transition){{(float)turned[0], (float)turned[1]}, here - there};
 }
 
 /** Notes that a phase of a vertex is 0 across a feature at it. */
@@ -100,10 +100,10 @@ static void list_vertices(const qm_trimesh *m, const qm_quads_map *map, const ui
         do {
             uint32_t back = qm_trimesh_prev(h), next = qm_trimesh_next(h);
             area += qm_vec_norm(qm_trimesh_normal(m, h / 3));
-            l->hop[links] = hop_along(map->step[h], 1.0, turned[h], turned[next]);
+            l->transition[links] = transition_along(map->step[h], 1.0, turned[h], turned[next]);
             g->link[links++] = m->from[next];
             if (m->twin[back] == QM_NO_INDEX) {
-                l->hop[links] = hop_along(map->step[back], -1.0, turned[h], turned[back]);
+                l->transition[links] = transition_along(map->step[back], -1.0, turned[h], turned[back]);
                 g->link[links++] = m->from[back];
             }
             hold(m, map, h, turned[h], &l->held[v]);
@@ -123,16 +123,16 @@ static void list_vertices(const qm_trimesh *m, const qm_quads_map *map, const ui
 
 static bool alloc_level(qm_context *ctx, size_t nodes, size_t links, phase_level *l)
 {
-    l->hop = qm_context_alloc(ctx, links + 1, sizeof *l->hop);
+    l->transition = qm_context_alloc(ctx, links + 1, sizeof *l->transition);
     l->phase = qm_context_alloc(ctx, nodes, sizeof *l->phase);
     l->held = qm_context_alloc(ctx, nodes, 1);
     l->children = qm_context_alloc(ctx, nodes, sizeof *l->children);
-    return l->hop && l->phase && l->held && l->children;
+    return l->transition && l->phase && l->held && l->children;
 }
 
 static void free_level(qm_context *ctx, size_t nodes, size_t links, phase_level *l)
 {
-    qm_context_free(ctx, l->hop, links + 1, sizeof *l->hop);
+    qm_context_free(ctx, l->transition, links + 1, sizeof *l->transition);
     qm_context_free(ctx, l->phase, nodes, sizeof *l->phase);
     qm_context_free(ctx, l->held, nodes, 1);
     qm_context_free(ctx, l->children, nodes, sizeof *l->children);
@@ -156,23 +156,24 @@ static void choose_children(const phase_level *fine, const phase_level *coarse)
         coarse->held[p] = fine->held[coarse->children[p][0]];
 }
 
-/** A hop between nodes of a coarser level, through a link of the finer one. */
-static hop hop_through(const phase_level *fine, const phase_level *coarse, uint32_t from, uint32_t to)
+/** A transition between nodes of a coarser level, through a link of the finer one. */
+static transition transition_through(const phase_level *fine, const phase_level *coarse, uint32_t from,
+                                     uint32_t to)
 {
     for (int side = 0; side < 2; side++) {
         uint32_t a = coarse->children[from][side];
         for (uint32_t k = fine->graph->start[a]; k < fine->graph->start[a + 1]; k++) {
             uint32_t b = fine->graph->link[k];
             if (fine->graph->parent[b] != to) continue;
-            hop way = fine->hop[k];
-            if (side == 1) way = join(hop_between(fine, coarse->children[from][0], a), way);
+            transition way = fine->transition[k];
+            if (side == 1) way = join(transition_between(fine, coarse->children[from][0], a), way);
             if (b != coarse->children[to][0])
-                way = join(way, reverse(hop_between(fine, coarse->children[to][0], b)));
+                way = join(way, reverse(transition_between(fine, coarse->children[to][0], b)));
             return way;
         }
     }
     QM_ASSERT(false); /* there would be no link */
-    return (hop){{0, 0}, 0};
+    return (transition){{0, 0}, 0};
 }
 
 static void list_nodes(const phase_level *fine, const phase_level *coarse)
@@ -180,7 +181,7 @@ static void list_nodes(const phase_level *fine, const phase_level *coarse)
     choose_children(fine, coarse);
     for (uint32_t p = 0; p < coarse->graph->count; p++)
         for (uint32_t k = coarse->graph->start[p]; k < coarse->graph->start[p + 1]; k++)
-            coarse->hop[k] = hop_through(fine, coarse, p, coarse->graph->link[k]);
+            coarse->transition[k] = transition_through(fine, coarse, p, coarse->graph->link[k]);
 }
 
 /*
@@ -197,10 +198,10 @@ static void smooth(qm_context *ctx, const phase_level *l)
             for (uint32_t k = g->start[i]; k < g->start[i + 1]; k++) {
                 uint32_t j = g->link[k];
                 double own = l->held[j] ? HELD_WEIGHT : 1.0, other[2] = {l->phase[j][0], l->phase[j][1]};
-                qm_quads_turn_pair(other, l->hop[k].turned);
+                qm_quads_turn_pair(other, l->transition[k].turned);
                 weights += own;
                 for (int axis = 0; axis < 2; axis++) {
-                    double away = other[axis] - (double)l->hop[k].step[axis] - sum[axis];
+                    double away = other[axis] - (double)l->transition[k].step[axis] - sum[axis];
                     sum[axis] += (away - rint(away)) * own / weights;
                 }
             }
@@ -216,7 +217,7 @@ static void refine(const phase_level *coarse, const phase_level *fine)
         const uint32_t *child = coarse->children[p];
         memcpy(fine->phase[child[0]], coarse->phase[p], sizeof *coarse->phase);
         if (child[1] == QM_NO_INDEX) continue;
-        hop way = hop_between(fine, child[0], child[1]);
+        transition way = transition_between(fine, child[0], child[1]);
         double phase[2] = {coarse->phase[p][0] + (double)way.step[0],
                            coarse->phase[p][1] + (double)way.step[1]};
         qm_quads_turn_pair(phase, -way.turned);

@@ -137,13 +137,13 @@ static void join_sides(const seam_side *sides, size_t count, uint32_t *parent)
     }
 }
 
-/** Joins the nodes of two triangles: i as it is and i + count turned. */
+/** Joins the nodes of two triangles, of which i is one as it is and i + count the same turned; not if they are joined the other way. */
 static void join_nodes(uint32_t *parent, size_t count, uint32_t i, uint32_t j, bool is_same)
 {
-    uint32_t turned = (uint32_t)count, other = is_same ? j : j + turned;
-    if (qm_union_find_root(parent, i) == qm_union_find_root(parent, is_same ? j + turned : j)) return;
-    qm_union_find_join(parent, i, other);
-    qm_union_find_join(parent, i + turned, is_same ? j + turned : j);
+    uint32_t turned = (uint32_t)count, with = is_same ? j : j + turned, against = is_same ? j + turned : j;
+    if (qm_union_find_root(parent, i) == qm_union_find_root(parent, against)) return;
+    qm_union_find_join(parent, i, with);
+    qm_union_find_join(parent, i + turned, against);
 }
 
 /** Joins triangles by the sides that have a partner. */

@@ -226,15 +226,15 @@ void qm_quads_turn(qm_quads_sides *t, const qm_quads_hexagon *x, int k)
  * The whole mesh.
  */
 
-/** The sides from a vertex: of v those from start[v + 1] on. *only receives the one that leads to another; returns how many do. */
+/** The sides from a vertex: of v those from start[v + 1] on. *last receives the last that leads to another, if any does; returns how many do. */
 static int count_sides(const qm_quads_sides *t, const uint32_t *start, const uint32_t *list, uint32_t from,
-                       uint32_t to, uint32_t *only)
+                       uint32_t to, uint32_t *last)
 {
     const qm_mesh *m = &t->r->mesh;
     uint32_t end = from + 2 <= m->vertex_count ? start[from + 2] : (uint32_t)(4 * m->face_count);
     int count = 0;
     for (uint32_t k = start[from + 1]; k < end; k++)
-        if (m->faces[qm_quads_next(list[k])] == to) *only = list[k], count++;
+        if (m->faces[qm_quads_next(list[k])] == to) *last = list[k], count++;
     return count;
 }
 
@@ -258,8 +258,7 @@ static bool pair_sides(qm_quads_sides *t)
             uint32_t a = m->faces[s], b = m->faces[qm_quads_next(s)], own = s, twin = QM_NO_INDEX;
             int there = count_sides(t, start, list, a, b, &own),
                 back = count_sides(t, start, list, b, a, &twin);
-            bool is_paired = there == 1 && back == 1;
-            t->twin[s] = is_paired ? twin : QM_NO_INDEX;
+            t->twin[s] = there == 1 && back == 1 ? twin : QM_NO_INDEX;
             if (there > 1 || back > 1) t->r->is_fixed[a] = t->r->is_fixed[b] = QM_QUADS_HELD;
             t->out[a] = s;
         }
