@@ -14,16 +14,16 @@
 #include "tmesh/tmesh_lattice.h"
 
 #define STEPS QM_LAYOUT_GRID
-/* Rounds of sweeps, until no cell is folded. A point is pulled to its place by LEAST_PULL of the way: a lattice round an ear
- * would come off it otherwise. Where it does even so, so that a place has no point within LOST edges, all is relaxed again
- * by FIRM_PULL. A required vertex is pulled by PULL, and by SLACKEN times less after each round in
- * which it is a corner of a folded face. */
+/* Rounds of sweeps, until no cell is folded, or VAIN_ROUNDS in a row leave no fewer. A point is pulled to its place by a share of the
+ * way: a lattice round an ear would come off it otherwise, so that a place has no point within LOST edges. The more it is pulled, the
+ * more cells stay folded: pulls are tried in this order, until there are neither. A required vertex is pulled by PULL, and by SLACKEN
+ * times less after each round in which it is a corner of a folded face. */
+static const double pulls[] = {0.03, 0.1, 0.3};
 #define ROUNDS 12
+#define VAIN_ROUNDS 3
 #define SWEEPS 6
 #define PULL 0.3
 #define SLACKEN 0.5
-#define LEAST_PULL 0.03
-#define FIRM_PULL 0.1
 #define LOST 3.0
 #define REACH 0.1 /* of the diagonal: how far from the surface a lattice may be */
 /* Folds that sweeps do not take out: rounds over their points, each of which tries places in TRIAL_WAYS directions at
@@ -727,10 +727,11 @@ static qm_status relax_by(curve_drawer *d, double pull, qm_tmesh_point *best, si
 {
     const size_t size = d->lattice.point_count * sizeof *best;
     size_t least = SIZE_MAX;
+    int vain = 0;
     d->least_pull = pull;
     for (size_t i = 0; i < d->lattice.point_count; i++)
         d->lattice.points[i].pull = d->lattice.points[i].is_pinned ? PULL : pull;
-    for (int round = 0; round <= ROUNDS && least > 0; round++) {
+    for (int round = 0; round <= ROUNDS && vain < VAIN_ROUNDS && least > 0; round++) {
         for (int sweep = 0; sweep < SWEEPS && round > 0; sweep++) {
             if (qm_context_canceled(d->arena->ctx))
                 return qm_context_fail(d->arena->ctx, QM_E_CANCELED, "canceled");
@@ -739,7 +740,8 @@ static qm_status relax_by(curve_drawer *d, double pull, qm_tmesh_point *best, si
             }
         }
         size_t now = count_folds(d);
-        if (now >= least) continue;
+        vain = now < least ? 0 : vain + 1;
+        if (vain > 0) continue;
         least = now;
         memcpy(best, d->lattice.points, size);
     }
@@ -748,36 +750,35 @@ static qm_status relax_by(curve_drawer *d, double pull, qm_tmesh_point *best, si
     return QM_OK;
 }
 
-/** Relaxes the points, and more firmly if they leave tips: that is kept if it leaves fewer and folds no more. */
+/** Relaxes the points by several pulls; of the lattices that of the fewest folded cells and lost places, together, remains. */
 static qm_status relax(curve_drawer *d, size_t *folds)
 {
     const size_t count = d->lattice.point_count, size = count * sizeof *d->lattice.points;
-    qm_tmesh_point *best = qm_arena_alloc(d->arena, count, sizeof *best);
     qm_tmesh_point *start = qm_arena_alloc(d->arena, count, sizeof *start);
-    if (!best || !start || !list_cells(d))
+    qm_tmesh_point *best = qm_arena_alloc(d->arena, count, sizeof *best);
+    qm_tmesh_point *kept = qm_arena_alloc(d->arena, count, sizeof *kept);
+    if (!best || !start || !kept || !list_cells(d))
         return qm_context_fail(d->arena->ctx, QM_E_NO_MEMORY, "out of memory for the curves");
     place_on_surface(d);
     find_signs(d);
     memcpy(start, d->lattice.points, size);
-    size_t least;
-    qm_status status = relax_by(d, LEAST_PULL, best, &least);
-    size_t lost = status == QM_OK ? count_lost(d) : 0;
-    if (lost > 0) {
-        size_t firm_folds = 0;
-        for (size_t i = 0; i < count; i++) {
-            qm_tmesh_point loose = d->lattice.points[i];
-            d->lattice.points[i] = start[i];
-            start[i] = loose;
-        }
-        status = relax_by(d, FIRM_PULL, best, &firm_folds);
-        if (status == QM_OK && firm_folds <= least && count_lost(d) < lost)
-            least = firm_folds;
-        else
-            memcpy(d->lattice.points, start, size);
+    size_t least = SIZE_MAX;
+    qm_status status = QM_OK;
+    for (size_t i = 0; i < sizeof pulls / sizeof *pulls && least > 0; i++) {
+        size_t now = 0;
+        memcpy(d->lattice.points, start, size);
+        status = relax_by(d, pulls[i], best, &now);
+        if (status != QM_OK) return status;
+        count_folds(d);
+        now = untangle(d, now);
+        size_t lost = count_lost(d);
+        if (now + lost >= least) continue;
+        least = now + lost;
+        *folds = now;
+        memcpy(kept, d->lattice.points, size);
     }
-    if (status != QM_OK) return status;
+    memcpy(d->lattice.points, kept, size);
     count_folds(d);
-    *folds = untangle(d, least);
     return QM_OK;
 }
 
