@@ -15,7 +15,7 @@
 #define LAYOUT_QUADS 5000 /* of which a layout is made, or fewer where the limit is lower */
 /* Layouts are divided into about LAYOUT_PATCHES, then MORE_PATCHES times as many, up to MOST_PATCHES and one for each QUADS_A_PATCH
  * quads. Their grids are filled until a mesh is no farther than FILLED_RATIO times one of LAYOUT_QUADS quads without a layout, and no
- * quad has a scaled Jacobian below FILLED_SINE. Where no mesh is, meshes are made by steps until one is no farther than STEPS_RATIO
+ * quad is poor. Where no mesh is, meshes are made by steps until one is no farther than STEPS_RATIO
  * times that; with a wanted distance, until one is as near as that, or no farther than PLAIN_RATIO times. */
 #define LAYOUT_PATCHES 250
 #define MORE_PATCHES 2
@@ -25,8 +25,7 @@
 #define PLAIN_RATIO 2.0
 #define STEPS_RATIO 2.5
 #define FILLED_RATIO 1.6
-#define FILLED_SINE 0.2
-#define WORTH_RATIO 2.0 /* of the distance, by which it may be greater for that */
+#define WORTH_RATIO 3.0 /* of the distance, by which it may be greater for that */
 /* Of the plain mesh's distance: if parts of the surface are farther from the filled mesh before it is settled, its layout's grids
  * miss tips, which settling does not bring back. */
 #define FILLED_START 6.0
@@ -126,8 +125,9 @@ static qm_status make_quads(qm_context *ctx, const qm_ref_surface *surface, cons
 typedef struct trial {
     qm_remesh_result made;
     bool has_crossings, is_folded;
-    bool is_poor; /* a quad has a scaled Jacobian below FILLED_SINE */
-    bool is_near; /* as near as was wanted */
+    bool is_poor;  /* a quad has a scaled Jacobian below QM_QUADS_POOR_SINE */
+    bool is_quick; /* it was settled quickly */
+    bool is_near;  /* as near as was wanted */
 } trial;
 
 /** Crossings count where a distance is wanted: then all meshes are made by steps along curves. Grids that are filled have none. */
@@ -183,7 +183,8 @@ static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm
     if (status != QM_OK) return status;
     take_distance(&t->made, &settled.distance);
     t->is_folded = settled.quality.folded > 0;
-    t->is_poor = settled.quality.least_jacobian < FILLED_SINE;
+    t->is_poor = settled.quality.least_jacobian < QM_QUADS_POOR_SINE;
+    t->is_quick = is_quick;
     t->is_near = options->distance > 0.0 && t->made.upper <= options->distance;
     return QM_OK;
 }
@@ -309,15 +310,18 @@ static qm_status draw_layout(qm_context *ctx, const qm_ref_surface *surface, con
                                           &out->issues, NULL, &out->grids);
 }
 
-/** Makes a mesh by a layout, from its grids at once or by steps, and keeps the better one. */
+/** Makes a mesh by a layout, from its grids at once or by steps, and keeps the better one. is_sound: it has neither folded nor poor
+ * quads; may be NULL. */
 static qm_status try_layout(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                            const drawn_layout *drawn, const plain_quads *plain, trial_way way, trial *best)
+                            const drawn_layout *drawn, const plain_quads *plain, trial_way way, trial *best,
+                            bool *is_sound)
 {
     trial now = {.has_crossings = drawn->issues.count > 0, .made.patches = drawn->layout.patch_count};
     qm_status status = way == TAKE_STEPS ? take_steps(ctx, surface, options, &drawn->layout,
                                                       now.has_crossings ? drawn->grids : NULL, &now)
                                          : fill_grids(ctx, surface, options, &drawn->layout, drawn->grids,
                                                       plain->distance, way == FILL_QUICKLY, &now);
+    if (is_sound) *is_sound = status == QM_OK && !now.is_folded && !now.is_poor;
     if (status == QM_OK) keep_better(ctx, &now, best, options->distance > 0.0);
     qm_mesh_reset(ctx, &now.made.mesh);
     return status;
@@ -370,16 +374,20 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
                               has_goal  ? TAKE_STEPS
                               : is_last ? FILL
                                         : FILL_QUICKLY,
-                              &best);
+                              &best, NULL);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
         is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO);
     }
     for (size_t i = 0; i < count && status == QM_OK && !has_goal; i++) {
         bool is_done = i == 0 ? is_good(&best, &plain, STEPS_RATIO) : is_whole(&best, &plain, STEPS_RATIO);
+        bool is_sound = false;
         if (is_done) break;
-        last = try_layout(ctx, surface, options, &drawn[i], &plain, TAKE_STEPS, &best);
+        last = try_layout(ctx, surface, options, &drawn[i], &plain, TAKE_STEPS, &best, &is_sound);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
+        if (!is_sound && is_good(&best, &plain, WORTH_RATIO)) break; /* nor would steps of the others be */
     }
+    if (status == QM_OK && best.is_quick && best.is_poor)
+        status = settle(ctx, surface, options, false, &best);
     for (size_t i = 0; i < LAYOUTS; i++)
         drawn_layout_reset(ctx, &drawn[i]);
     plain_quads_reset(ctx, &plain);

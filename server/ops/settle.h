@@ -9,9 +9,10 @@
 #include "qm/source.h"
 
 typedef struct qm_settle_goal {
-    qm_quads_options quads;      /* as qm_quads_settle takes them */
-    double distance;             /* that was wanted, in the unit of the surface; 0: none */
-    bool is_quick;               /* vertices are spread once, and go back if that is not kept */
+    qm_quads_options quads; /* as qm_quads_settle takes them */
+    double distance;        /* that was wanted, in the unit of the surface; 0: none */
+    bool
+        is_quick; /* vertices are spread once, go back if that is not kept, and are not fitted if quads stay poor */
     const qm_quads_marks *marks; /* what is kept of the mesh that is settled; NULL: nothing */
 } qm_settle_goal;
 

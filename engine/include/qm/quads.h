@@ -68,12 +68,15 @@ qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_optio
 qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options,
                                      qm_mesh *out, uint8_t **creases, qm_quads_record *record);
 
+/** Scaled Jacobian below which quads are poor. */
+#define QM_QUADS_POOR_SINE 0.2
+
 /** How vertices move before bad quads are opened. */
 typedef enum qm_quads_settling {
-    QM_QUADS_SPREAD_ONCE, /* as QM_QUADS_SPREAD, and no other way is tried: a third of the time where quads stay folded */
-    QM_QUADS_SPREAD, /* to equal heights of the surface over all sides */
-    QM_QUADS_CENTRE, /* among their neighbours */
-    QM_QUADS_STAY    /* not at all */
+    QM_QUADS_SPREAD_ONCE, /* as QM_QUADS_SPREAD, but where quads stay poor they are left: a third of the time */
+    QM_QUADS_SPREAD,      /* to equal heights of the surface over all sides */
+    QM_QUADS_CENTRE,      /* among their neighbours */
+    QM_QUADS_STAY         /* not at all */
 } qm_quads_settling;
 
 /** What settling keeps of a mesh. All zero is nothing. */

@@ -18,6 +18,8 @@
  * equal ones: moves of more than a third of the way to the mean would not settle. */
 #define SPREAD_ROUNDS 120
 #define SPREAD_STEP 0.25
+#define MOST_MOVED                                                                                           \
+    0.1 /* of a side, before a vertex is projected: moves along the surface leave it by their squares only */
 #define FLAT_TURN 20.0 /* curvature that flat parts are given: radians along the diagonal */
 
 typedef struct polish {
@@ -28,6 +30,7 @@ typedef struct polish {
     uint8_t *kind;            /* of each vertex, QM_TRIMESH_FREE ... */
     uint32_t (*line)[2];      /* of vertices on features: the two neighbours along them */
     double *target, *nearest;
+    double *moved;                  /* of each vertex: how far since it was projected */
     qm_vec *goal, *normal, *toward; /* of each vertex */
     uint8_t *is_sure;               /* its normal tells which wall it is on */
     uint32_t *active;               /* the vertices that may move */
@@ -147,28 +150,33 @@ static qm_vec centred(const polish *p, uint32_t v)
     return qm_vec_add(here, qm_vec_axpy(move, -qm_vec_dot(move, normal), normal));
 }
 
-/** Projects the targets of the active vertices of a kind, which go there. */
-static qm_status project_kind(polish *p, uint8_t kind, const qm_quads_target *on)
+/** Moves the active vertices of a kind to their goals, and projects those that have moved by limit or more since they were. */
+static qm_status move_kind(polish *p, uint8_t kind, const qm_quads_target *on, double limit)
 {
     size_t count = 0;
     if (!on->bvh) return QM_OK;
     for (size_t k = 0; k < p->active_count; k++) {
         uint32_t v = p->active[k];
         if (p->kind[v] != kind) continue;
+        p->moved[v] += qm_vec_distance(p->goal[v], at(p, v));
+        qm_vec_store(p->r->mesh.positions + 3 * (size_t)v, p->goal[v]);
+        if (p->moved[v] < limit) continue;
         qm_vec_store(p->target + 3 * count, p->goal[v]);
         p->toward[count++] = p->is_sure[v] ? p->normal[v] : (qm_vec){0, 0, 0};
     }
     qm_status status =
         qm_quads_project(p->ctx, on, p->target, p->toward, p->side, count, p->thread_count, p->nearest);
     count = 0;
-    for (size_t k = 0; k < p->active_count && status == QM_OK; k++)
-        if (p->kind[p->active[k]] == kind)
-            memcpy(p->r->mesh.positions + 3 * (size_t)p->active[k], p->nearest + 3 * count++,
-                   3 * sizeof(double));
+    for (size_t k = 0; k < p->active_count && status == QM_OK; k++) {
+        uint32_t v = p->active[k];
+        if (p->kind[v] != kind || p->moved[v] < limit) continue;
+        memcpy(p->r->mesh.positions + 3 * (size_t)v, p->nearest + 3 * count++, 3 * sizeof(double));
+        p->moved[v] = 0.0;
+    }
     return status;
 }
 
-static qm_status centre_all(polish *p)
+static qm_status centre_all(polish *p, double limit)
 {
     for (size_t k = 0; k < p->active_count; k++) {
         uint32_t v = p->active[k];
@@ -176,8 +184,8 @@ static qm_status centre_all(polish *p)
     }
     for (size_t k = 0; k < p->active_count; k++)
         p->goal[p->active[k]] = centred(p, p->active[k]);
-    qm_status status = project_kind(p, QM_TRIMESH_FREE, &p->surface);
-    return status == QM_OK ? project_kind(p, QM_TRIMESH_ON_LINE, &p->features) : status;
+    qm_status status = move_kind(p, QM_TRIMESH_FREE, &p->surface, limit);
+    return status == QM_OK ? move_kind(p, QM_TRIMESH_ON_LINE, &p->features, 0.0) : status;
 }
 
 /** Centres vertices of features alone: these are few, and what they bound follows them. */
@@ -189,7 +197,7 @@ static qm_status centre_lines(polish *p)
         p->normal[v] = vertex_normal(p, v, &p->is_sure[v]);
         p->goal[v] = centred(p, v);
     }
-    return project_kind(p, QM_TRIMESH_ON_LINE, &p->features);
+    return move_kind(p, QM_TRIMESH_ON_LINE, &p->features, 0.0);
 }
 
 /** The side of a square of the mean area. */
@@ -204,6 +212,7 @@ static qm_status run(polish *p, const uint8_t *moves, int line_rounds)
     list_corners(p);
     p->side = mean_side(p);
     find_kinds(p);
+    memset(p->moved, 0, p->r->mesh.vertex_count * sizeof *p->moved);
     const qm_box box = qm_mesh_bounding_box(&p->r->mesh);
     p->flat = FLAT_TURN / qm_max(qm_mesh_box_diagonal(&box), QM_MIN_LENGTH);
     for (uint32_t v = 0; v < p->r->mesh.vertex_count; v++)
@@ -212,7 +221,7 @@ static qm_status run(polish *p, const uint8_t *moves, int line_rounds)
     for (int round = 0; round < line_rounds && status == QM_OK; round++)
         status = centre_lines(p);
     for (int round = 0; round < p->rounds && status == QM_OK; round++)
-        status = centre_all(p);
+        status = centre_all(p, p->spreads && round + 1 < p->rounds ? MOST_MOVED * p->side : 0.0);
     return status;
 }
 
@@ -238,12 +247,13 @@ static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *
     p.line = qm_context_alloc(ctx, vertices, sizeof *p.line);
     p.target = qm_context_alloc(ctx, vertices, 3 * sizeof *p.target);
     p.nearest = qm_context_alloc(ctx, vertices, 3 * sizeof *p.nearest);
+    p.moved = qm_context_alloc(ctx, vertices, sizeof *p.moved);
     p.goal = qm_context_alloc(ctx, vertices, sizeof *p.goal);
     p.normal = qm_context_alloc(ctx, vertices, sizeof *p.normal);
     p.toward = qm_context_alloc(ctx, vertices, sizeof *p.toward);
     p.is_sure = qm_context_alloc(ctx, vertices, 1);
     p.active = qm_context_alloc(ctx, vertices, sizeof *p.active);
-    bool has_memory = p.start && p.corner && p.kind && p.line && p.target && p.nearest && p.goal &&
+    bool has_memory = p.start && p.corner && p.kind && p.line && p.target && p.nearest && p.moved && p.goal &&
                       p.normal && p.toward && p.is_sure && p.active;
     if (status == QM_OK) status = has_memory ? run(&p, moves, line_rounds) : QM_E_NO_MEMORY;
     qm_context_free(ctx, p.start, vertices + 1, sizeof *p.start);
@@ -252,6 +262,7 @@ static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *
     qm_context_free(ctx, p.line, vertices, sizeof *p.line);
     qm_context_free(ctx, p.target, vertices, 3 * sizeof *p.target);
     qm_context_free(ctx, p.nearest, vertices, 3 * sizeof *p.nearest);
+    qm_context_free(ctx, p.moved, vertices, sizeof *p.moved);
     qm_context_free(ctx, p.goal, vertices, sizeof *p.goal);
     qm_context_free(ctx, p.normal, vertices, sizeof *p.normal);
     qm_context_free(ctx, p.toward, vertices, sizeof *p.toward);

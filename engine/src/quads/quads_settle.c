@@ -232,6 +232,13 @@ static size_t count_folded(const qm_mesh *m)
     return count;
 }
 
+static bool is_any_poor(const qm_mesh *m)
+{
+    for (size_t f = 0; f < m->face_count; f++)
+        if (!(face_sine(m, f) >= QM_QUADS_POOR_SINE)) return true;
+    return false;
+}
+
 /** The mesh before it moves, and which vertices go back to it. */
 typedef struct unmoved {
     double *positions, *before;
@@ -436,7 +443,8 @@ static qm_status run(settle *w)
     qm_quads_sides_reset(&sides);
     if (status != QM_OK || !is_one) return status;
     status = move_well(w);
-    return status == QM_OK ? qm_quads_fit(w->ctx, &w->r, w->surface, w->options->thread_count) : status;
+    if (status != QM_OK || (w->how == QM_QUADS_SPREAD_ONCE && is_any_poor(&w->r.mesh))) return status;
+    return qm_quads_fit(w->ctx, &w->r, w->surface, w->options->thread_count);
 }
 
 void qm_quads_marks_reset(qm_context *ctx, qm_quads_marks *marks)
