@@ -384,7 +384,8 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
         if (is_done) break;
         last = try_layout(ctx, surface, options, &drawn[i], &plain, TAKE_STEPS, &best, &is_sound);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
-        if (!is_sound && is_good(&best, &plain, WORTH_RATIO)) break; /* nor would steps of the others be */
+        if (!is_sound && is_good(&best, &plain, WORTH_RATIO))
+            break; /* the other layouts' steps take long, too */
     }
     if (status == QM_OK && best.is_quick && best.is_poor)
         status = settle(ctx, surface, options, false, &best);

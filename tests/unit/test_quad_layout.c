@@ -611,7 +611,8 @@ static qm_mesh horned_ball(qm_random *random, qm_vec tip[HORNS])
     return mesh;
 }
 
-/** The grids of a layout reach into horns: relaxed by the least pull alone, they end 0.47 below in the mean. */
+/** The grids of a layout reach into horns: relaxed by the least pull alone, they end 0.47 below in the mean, and 0.33 where a
+ * stronger one had to fold no more cells before these were opened. */
 static void grids_keep_horns(void **state)
 {
     (void)state;
@@ -643,7 +644,7 @@ static void grids_keep_horns(void **state)
         qm_layout_issues_reset(&g.ctx, &issues);
         qm_ground_free(&g);
     }
-    QM_CHECK(sum < 0.42 * SEEDS * HORNS, "the grids end %g below horns of 1.5 in the mean",
+    QM_CHECK(sum < 0.3 * SEEDS * HORNS, "the grids end %g below horns of 1.5 in the mean",
              sum / (SEEDS * HORNS));
 }
 

@@ -73,7 +73,7 @@ qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const q
 
 /** How vertices move before bad quads are opened. */
 typedef enum qm_quads_settling {
-    QM_QUADS_SPREAD_ONCE, /* as QM_QUADS_SPREAD, but where quads stay poor they are left: a third of the time */
+    QM_QUADS_SPREAD_ONCE, /* as QM_QUADS_SPREAD, without another way where quads stay folded, and without the last fit where they stay poor */
     QM_QUADS_SPREAD,      /* to equal heights of the surface over all sides */
     QM_QUADS_CENTRE,      /* among their neighbours */
     QM_QUADS_STAY         /* not at all */

@@ -14,13 +14,13 @@
 #include "tmesh/tmesh_lattice.h"
 
 #define STEPS QM_LAYOUT_GRID
-/* Rounds of sweeps, until no cell is folded, or VAIN_ROUNDS in a row leave no fewer. A point is pulled to its place by a share of the
+/* Rounds of sweeps, until no cell is folded, or STALLED_ROUNDS in a row leave no fewer. A point is pulled to its place by a share of the
  * way: a lattice round an ear would come off it otherwise, so that a place has no point within LOST edges. The more it is pulled, the
  * more cells stay folded: pulls are tried in this order, until there are neither. A required vertex is pulled by PULL, and by SLACKEN
  * times less after each round in which it is a corner of a folded face. */
 static const double pulls[] = {0.03, 0.1, 0.3};
 #define ROUNDS 12
-#define VAIN_ROUNDS 3
+#define STALLED_ROUNDS 3
 #define SWEEPS 6
 #define PULL 0.3
 #define SLACKEN 0.5
@@ -727,11 +727,11 @@ static qm_status relax_by(curve_drawer *d, double pull, qm_tmesh_point *best, si
 {
     const size_t size = d->lattice.point_count * sizeof *best;
     size_t least = SIZE_MAX;
-    int vain = 0;
+    int stalled = 0;
     d->least_pull = pull;
     for (size_t i = 0; i < d->lattice.point_count; i++)
         d->lattice.points[i].pull = d->lattice.points[i].is_pinned ? PULL : pull;
-    for (int round = 0; round <= ROUNDS && vain < VAIN_ROUNDS && least > 0; round++) {
+    for (int round = 0; round <= ROUNDS && stalled < STALLED_ROUNDS && least > 0; round++) {
         for (int sweep = 0; sweep < SWEEPS && round > 0; sweep++) {
             if (qm_context_canceled(d->arena->ctx))
                 return qm_context_fail(d->arena->ctx, QM_E_CANCELED, "canceled");
@@ -740,8 +740,8 @@ static qm_status relax_by(curve_drawer *d, double pull, qm_tmesh_point *best, si
             }
         }
         size_t now = count_folds(d);
-        vain = now < least ? 0 : vain + 1;
-        if (vain > 0) continue;
+        stalled = now < least ? 0 : stalled + 1;
+        if (stalled > 0) continue;
         least = now;
         memcpy(best, d->lattice.points, size);
     }
@@ -750,7 +750,7 @@ static qm_status relax_by(curve_drawer *d, double pull, qm_tmesh_point *best, si
     return QM_OK;
 }
 
-/** Relaxes the points by several pulls; of the lattices that of the fewest folded cells and lost places, together, remains. */
+/** Relaxes the points by one pull after the other, and keeps those with the smallest sum of folded cells and lost places. */
 static qm_status relax(curve_drawer *d, size_t *folds)
 {
     const size_t count = d->lattice.point_count, size = count * sizeof *d->lattice.points;
