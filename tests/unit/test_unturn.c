@@ -3,6 +3,7 @@
 
 #include "ground.h"
 #include "layouts.h"
+#include "random.h"
 #include "reconstruct/reconstruct_internal.h"
 #include "shapes.h"
 
@@ -62,6 +63,31 @@ static void vertices_in_the_wrong_order_are_laid_anew(void **state)
                      count_upside_down(&grid));
             qm_lattice_free(&g.ctx, &grid);
         }
+    }
+    qm_ground_free(&g);
+}
+
+/** Quads that cannot open, on a wide plane: no vertex may leave for a better quad elsewhere. */
+static void vertices_stay_among_their_neighbours(void **state)
+{
+    (void)state;
+    const double corners[][3] = {{-100, -100, 0}, {100, -100, 0}, {100, 100, 0}, {-100, 100, 0}};
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_face(4, corners));
+    for (uint64_t stream = 1; stream <= 200; stream++) {
+        qm_random random = qm_random_make(qm_check_seed(), stream);
+        qm_lattice grid = make_grid(&g.ctx);
+        for (uint32_t j = 0; j <= ROWS; j++)
+            for (uint32_t i = 0; i <= COLUMNS; i++)
+                place_vertex(&grid, i, j, qm_random_range(&random, 0.0, 1.0),
+                             qm_random_range(&random, 0.0, 1.0));
+        qm_lattice_untangle(&g.source, &grid);
+        double farthest = 0.0;
+        for (size_t k = 0; k < 3 * qm_lattice_vertex_count(&grid); k++)
+            farthest = fmax(farthest, fabs(grid.vertices[k] - 0.5));
+        QM_CHECK(farthest <= 3.0, "seed %llu, stream %d: a vertex is %g away",
+                 (unsigned long long)qm_check_seed(), (int)stream, farthest);
+        qm_lattice_free(&g.ctx, &grid);
     }
     qm_ground_free(&g);
 }
@@ -173,6 +199,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(vertices_in_the_wrong_order_are_laid_anew),
+        cmocka_unit_test(vertices_stay_among_their_neighbours),
         cmocka_unit_test(ridges_stay),
         cmocka_unit_test(noise_does_not_keep_quads_upside_down),
         cmocka_unit_test(curves_over_few_points_do_not_turn_back),

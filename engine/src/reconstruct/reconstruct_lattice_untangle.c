@@ -50,10 +50,31 @@ typedef struct vertex_trial {
     const qm_lattice *lattice;
     uint32_t i, j;
     double worst;
+    qm_vec centroid;   /* of its neighbours */
+    double reach;      /* the greatest distance from there: its own, or that of a neighbour */
     bool is_projected; /* positions are projected onto the surface */
 } vertex_trial;
 
-/** Moves the vertex to a position if that improves its worst quad. */
+/** A trial of a vertex where it is. */
+static vertex_trial start_trial(const qm_ref_surface *surface, const qm_lattice *lattice, uint32_t i,
+                                uint32_t j)
+{
+    const qm_vec neighbour[4] = {qm_lattice_at(lattice, i - 1, j), qm_lattice_at(lattice, i + 1, j),
+                                 qm_lattice_at(lattice, i, j - 1), qm_lattice_at(lattice, i, j + 1)};
+    qm_vec sum = {0, 0, 0};
+    for (int k = 0; k < 4; k++)
+        sum = qm_vec_add(sum, neighbour[k]);
+    qm_vec centroid = qm_vec_scale(0.25, sum);
+    double reach = qm_vec_distance(qm_lattice_at(lattice, i, j), centroid);
+    for (int k = 0; k < 4; k++)
+        reach = fmax(reach, qm_vec_distance(neighbour[k], centroid));
+    return (vertex_trial){surface, lattice, i, j, worst_sine(lattice, i, j), centroid, reach, true};
+}
+
+/**
+ * Moves the vertex to a position if that improves its worst quad. The projection of a position may lie on another part of the
+ * surface: a place beyond all neighbours is refused, or each move would make room for a longer one.
+ */
 static bool try_position(vertex_trial *t, qm_vec position)
 {
     double *vertex = qm_lattice_vertex(t->lattice, t->i, t->j), before[3];
@@ -63,7 +84,7 @@ static bool try_position(vertex_trial *t, qm_vec position)
     else
         qm_vec_store(vertex, position);
     double worst = worst_sine(t->lattice, t->i, t->j);
-    if (worst > t->worst) {
+    if (worst > t->worst && qm_vec_distance(qm_vec_load(vertex), t->centroid) <= t->reach) {
         t->worst = worst;
         return true;
     }
@@ -81,10 +102,9 @@ static bool try_positions(vertex_trial *t)
     qm_vec here = qm_lattice_at(lattice, t->i, t->j);
     qm_vec west = qm_lattice_at(lattice, t->i - 1, t->j), east = qm_lattice_at(lattice, t->i + 1, t->j);
     qm_vec south = qm_lattice_at(lattice, t->i, t->j - 1), north = qm_lattice_at(lattice, t->i, t->j + 1);
-    qm_vec centroid = qm_vec_scale(0.25, qm_vec_add(qm_vec_add(west, east), qm_vec_add(south, north)));
     bool has_moved = false;
     for (double fraction = 1.0; fraction >= 0.25; fraction /= 2.0)
-        has_moved |= try_position(t, qm_vec_mix(here, centroid, fraction));
+        has_moved |= try_position(t, qm_vec_mix(here, t->centroid, fraction));
     if (t->worst > MIN_SINE) return has_moved;
     qm_vec along = qm_vec_sub(east, west), across = qm_vec_sub(north, south);
     for (double fraction = 0.25; fraction > 0.01; fraction /= 2.0) {
@@ -104,7 +124,7 @@ static bool try_positions(vertex_trial *t)
  */
 static bool smooth_vertex(const qm_ref_surface *surface, const qm_lattice *lattice, uint32_t i, uint32_t j)
 {
-    vertex_trial t = {surface, lattice, i, j, worst_sine(lattice, i, j), true};
+    vertex_trial t = start_trial(surface, lattice, i, j);
     if (t.worst > MIN_SINE) return false;
     bool has_moved = try_positions(&t);
     if (t.worst > 0.0 || !surface->is_cloud) return has_moved;
