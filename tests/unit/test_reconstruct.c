@@ -181,6 +181,48 @@ static void counts_are_where_the_surface_bends(void **state)
     }
 }
 
+/** The unit square with a flat ear on its first quarter: user[0] high, half as wide as the quarter at its base, and
+ * user[1] times as thick as wide. */
+static void ear_at(const void *user, double u, double v, double out[3])
+{
+    const double *ear = user, base = 0.14;
+    double x = u - 0.25, y = v - 0.25, rise = 1.0 - hypot(x, y) / base;
+    out[0] = u;
+    out[1] = v;
+    out[2] = 0.0;
+    if (!(rise > 0.0)) return;
+    double width = sqrt(1.0 - rise * rise) / (1.0 - rise + 1e-12);
+    double thin = 1.0 - (1.0 - ear[1]) * fmin(1.0, 4.0 * rise);
+    out[0] = 0.25 + width * x;
+    out[1] = 0.25 + width * thin * y;
+    out[2] = ear[0] * rise;
+}
+
+/** An ear inside a patch is reached to its tip, however high it is. */
+static void ears_inside_a_patch_are_reached(void **state)
+{
+    (void)state;
+    const double ears[][2] = {{0.3, 1.0}, {0.6, 1.0}, {0.6, 0.3}, {1.0, 0.5}, {1.0, 0.25}};
+    for (size_t i = 0; i < sizeof ears / sizeof *ears; i++) {
+        qm_ground g;
+        qm_ground_make(&g, qm_shape_grid(240, 240, false, false, ear_at, ears[i]));
+        qm_layout layout = qm_layout_of_grid(2, 2, false, false, 32, ear_at, ears[i]);
+        qm_reconstruction *r = start(&g, &layout);
+        for (size_t limit = 1000; limit <= 4000; limit *= 4) {
+            step_to(&g, r, limit);
+            qm_mesh mesh = mesh_of(&g, r);
+            double now = distance(&mesh, &g.mesh), most = limit == 1000 ? 0.04 : 0.02;
+            QM_CHECK(now <= most, "an ear %g high, %g thick, %zu quads: %g", ears[i][0], ears[i][1], limit,
+                     now);
+            QM_CHECK(least_jacobian(&mesh) > 0.0, "%zu quads: %g", limit, least_jacobian(&mesh));
+            qm_shape_free(&mesh);
+        }
+        qm_reconstruction_destroy(&g.ctx, r);
+        qm_layout_free(&layout);
+        qm_ground_free(&g);
+    }
+}
+
 static void noise_is_averaged_away(void **state)
 {
     (void)state;
@@ -682,6 +724,7 @@ int main(void)
         cmocka_unit_test(meshes_are_semi_regular),
         cmocka_unit_test(distances_fall_by_the_square),
         cmocka_unit_test(counts_are_where_the_surface_bends),
+        cmocka_unit_test(ears_inside_a_patch_are_reached),
         cmocka_unit_test(noise_is_averaged_away),
         cmocka_unit_test(threads_and_pauses_do_not_change_a_bit),
         cmocka_unit_test(a_canceled_step_leaves_the_last_whole_one),

@@ -57,6 +57,7 @@ void qm_reconstruction_destroy(qm_context *ctx, qm_reconstruction *r)
     qm_context_free(ctx, r->chords, r->layout.curve_count, sizeof *r->chords);
     qm_layout_reset(ctx, &r->layout);
     qm_creases_reset(ctx, &r->creases);
+    qm_anchors_reset(ctx, &r->anchors);
     qm_guide_release(ctx, r->guide);
     qm_context_free(ctx, r, 1, sizeof *r);
 }
@@ -81,7 +82,7 @@ static qm_status refine_lattices(qm_context *ctx, qm_reconstruction *r, int fair
         if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "reconstruction canceled");
         if (status == QM_OK) qm_lattice_untangle(&r->surface, &r->lattices[p]);
     }
-    return status;
+    return status == QM_OK ? qm_anchors_recover(ctx, r, samples) : status;
 }
 
 /** The distance of a position from the surface, of a point set from its nearest point: the surface through points runs
@@ -162,12 +163,16 @@ static qm_status count_points(qm_context *ctx, qm_reconstruction *r, const qm_sa
     return QM_OK;
 }
 
-static void count_uncovered(qm_reconstruction *r, const qm_samples *samples)
+/** Counts the samples that are far from all lattices. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+static qm_status count_uncovered(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
 {
+    qm_status status = samples->is_projected ? QM_OK : qm_samples_project(ctx, r, samples);
+    if (status != QM_OK) return status;
     r->point_count = samples->count;
     r->uncovered_count = 0;
     for (size_t i = 0; i < samples->count; i++)
         r->uncovered_count += samples->location[i].distance > qm_reconstruction_cover_distance(r);
+    return QM_OK;
 }
 
 /** The number of samples for the first parameters. */
@@ -392,8 +397,8 @@ static qm_status fit_new(qm_context *ctx, qm_reconstruction *r, qm_samples *samp
         r->options.grids ? start_from_grids(ctx, r, samples) : start_from_curves(ctx, r, samples);
     if (status == QM_OK) status = qm_lattices_choose(ctx, r);
     if (status == QM_OK) status = refine_lattices(ctx, r, START_FAIR, samples);
+    if (status == QM_OK) status = count_uncovered(ctx, r, samples);
     if (status != QM_OK) return status;
-    count_uncovered(r, samples);
     qm_samples_reset(ctx, samples);
     status = create_fine_samples(ctx, r, samples);
     if (status == QM_OK) status = refine_lattices(ctx, r, STEP_FAIR, samples);
@@ -430,8 +435,8 @@ static qm_status fit_changed(qm_context *ctx, qm_reconstruction *r, const qm_rec
     for (int round = 0; round < EDIT_ROUNDS && status == QM_OK; round++)
         status = refine_lattices(ctx, r, round == 0 ? START_FAIR : STEP_FAIR, samples);
     if (status == QM_OK) status = qm_noise_fit_lattices(ctx, r, true);
+    if (status == QM_OK) status = count_uncovered(ctx, r, samples);
     if (status != QM_OK) return status;
-    count_uncovered(r, samples);
     qm_chords_measure(r);
     return QM_OK;
 }

@@ -7,6 +7,7 @@
  *   reconstruct_polylines.c   curves as polylines on the surface, rerouted where they left it; their vertices
  *   reconstruct_samples.c     samples of the surface, and their parameters by projection onto the lattices
  *   reconstruct_parameters.c  the first parameters of samples, along the surface
+ *   reconstruct_anchors.c     lattices that miss a part of the surface, fitted by parameters along it
  *   reconstruct_lattice.c     lattices: Coons patches, doubling, fairing
  *   reconstruct_lattice_start.c       lattices from grids that came with the layout
  *   reconstruct_lattice_fit.c         inner vertices of lattices from the samples around them
@@ -79,6 +80,18 @@ typedef struct qm_samples {
     bool is_projected; /* locations come from projection onto the lattices */
 } qm_samples;
 
+/**
+ * Points of the surface with parameters along it, which a patch has wherever its lattice is. None on point sets, nor where
+ * normals do not tell walls apart.
+ */
+typedef struct qm_anchors {
+    size_t count, capacity, sample_count; /* samples come first, then points of curves, once for each patch */
+    double *positions;                    /* rows of x y z */
+    float *normals;                       /* rows of x y z, of any length */
+    qm_sample_location *at;               /* parameters from 0 to 1 */
+    qm_bvh *tree;                         /* of the positions */
+} qm_anchors;
+
 struct qm_reconstruction {
     qm_ref_surface given;   /* the surface as it came */
     qm_ref_surface surface; /* what the stages work on: the same, or the guide's */
@@ -91,6 +104,7 @@ struct qm_reconstruction {
     size_t chord_count;
     qm_polyline *polylines; /* layout.curve_count */
     qm_lattice *lattices;   /* layout.patch_count */
+    qm_anchors anchors;
     size_t point_count, uncovered_count;
     bool has_sides; /* the surface's normals tell its walls apart, and the patches are oriented by them */
 };
@@ -291,6 +305,10 @@ void qm_samples_reset(qm_context *ctx, qm_samples *samples);
 /** Sets the locations of samples by projection onto the lattices. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
 qm_status qm_samples_project(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples);
 
+/** The distances of points from the mesh of all lattices. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_samples_distances(qm_context *ctx, const qm_reconstruction *r, const double *points,
+                               size_t count, double *out);
+
 /** Scales locations that count `base` edges a side to the edges of the lattices. */
 void qm_samples_scale(const qm_reconstruction *r, qm_samples *samples, uint32_t base);
 
@@ -303,6 +321,21 @@ qm_status qm_samples_find_sides(qm_context *ctx, qm_reconstruction *r, const qm_
 /** Flips the normals of the graph to agree with the samples' own, and removes links between opposed samples. */
 void qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph);
 
+/** Makes room for anchors, none of them added. False when out of memory, with nothing to free. */
+bool qm_anchors_allocate(qm_context *ctx, size_t capacity, qm_anchors *out);
+void qm_anchors_add(qm_anchors *anchors, const double position[3], qm_vec normal, uint32_t patch, double u,
+                    double v);
+
+/** Builds the tree, when all are added. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_anchors_index(qm_context *ctx, qm_anchors *anchors);
+void qm_anchors_reset(qm_context *ctx, qm_anchors *anchors);
+
+/**
+ * Fits stale lattices that miss anchors by the anchors' parameters, where that is better. The samples are projected; if there are
+ * such lattices, they are not afterwards. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
+ */
+qm_status qm_anchors_recover(qm_context *ctx, qm_reconstruction *r, qm_samples *samples);
+
 /** Reverses the orientation of a patch; its corner 0 stays. */
 void qm_parameters_flip(qm_reconstruction *r, size_t patch);
 
@@ -314,7 +347,7 @@ qm_status qm_parameters_orient(qm_context *ctx, qm_reconstruction *r);
 
 /**
  * Orients the patches of the layout consistently, anticlockwise about the surface's normals, and, unless there are grids, sets
- * the first locations of the samples by a parameterization along the surface. QM_OK; QM_E_NO_MEMORY;
+ * the first locations of the samples by a parameterization along the surface, and the anchors. QM_OK; QM_E_NO_MEMORY;
  * QM_E_CANCELED.
  */
 qm_status qm_parameters_find(qm_context *ctx, qm_reconstruction *r, qm_samples *samples);

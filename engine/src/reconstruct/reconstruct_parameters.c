@@ -5,14 +5,15 @@
  * one another. So each sample gets the patch on its side of the curve that is nearest along the surface, and
  * parameters that are a weighted mean of its neighbours', with the curves held fixed on the border of the
  * unit square. Such a map does not fold (Tutte). The weights are then divided by the stretch at each
- * neighbour, a few times, so that the tip of the ear gets its fraction of the square.
+ * neighbour, a few times, so that the tip of the ear gets its fraction of the square; more often in patches that
+ * are still stretched unevenly.
  *
  * The sides of a curve are defined by the surface's normals and by the orientation of the patches, which is
  * made consistent first.
  *
  * Sources: W. Tutte, How to draw a graph, 1963; M. Floater, Parametrization and smooth approximation of
  * surface triangulations, 1997; S. Yoshizawa, A. Belyaev, H.-P. Seidel, A fast and simple stretch-minimizing
- * mesh parameterization, 2004.
+ * mesh parameterization, 2004; D. Young, Iterative methods for solving partial difference equations of elliptic type, 1954.
  */
 #include "reconstruct_internal.h"
 
@@ -20,12 +21,18 @@
 
 #include "core/heap.h"
 
-#define NODE_SPACING 0.8   /* of nodes on curves, in spacings of the samples */
-#define MAX_NODES 2000     /* of a curve */
-#define STRETCH_ROUNDS 10  /* of dividing the weights by the stretch */
-#define SWEEPS 24          /* of relaxation in a round, forward and backward */
-#define RELAXATION 1.7     /* the factor of successive over-relaxation */
-#define CLEARLY_NEARER 0.8 /* times the distance of the other side */
+#define NODE_SPACING 0.8  /* of nodes on curves, in spacings of the samples */
+#define MAX_NODES 2000    /* of a curve */
+#define STRETCH_ROUNDS 10 /* of dividing the weights by the stretch, of all patches */
+#define MAX_ROUNDS 80     /* of patches that are stretched unevenly, while that gets less */
+#define STRETCHED 4.0     /* times the mean stretch of a patch: uneven is a greater one */
+#define STILL_FALLS 0.97  /* times the least so far of the greatest stretch of a patch: it gets less */
+#define MAX_IDLE 4        /* rounds in which it does not get less */
+#define MIN_SWEEPS 24     /* of relaxation in a round, forward and backward */
+#define MAX_SWEEPS 120
+#define SWEEP_SHARE 1.4     /* of the root of a patch's samples: sweeps of that patch */
+#define MAX_RELAXATION 1.95 /* of the factor of successive over-relaxation */
+#define CLEARLY_NEARER 0.8  /* times the distance of the other side */
 #define MIN_TURN                                                                                             \
     0.25 /* of the most that a normal can tell of the side of a crease: half is that of a face beside it */
 #define MIN_SIDE_SINE 0.1 /* of the angle between curve and sample, to separate the sides of the curve */
@@ -463,28 +470,57 @@ static void start_parameters(parameterization *a)
     }
 }
 
+/** The relaxation of the samples of a patch in a round. */
+typedef struct patch_sweeps {
+    double factor; /* of successive over-relaxation */
+    int count;     /* 0: done */
+    size_t samples;
+    double sum, now,
+        least; /* of the stretch of its samples in this round, the greatest, and the least that that was */
+    int idle;  /* rounds since it has fallen */
+} patch_sweeps;
+
 /**
- * Moves the parameters of each sample to, and beyond, the weighted mean of its neighbours', in several
- * sweeps.
+ * Of a grid of n points the best factor of successive over-relaxation is 2 / (1 + sin (pi / sqrt n)), with which sweeps in
+ * proportion to sqrt n reach any accuracy (Young 1954). A patch that holds a protrusion has many more samples than others.
  */
-static void relax(parameterization *a)
+static patch_sweeps find_sweeps(size_t samples)
+{
+    double side = sqrt((double)samples), pi = 3.14159265358979323846;
+    return (patch_sweeps){.samples = samples,
+                          .factor = side > 2.0 ? fmin(2.0 / (1.0 + sin(pi / side)), MAX_RELAXATION) : 1.0,
+                          .count = (int)qm_clamp(SWEEP_SHARE * side, MIN_SWEEPS, MAX_SWEEPS)};
+}
+
+/** Moves the parameters of a sample to, and beyond, the weighted mean of its neighbours'. */
+static void relax_sample(parameterization *a, uint32_t i, double factor)
+{
+    const patch_links *links = &a->link[i];
+    double sum = 0.0, u = 0.0, v = 0.0;
+    for (int k = 0; k < links->count; k++) {
+        QM_ASSERT(links->to[k] < a->uv_count);
+        uv_point at = a->uv[links->to[k]];
+        sum += links->weight[k];
+        u += links->weight[k] * at.u;
+        v += links->weight[k] * at.v;
+    }
+    if (!(sum > 0.0)) return;
+    a->uv[i].u += factor * (u / sum - a->uv[i].u);
+    a->uv[i].v += factor * (v / sum - a->uv[i].v);
+}
+
+/** Relaxes the parameters of all samples, in several sweeps. */
+static void relax(parameterization *a, const patch_sweeps *sweeps)
 {
     uint32_t count = (uint32_t)a->nodes->sample_count;
-    for (int sweep = 0; sweep < SWEEPS; sweep++) {
+    int most = 0;
+    for (size_t p = 0; p < a->r->layout.patch_count; p++)
+        most = sweeps[p].count > most ? sweeps[p].count : most;
+    for (int sweep = 0; sweep < most; sweep++) {
         for (uint32_t n = 0; n < count; n++) {
             uint32_t i = sweep % 2 ? count - 1 - n : n;
-            const patch_links *links = &a->link[i];
-            double sum = 0.0, u = 0.0, v = 0.0;
-            for (int k = 0; k < links->count; k++) {
-                QM_ASSERT(links->to[k] < a->uv_count);
-                uv_point at = a->uv[links->to[k]];
-                sum += links->weight[k];
-                u += links->weight[k] * at.u;
-                v += links->weight[k] * at.v;
-            }
-            if (!(sum > 0.0)) continue;
-            a->uv[i].u += RELAXATION * (u / sum - a->uv[i].u);
-            a->uv[i].v += RELAXATION * (v / sum - a->uv[i].v);
+            if (a->link[i].count == 0 || sweep >= sweeps[a->label[i]].count) continue;
+            relax_sample(a, i, sweeps[a->label[i]].factor);
         }
     }
 }
@@ -507,11 +543,98 @@ static void divide_weights(parameterization *a)
         a->stretch[i] = parameter2 > 0.0 ? sqrt(length2 / parameter2) : 1.0;
     }
     for (uint32_t i = 0; i < count; i++) {
-        for (int k = 0; k < a->link[i].count; k++) {
-            uint32_t j = a->link[i].to[k];
-            a->link[i].weight[k] /= a->stretch[j < count ? j : i];
+        patch_links *links = &a->link[i];
+        double greatest = 0.0;
+        for (int k = 0; k < links->count; k++) {
+            uint32_t j = links->to[k];
+            links->weight[k] /= a->stretch[j < count ? j : i];
+            greatest = fmax(greatest, links->weight[k]);
+        }
+        /* Many rounds would underflow, in whatever unit the surface is. */
+        for (int k = 0; k < links->count && greatest > 0.0; k++)
+            links->weight[k] /= greatest;
+    }
+}
+
+/** Ends the rounds of patches whose greatest stretch does not fall any more. True if any goes on. */
+static bool end_rounds(const parameterization *a, int round, patch_sweeps *sweeps)
+{
+    size_t patches = a->r->layout.patch_count;
+    bool is_moving = false;
+    for (size_t i = 0; i < a->nodes->sample_count; i++) {
+        if (a->label[i] == QM_NO_INDEX) continue;
+        patch_sweeps *of = &sweeps[a->label[i]];
+        of->now = fmax(of->now, a->stretch[i]);
+        of->sum += a->stretch[i];
+    }
+    for (size_t p = 0; p < patches; p++) {
+        bool falls = round <= STRETCH_ROUNDS || sweeps[p].now < STILL_FALLS * sweeps[p].least;
+        if (falls) sweeps[p].least = sweeps[p].now;
+        sweeps[p].idle = falls ? 0 : sweeps[p].idle + 1;
+        bool is_even = sweeps[p].now * (double)sweeps[p].samples < STRETCHED * sweeps[p].sum;
+        if (round >= STRETCH_ROUNDS && (is_even || sweeps[p].idle >= MAX_IDLE)) sweeps[p].count = 0;
+        sweeps[p].now = sweeps[p].sum = 0.0;
+        is_moving |= sweeps[p].count > 0;
+    }
+    return is_moving;
+}
+
+/** Relaxes the parameters from those of the nearest curves, and divides the weights by the stretch in between. */
+static qm_status relax_all(parameterization *a)
+{
+    size_t patches = a->r->layout.patch_count;
+    size_t *samples = qm_context_alloc(a->ctx, patches, sizeof *samples);
+    patch_sweeps *sweeps = qm_context_alloc(a->ctx, patches, sizeof *sweeps);
+    qm_status status = samples && sweeps ? QM_OK : no_memory(a->ctx);
+    if (status == QM_OK) {
+        memset(samples, 0, patches * sizeof *samples);
+        for (size_t i = 0; i < a->nodes->sample_count; i++)
+            if (a->label[i] != QM_NO_INDEX) samples[a->label[i]]++;
+        for (size_t p = 0; p < patches; p++)
+            sweeps[p] = find_sweeps(samples[p]);
+        start_parameters(a);
+        relax(a, sweeps);
+    }
+    bool is_moving = true;
+    for (int round = 0; round < MAX_ROUNDS && status == QM_OK && is_moving; round++) {
+        if (qm_context_canceled(a->ctx)) {
+            status = qm_context_fail(a->ctx, QM_E_CANCELED, "reconstruction canceled");
+            break;
+        }
+        divide_weights(a);
+        is_moving = end_rounds(a, round, sweeps);
+        relax(a, sweeps);
+    }
+    qm_context_free(a->ctx, samples, patches, sizeof *samples);
+    qm_context_free(a->ctx, sweeps, patches, sizeof *sweeps);
+    return status;
+}
+
+/** Keeps the samples, and the points of curves in each patch that they bound, with their parameters. */
+static qm_status keep_anchors(parameterization *a)
+{
+    size_t samples = a->nodes->sample_count, border = a->nodes->count - samples;
+    qm_anchors *anchors = &a->r->anchors;
+    if (a->r->surface.is_cloud || a->r->guide || !a->r->has_sides) return QM_OK;
+    if (!qm_anchors_allocate(a->ctx, samples + 2 * border, anchors)) return no_memory(a->ctx);
+    for (size_t i = 0; i < samples; i++) {
+        const float *normal = a->samples->normals + 3 * i;
+        if (a->label[i] != QM_NO_INDEX)
+            qm_anchors_add(anchors, a->nodes->positions + 3 * i, (qm_vec){normal[0], normal[1], normal[2]},
+                           a->label[i], a->uv[i].u, a->uv[i].v);
+    }
+    anchors->sample_count = anchors->count;
+    for (uint32_t i = (uint32_t)samples; i < (uint32_t)a->nodes->count; i++) {
+        const border_node *node = border_node_of(a, i);
+        for (int side = 0; side < 2 && node->curve != QM_NO_INDEX; side++) {
+            uint32_t patch = a->beside[node->curve][side];
+            uv_point at;
+            if (patch != QM_NO_INDEX && border_uv(a, node, patch, &at))
+                qm_anchors_add(anchors, a->nodes->positions + 3 * (size_t)i, a->graph.normal[i], patch, at.u,
+                               at.v);
         }
     }
+    return anchors->count > 0 ? qm_anchors_index(a->ctx, anchors) : QM_OK;
 }
 
 static qm_status parameterize(parameterization *a, qm_samples *samples)
@@ -540,14 +663,8 @@ static qm_status parameterize(parameterization *a, qm_samples *samples)
             a->uv_count += !is_sample(a, a->graph.link[i][k]);
     a->uv = qm_context_alloc(a->ctx, a->uv_count, sizeof *a->uv);
     if (!a->uv) return no_memory(a->ctx);
-    start_parameters(a);
-    relax(a);
-    for (int round = 0; round < STRETCH_ROUNDS; round++) {
-        if (qm_context_canceled(a->ctx))
-            return qm_context_fail(a->ctx, QM_E_CANCELED, "reconstruction canceled");
-        divide_weights(a);
-        relax(a);
-    }
+    status = relax_all(a);
+    if (status != QM_OK) return status;
     for (size_t i = 0; i < samples->count; i++) {
         uint32_t label = a->label[i];
         samples->location[i] = (qm_sample_location){.distance = INFINITY};
@@ -557,7 +674,7 @@ static qm_status parameterize(parameterization *a, qm_samples *samples)
                                  .u = qm_clamp(a->uv[i].u, 0.0, 1.0) * QM_RECONSTRUCTION_BASE,
                                  .v = qm_clamp(a->uv[i].v, 0.0, 1.0) * QM_RECONSTRUCTION_BASE};
     }
-    return QM_OK;
+    return keep_anchors(a);
 }
 
 /** Parameterizes the samples over patches with a consistent orientation. */

@@ -221,8 +221,8 @@ static qm_status exclude_opposed(qm_context *ctx, const qm_reconstruction *r, qm
     return QM_OK;
 }
 
-/** Projects the samples onto the mesh of all lattice vertices. */
-static qm_status project(qm_context *ctx, const qm_reconstruction *r, const qm_samples *samples,
+/** Projects points onto the mesh of all lattice vertices. */
+static qm_status project(qm_context *ctx, const qm_reconstruction *r, const double *points, size_t count,
                          const qm_projection *projections)
 {
     qm_mesh mesh;
@@ -231,11 +231,17 @@ static qm_status project(qm_context *ctx, const qm_reconstruction *r, const qm_s
     if (status != QM_OK) return status;
     status = qm_bvh_build(ctx, &mesh, QM_BVH_TARGET, r->options.thread_count, &tree);
     if (status == QM_OK)
-        status = qm_project_points(ctx, tree, QM_QUADS_TRIANGLES, samples->positions, samples->count,
-                                   r->options.thread_count, projections);
+        status = qm_project_points(ctx, tree, QM_QUADS_TRIANGLES, points, count, r->options.thread_count,
+                                   projections);
     qm_bvh_destroy(ctx, tree);
     qm_mesh_reset(ctx, &mesh);
     return status;
+}
+
+qm_status qm_samples_distances(qm_context *ctx, const qm_reconstruction *r, const double *points,
+                               size_t count, double *out)
+{
+    return project(ctx, r, points, count, &(const qm_projection){.distance = out});
 }
 
 qm_status qm_samples_project(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples)
@@ -247,7 +253,7 @@ qm_status qm_samples_project(qm_context *ctx, const qm_reconstruction *r, qm_sam
     size_t *first = qm_context_alloc(ctx, patches, sizeof *first);
     qm_status status = QM_OK;
     if (!projections.distance || !projections.face || !projections.uv || !first) status = no_memory(ctx);
-    if (status == QM_OK) status = project(ctx, r, samples, &projections);
+    if (status == QM_OK) status = project(ctx, r, samples->positions, count, &projections);
     if (status == QM_OK) {
         /* The locations of samples, from their projections. */
         size_t face_count = 0;
