@@ -223,6 +223,38 @@ static void ears_inside_a_patch_are_reached(void **state)
     }
 }
 
+/** A fin along y, one high and a tenth thick, with a round rim; u leads over the rim. */
+static void fin_at(const void *user, double u, double v, double out[3])
+{
+    (void)user;
+    const double radius = 0.05, pi = 3.14159265358979323846;
+    double length = u * (2.0 + pi * radius), turn = qm_clamp((length - 1.0) / radius, 0.0, pi);
+    double up = fmin(length, 1.0), down = fmax(length - 1.0 - pi * radius, 0.0);
+    out[0] = -radius * cos(turn);
+    out[1] = v;
+    out[2] = up - down + radius * sin(turn);
+}
+
+/** Vertices at equal distances along the curves would cut off the rim: 0.030. */
+static void curves_follow_rims(void **state)
+{
+    (void)state;
+    for (int rows = 1; rows <= 3; rows++) {
+        qm_ground g;
+        qm_ground_make(&g, qm_shape_grid(400, 40, false, false, fin_at, NULL));
+        qm_layout layout = qm_layout_of_grid(1, rows, false, false, 200, fin_at, NULL);
+        qm_reconstruction *r = start(&g, &layout);
+        step_to(&g, r, 15 * (size_t)rows);
+        qm_mesh mesh = mesh_of(&g, r);
+        QM_CHECK(distance(&mesh, &g.mesh) <= 0.015, "%d rows, %zu quads: %g", rows, mesh.face_count,
+                 distance(&mesh, &g.mesh));
+        qm_shape_free(&mesh);
+        qm_reconstruction_destroy(&g.ctx, r);
+        qm_layout_free(&layout);
+        qm_ground_free(&g);
+    }
+}
+
 static void noise_is_averaged_away(void **state)
 {
     (void)state;
@@ -725,6 +757,7 @@ int main(void)
         cmocka_unit_test(distances_fall_by_the_square),
         cmocka_unit_test(counts_are_where_the_surface_bends),
         cmocka_unit_test(ears_inside_a_patch_are_reached),
+        cmocka_unit_test(curves_follow_rims),
         cmocka_unit_test(noise_is_averaged_away),
         cmocka_unit_test(threads_and_pauses_do_not_change_a_bit),
         cmocka_unit_test(a_canceled_step_leaves_the_last_whole_one),

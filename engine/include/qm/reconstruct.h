@@ -4,7 +4,7 @@
  *
  * Each patch is a grid of quads. Opposite sides of a patch have equal numbers of edges, so that a doubling
  * continues through the neighbours: the curves that it meets form a chord, and a step doubles chords, those
- * of the longest edges first. Vertices of a curve lie on it at equal arc length and are shared bit for bit,
+ * of the longest edges first. Vertices of a curve lie on it, nearer to one another where it turns, and are shared bit for bit,
  * so the mesh has no T-junction, and only nodes of the layout can be irregular.
  *
  * How this differs from the source, and why:

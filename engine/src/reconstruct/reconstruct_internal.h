@@ -43,7 +43,7 @@ typedef struct qm_polyline {
     size_t point_count;    /* of the fine polyline */
     double *points;        /* rows of x y z, on the surface if options.pull_curves */
     double *arc;           /* arc length up to each point */
-    double *vertices;      /* vertex_edges + 1 rows at equal arc length */
+    double *vertices;      /* vertex_edges + 1 rows, nearer where it turns */
     double *across;        /* of the vertices of a sharp curve, see qm_creases_step_across; else NULL */
     uint32_t vertex_edges; /* lattice_edges of the chord */
 } qm_polyline;

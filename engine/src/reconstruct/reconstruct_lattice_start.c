@@ -2,7 +2,7 @@
  * reconstruct_lattice_start.c: lattices from grids that came with the layout, as those of a layout that was made of quads do: they
  * lie on the surface over ears and fingers too, where a Coons patch does not.
  *
- * The vertices of curves lie at equal arc length, and those of grids where the grid has them. So a vertex of the lattice has the
+ * The vertices of curves of a layout with grids lie at equal arc length, and those of grids where the grid has them. So a vertex of the lattice has the
  * parameters in the grid at which its row and its column have their share of the sides' lengths.
  */
 #include "reconstruct_internal.h"

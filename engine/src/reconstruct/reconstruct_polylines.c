@@ -1,6 +1,6 @@
 /**
  * reconstruct_polylines.c: layout curves as fine polylines on the surface, and the vertices that the lattices
- * of both sides share, at equal arc length.
+ * of both sides share, at equal arc length, but nearer to one another where the curve turns.
  *
  * A drawn curve is resampled and each point is projected onto the surface. Two faults are repaired. A curve
  * that runs through a thin wall or over a gap between two protrusions jumps from one layer of the surface to
@@ -19,8 +19,10 @@
 #define MAX_PATH 20.0        /* lengths of a jump: a longer path is not taken */
 #define SMOOTH_ROUNDS 6      /* of a path over samples */
 #define CREASE_REACH                                                                                         \
-    0.0625             /* of a curve's length: how far it may have been drawn off a sharp edge of points */
-#define MAX_REROUTES 4 /* of a curve */
+    0.0625               /* of a curve's length: how far it may have been drawn off a sharp edge of points */
+#define MAX_REROUTES 4   /* of a curve */
+#define CELLS_PER_EDGE 8 /* in which the turns of a curve are summed up */
+#define TURN_WEIGHT 1.5  /* of a turn by a radian: such a part counts as 2.5 times as long */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
 
@@ -217,21 +219,66 @@ void qm_polyline_at(const qm_polyline *polyline, double fraction, double positio
     *tangent = norm > 0.0 ? qm_vec_scale(1.0 / norm, edge) : edge;
 }
 
+/** The angle between the chords of a reach before and after a length; at: the segments where the last places were. */
+static double turn_at(const qm_polyline *polyline, double length, double reach, size_t at[3])
+{
+    qm_vec place[3];
+    for (int k = 0; k < 3; k++) {
+        double wanted = qm_clamp(length + (k - 1) * reach, 0.0, polyline->arc[polyline->point_count - 1]);
+        place[k] = point_along(polyline->points, polyline->arc, polyline->point_count, wanted, &at[k]);
+    }
+    qm_vec in = qm_vec_sub(place[1], place[0]), out = qm_vec_sub(place[2], place[1]);
+    return atan2(qm_vec_norm(qm_vec_cross(in, out)), qm_vec_dot(in, out));
+}
+
 /**
- * Sets the vertices of a polyline at equal arc length. They are projected again, as there may be more of them
- * than fine points.
+ * Sets lengths[0..edges] up to the vertices of a polyline: equally far apart, but nearer to one another where it turns within an
+ * edge, by a weight. Edges of equal length would cut off the rim of an ear.
  */
+static qm_status divide(qm_context *ctx, const qm_polyline *polyline, uint32_t edges, double weight,
+                        double *lengths)
+{
+    size_t cells = (size_t)CELLS_PER_EDGE * edges, at[3] = {0, 0, 0};
+    double *sum = qm_context_alloc(ctx, cells + 1, sizeof *sum);
+    if (!sum) return no_memory(ctx);
+    double total = polyline->arc[polyline->point_count - 1];
+    sum[0] = 0.0;
+    for (size_t c = 0; c < cells; c++) {
+        double length = total * (((double)c + 0.5) / (double)cells);
+        sum[c + 1] = sum[c] + 1.0 + weight * turn_at(polyline, length, 0.5 * total / edges, at);
+    }
+    size_t c = 0;
+    for (uint32_t i = 1; i < edges; i++) {
+        double wanted = sum[cells] * ((double)i / edges);
+        while (c + 1 < cells && sum[c + 1] < wanted)
+            c++;
+        lengths[i] = total * (((double)c + (wanted - sum[c]) / (sum[c + 1] - sum[c])) / (double)cells);
+    }
+    lengths[0] = 0.0;
+    lengths[edges] = total;
+    qm_context_free(ctx, sum, cells + 1, sizeof *sum);
+    return QM_OK;
+}
+
+/** Sets the vertices of a polyline. They are projected again, as there may be more of them than fine points. */
 static qm_status set_vertices(qm_context *ctx, const qm_reconstruction *r, qm_curve_mark mark,
                               qm_polyline *polyline, uint32_t edges)
 {
     double *vertices = qm_context_alloc(ctx, (size_t)edges + 1, POINT_SIZE);
-    if (!vertices) return no_memory(ctx);
+    double *lengths = qm_context_alloc(ctx, (size_t)edges + 1, sizeof *lengths);
+    /* Grids have their vertices at equal arc length. */
+    double weight = r->options.grids ? 0.0 : TURN_WEIGHT;
+    qm_status status = vertices && lengths ? divide(ctx, polyline, edges, weight, lengths) : no_memory(ctx);
     size_t at = 0, last = polyline->point_count - 1;
-    for (uint32_t i = 1; i < edges; i++) {
-        double length = polyline->arc[last] * ((double)i / edges);
+    for (uint32_t i = 1; i < edges && status == QM_OK; i++) {
         qm_vec_store(vertices + 3 * (size_t)i,
-                     point_along(polyline->points, polyline->arc, polyline->point_count, length, &at));
+                     point_along(polyline->points, polyline->arc, polyline->point_count, lengths[i], &at));
         project_point(r, mark, polyline->arc[last], vertices + 3 * (size_t)i);
+    }
+    qm_context_free(ctx, lengths, (size_t)edges + 1, sizeof *lengths);
+    if (status != QM_OK) {
+        qm_context_free(ctx, vertices, (size_t)edges + 1, POINT_SIZE);
+        return status;
     }
     memcpy(vertices, polyline->points, POINT_SIZE);
     memcpy(vertices + 3 * (size_t)edges, polyline->points + 3 * last, POINT_SIZE);
