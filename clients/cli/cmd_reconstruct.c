@@ -18,7 +18,7 @@ typedef struct reconstruct_options {
     qm_refine_goal goal;
     double hausdorff; /* the goal, as a fraction of the diagonal */
     double noise;     /* the option noise_share of a reconstruction */
-    bool keeps_curves, settles, has_uv, as_json;
+    bool keeps_curves, settles, keeps_vertices, has_uv, as_json;
 } reconstruct_options;
 
 /** Reads the layout, and finds its patches if the file has none. False after a report. */
@@ -144,6 +144,20 @@ static bool write_picture(const reconstruct_options *options, const qm_mesh *mes
     return false;
 }
 
+/**
+ * True if the vertices move at the end: on a mesh that has no noise, which settled quads would follow. That it cannot be done is told
+ * if it was asked for.
+ */
+static bool will_settle(const reconstruct_options *options, const qm_ref_surface *source,
+                        const qm_reconstruction *r)
+{
+    bool has_noise = qm_reconstruction_noise(r) > 0.0;
+    if (options->settles && has_noise)
+        fputs("quadmesh: not settled: settled quads would follow the noise of the surface\n", stderr);
+    return !has_noise &&
+           (options->settles || !(options->keeps_vertices || options->keeps_curves || source->is_cloud));
+}
+
 /** Takes the steps and writes the mesh. Returns the exit status. */
 static int refine_and_write(qm_context *ctx, const reconstruct_options *options, const qm_ref_surface *source,
                             qm_reconstruction *r)
@@ -158,9 +172,7 @@ static int refine_and_write(qm_context *ctx, const reconstruct_options *options,
         cli_report_status(options->surface, status, ctx, options->as_json);
         return EXIT_BAD_INPUT;
     }
-    bool is_settled = options->settles && stop != QM_REFINE_CANCELED && qm_reconstruction_noise(r) == 0.0;
-    if (options->settles && qm_reconstruction_noise(r) > 0.0)
-        fputs("quadmesh: not settled: settled quads would follow the noise of the surface\n", stderr);
+    bool is_settled = stop != QM_REFINE_CANCELED && will_settle(options, source, r);
     qm_settled settled;
     if (is_settled) {
         qm_quads_marks marks;
@@ -290,10 +302,13 @@ static int run(int argc, char **argv)
          .type = CLI_FLAG,
          .target = &o.settles,
          .help =
-             "move all vertices at the end, those of curves too, for better quads nearer to the surface,\n"
-             "which must be a mesh; sides along its creases and boundaries stay there, vertices of sharp "
-             "curves\n"
-             "on these, those of fixed ones and corners where they are"},
+             "move all vertices at the end, those of curves too, for better quads nearer to the surface;\n"
+             "sides along its creases and boundaries stay there, vertices of sharp curves on these, those\n"
+             "of fixed ones and corners where they are (default on a mesh without noise)"},
+        {.name = "no-settle",
+         .type = CLI_FLAG,
+         .target = &o.keeps_vertices,
+         .help = "leave vertices where the steps put them, those of curves on these"},
         {.name = "picture",
          .value = "FILE.png",
          .type = CLI_TEXT,
@@ -313,8 +328,9 @@ static int run(int argc, char **argv)
         return status;
     o.surface = paths[0];
     o.layout = paths[1];
-    if (o.settles && o.keeps_curves) {
-        fputs("quadmesh: --settle moves the curves that --keep-curves keeps: give one of them\n", stderr);
+    if (o.settles && (o.keeps_curves || o.keeps_vertices)) {
+        fprintf(stderr, "quadmesh: --settle moves what %s keeps: give one of them\n",
+                o.keeps_curves ? "--keep-curves" : "--no-settle");
         return EXIT_USAGE;
     }
     o.goal.measures = !skips_measuring;

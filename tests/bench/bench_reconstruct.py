@@ -23,6 +23,7 @@ LAYOUTS = (("torus_6x4", "grids/torus_384x192_tris.ply"), ("torus_2x2", "grids/t
            ("bunny", "clouds/bunny_100k.ply"), ("spot", "pairs/spot/tri.obj"))
 MOST_QUADS = 30000
 STEPS_SHOWN = 4
+DRAWN = ["--no-measure", "--no-settle"]
 
 
 def time_ring(settings, points, quads):
@@ -55,19 +56,22 @@ OUT = catalogue.OUT / "reconstruction.obj"
 
 
 def refine(layout, surface, quads, *options):
-    """The steps of the command line, whose last line is the result; distances as shares of the diagonal."""
+    """The steps of the command line, and its last line, the result; distances as shares of the diagonal."""
     found = quadmesh("reconstruct", surface, layout, "-o", OUT, "--quads", quads, *options)
-    return found if "failed" in found else {"steps": found["lines"][:-1], "mesh": quadmesh("info", OUT)["lines"][0]}
+    if "failed" in found:
+        return found
+    *steps, result = found["lines"]
+    return {"steps": steps, "result": result, "mesh": quadmesh("info", OUT)["lines"][0]}
 
 
 def follow(layout, surface):
     """The last steps with the distance after each. On meshes that is measured afterwards, as a step stops that at a
     deadline; on point sets it is measured from the points, and is in the result."""
     is_mesh = quadmesh("info", surface)["lines"][0]["kind"] != "points"
-    row = refine(layout, surface, MOST_QUADS, *["--no-measure"] * is_mesh)
+    row = refine(layout, surface, MOST_QUADS, *DRAWN * is_mesh)
     for step in row.get("steps", [])[-STEPS_SHOWN:]:
         if is_mesh:
-            refine(layout, surface, step["quads"], "--no-measure")
+            refine(layout, surface, step["quads"], *DRAWN)
             measured = quadmesh("hausdorff", surface, OUT, "--tolerance", "2e-6")["lines"][0]
         step["distance"] = (measured if is_mesh else step["hausdorff"])["upper_relative"]
     return row
@@ -78,9 +82,9 @@ def find_layout(name):
     return own if own.exists() else meshes.data_folder() / "layouts" / f"{name}.json"
 
 
-def count_bad(step):
+def count_bad(quality):
     """Quads that are folded or upside down."""
-    return str(step["quality"]["folded_quads"] + step["quality"]["turned_quads"])
+    return str(quality["folded_quads"] + quality["turned_quads"])
 
 
 def compare(model):
@@ -96,7 +100,7 @@ def compare(model):
                       for mesh in (OUT, automatic))
         row[quads] = {"ours": own["upper_relative"], "scaled": other["lower_relative"] * count / ours}
         cells.append(f"{row[quads]['ours']:.2e} / {row[quads]['scaled']:.2e}")
-    return row, [*cells, count_bad(row["steps"][-1])]
+    return row, [*cells, count_bad(row["result"]["settled"]["quality"])]
 
 
 def describe_steps(steps):
@@ -116,7 +120,7 @@ def describe_layout(name, surface, row):
         return [name, surface, row["failed"], *[""] * 3]
     last, whole = row["steps"][-1], row["mesh"]["kind"] == "quads" and row["mesh"]["manifold"]
     return [name, surface, describe_steps(row["steps"]), str(last["holes_filled"]),
-            count_bad(last), str(row["mesh"]["irregular_vertices"]) if whole else "broken"]
+            count_bad(last["quality"]), str(row["mesh"]["irregular_vertices"]) if whole else "broken"]
 
 
 def run(settings, programs, pairs, say):
@@ -158,6 +162,6 @@ def run(settings, programs, pairs, say):
         if "failed" in row:
             faults.append(f"{model}: {row['failed']}")
     if lines:
-        print("\nTwo-sided distance as a share of the diagonal, ours / QuadriFlow's scaled to as many quads:\n")
+        print("\nTwo-sided distance of settled meshes as a share of the diagonal, ours / QuadriFlow's scaled to as many quads:\n")
         print(tables.table(["", "as triangles:", "bilinear:", "bad:"], lines))
     return rows, faults

@@ -204,8 +204,9 @@ def test_vertices_move_at_the_end(quadmesh, surface, layout, tmp_path):
         assert done.returncode == 0, done.stderr
         return [json.loads(line) for line in done.stdout.splitlines()], (tmp_path / "out.obj").read_text().splitlines()
 
-    lines, drawn = run()
-    settled, moved = run("--settle")
+    lines, drawn = run("--no-settle")
+    settled, moved = run()
+    assert run("--settle")[1] == moved
     assert [line for line in drawn if line[0] == "f"] == [line for line in moved if line[0] == "f"] and drawn != moved
     assert "settled" not in lines[-1] and len(settled) == len(lines) and settled[-1]["quads"] == lines[-1]["quads"]
     told = settled[-1]["settled"]
@@ -214,8 +215,10 @@ def test_vertices_move_at_the_end(quadmesh, surface, layout, tmp_path):
     assert again["lower_relative"] <= told["hausdorff"]["upper_relative"]
     assert max(told["from_surface"]["upper"], told["from_quads"]["upper"]) == told["hausdorff"]["upper"]
     assert told["hausdorff"]["upper_relative"] <= 1.25 * lines[-2]["hausdorff"]["upper_relative"]
-    both = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--settle", "--keep-curves")
-    assert both.returncode == 2 and "--keep-curves" in both.stderr
+    assert "settled" not in run("--keep-curves")[0][-1]
+    for other in ("--keep-curves", "--no-settle"):
+        both = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--settle", other)
+        assert both.returncode == 2 and other in both.stderr
 
 
 def test_marks_stay_at_the_end(quadmesh, surface, layout, tmp_path):
@@ -233,7 +236,7 @@ def test_marks_stay_at_the_end(quadmesh, surface, layout, tmp_path):
         x, y = map(float, line.split()[1:3])
         return abs(y) < 1e-12 or abs(x - 1) < 1e-12
 
-    before, after = vertices(), vertices("--settle")
+    before, after = vertices("--no-settle"), vertices()
     assert before != after and sum(map(is_fixed, before)) > 12
     assert all(a == b for a, b in zip(before, after) if is_fixed(a))
 
