@@ -19,10 +19,10 @@
 #define MAX_PATH 20.0        /* lengths of a jump: a longer path is not taken */
 #define SMOOTH_ROUNDS 6      /* of a path over samples */
 #define CREASE_REACH                                                                                         \
-    0.0625               /* of a curve's length: how far it may have been drawn off a sharp edge of points */
-#define MAX_REROUTES 4   /* of a curve */
-#define CELLS_PER_EDGE 8 /* in which the turns of a curve are summed up */
-#define TURN_WEIGHT 1.5  /* of a turn by a radian: such a part counts as 2.5 times as long */
+    0.0625              /* of a curve's length: how far it may have been drawn off a sharp edge of points */
+#define MAX_REROUTES 4  /* of a curve */
+#define HALF_EDGE 4     /* cells in which the turns of a curve are summed up: those of half an edge */
+#define TURN_WEIGHT 1.5 /* of a turn by a radian: such a part counts as 2.5 times as long */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
 
@@ -233,22 +233,32 @@ static double turn_at(const qm_polyline *polyline, double length, double reach, 
 
 /**
  * Sets lengths[0..edges] up to the vertices of a polyline: equally far apart, but nearer to one another where it turns within an
- * edge, by a weight. Edges of equal length would cut off the rim of an ear.
+ * edge, by a weight. Edges of equal length would cut off the rim of an ear. Turns are means over an edge, or neighbours of a short edge
+ * would be long.
  */
 static qm_status divide(qm_context *ctx, const qm_polyline *polyline, uint32_t edges, double weight,
                         double *lengths)
 {
-    size_t cells = (size_t)CELLS_PER_EDGE * edges, at[3] = {0, 0, 0};
+    size_t cells = 2 * (size_t)HALF_EDGE * edges, at[3] = {0, 0, 0};
+    double *density = qm_context_alloc(ctx, cells, sizeof *density);
     double *sum = qm_context_alloc(ctx, cells + 1, sizeof *sum);
-    if (!sum) return no_memory(ctx);
+    qm_status status = density && sum ? QM_OK : no_memory(ctx);
     double total = polyline->arc[polyline->point_count - 1];
-    sum[0] = 0.0;
-    for (size_t c = 0; c < cells; c++) {
+    for (size_t c = 0; c < cells && status == QM_OK; c++) {
         double length = total * (((double)c + 0.5) / (double)cells);
-        sum[c + 1] = sum[c] + 1.0 + weight * turn_at(polyline, length, 0.5 * total / edges, at);
+        density[c] = 1.0 + weight * turn_at(polyline, length, 0.5 * total / edges, at);
     }
+    for (size_t c = 0; c < cells && status == QM_OK; c++) {
+        size_t low = c < HALF_EDGE ? 0 : c - HALF_EDGE,
+               high = c + HALF_EDGE < cells ? c + HALF_EDGE : cells - 1;
+        double mean = 0.0;
+        for (size_t k = low; k <= high; k++)
+            mean += density[k] / (double)(high - low + 1);
+        sum[c + 1] = (c == 0 ? 0.0 : sum[c]) + mean;
+    }
+    if (status == QM_OK) sum[0] = 0.0;
     size_t c = 0;
-    for (uint32_t i = 1; i < edges; i++) {
+    for (uint32_t i = 1; i < edges && status == QM_OK; i++) {
         double wanted = sum[cells] * ((double)i / edges);
         while (c + 1 < cells && sum[c + 1] < wanted)
             c++;
@@ -256,8 +266,9 @@ static qm_status divide(qm_context *ctx, const qm_polyline *polyline, uint32_t e
     }
     lengths[0] = 0.0;
     lengths[edges] = total;
+    qm_context_free(ctx, density, cells, sizeof *density);
     qm_context_free(ctx, sum, cells + 1, sizeof *sum);
-    return QM_OK;
+    return status;
 }
 
 /** Sets the vertices of a polyline. They are projected again, as there may be more of them than fine points. */
@@ -266,8 +277,9 @@ static qm_status set_vertices(qm_context *ctx, const qm_reconstruction *r, qm_cu
 {
     double *vertices = qm_context_alloc(ctx, (size_t)edges + 1, POINT_SIZE);
     double *lengths = qm_context_alloc(ctx, (size_t)edges + 1, sizeof *lengths);
-    /* Grids have their vertices at equal arc length. */
-    double weight = r->options.grids ? 0.0 : TURN_WEIGHT;
+    /* Grids have their vertices at equal arc length; curves over noise, or over few points, turn everywhere. */
+    bool has_turns = !r->options.grids && !r->surface.is_cloud && !r->guide;
+    double weight = has_turns ? TURN_WEIGHT : 0.0;
     qm_status status = vertices && lengths ? divide(ctx, polyline, edges, weight, lengths) : no_memory(ctx);
     size_t at = 0, last = polyline->point_count - 1;
     for (uint32_t i = 1; i < edges && status == QM_OK; i++) {
