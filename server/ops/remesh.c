@@ -29,6 +29,8 @@
 /* Of the plain mesh's distance: if parts of the surface are farther from the filled mesh before it is settled, its layout's grids
  * miss tips, which settling does not bring back. */
 #define FILLED_START 6.0
+/* Of the quads: if more are poor before that, settling leaves some of them poor or folded as a rule. */
+#define FILLED_POOR 0x1p-6
 
 static qm_refine_goal goal_of(const qm_remesh_options *options)
 {
@@ -196,7 +198,15 @@ typedef enum trial_way {
     TAKE_STEPS
 } trial_way;
 
-/** Makes the mesh from the grids at once; none if it misses parts of the surface. */
+/** True if settling would not make a filled mesh good: it misses parts of the surface, or many quads are poor while finer layouts are left. */
+static bool is_hopeless(const trial *t, const qm_settle_distance *start, double plain_distance, bool is_quick)
+{
+    const qm_mesh *m = &t->made.mesh;
+    return start->from_surface.upper > FILLED_START * plain_distance ||
+           (is_quick && (double)qm_quads_count_poor(m) > FILLED_POOR * (double)m->face_count);
+}
+
+/** Makes the mesh from the grids at once; none if it is not worth settling. */
 static qm_status fill_grids(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
                             const qm_layout *layout, const double *grids, double plain_distance,
                             bool is_quick, trial *t)
@@ -211,7 +221,7 @@ static qm_status fill_grids(qm_context *ctx, const qm_ref_surface *surface, cons
         qm_reconstruction_fill_grids(ctx, surface, layout, &how, options->quads.quads, &t->made.mesh);
     t->made.rounds = 1;
     if (status == QM_OK) status = qm_settle_measure(ctx, surface, &goal, &t->made.mesh, &start);
-    if (status == QM_OK && start.from_surface.upper > FILLED_START * plain_distance) {
+    if (status == QM_OK && is_hopeless(t, &start, plain_distance, is_quick)) {
         qm_mesh_reset(ctx, &t->made.mesh);
         return QM_OK;
     }

@@ -71,6 +71,9 @@ qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const q
 /** Scaled Jacobian below which quads are poor. */
 #define QM_QUADS_POOR_SINE 0.2
 
+/** How many faces of a mesh of quads are poor, or folded. */
+size_t qm_quads_count_poor(const qm_mesh *mesh);
+
 /** How vertices move before bad quads are opened. */
 typedef enum qm_quads_settling {
     QM_QUADS_SPREAD_ONCE, /* as QM_QUADS_SPREAD, without another way where quads stay folded, and without the last fit where they stay poor */

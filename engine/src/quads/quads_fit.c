@@ -25,6 +25,10 @@
 #define FAR_SHARE 16.0
 #define MOST_SHARES 8.0
 #define NEAR_SHARE 1e-2 /* of the root mean square: a shorter way has no direction */
+#define SEEK_ROUNDS                                                                                          \
+    6 /* where nearest points are followed, they are sought in all quads once in so many rounds */
+#define MOST_WALK 8       /* faces that a nearest point is followed over in a round */
+#define FOLLOW_BLOCK 2048 /* points that a worker follows at once */
 
 /** Along which the quads are wanted to move at a point of them, how far, and how much that counts. */
 typedef struct fit_way {
@@ -127,7 +131,109 @@ static qm_status choose_points(fit *w)
     return QM_OK;
 }
 
-static qm_status find_feet(fit *w)
+/** The nearest point of a face. */
+typedef struct fit_foot {
+    qm_vec position;
+    double distance2, uv[2];
+} fit_foot;
+
+/** Offers the nearest point of the triangle a b c; its weights, those of b and c, are exact on sides. */
+static bool offer_triangle(qm_vec p, qm_vec a, qm_vec b, qm_vec c, double *distance2, qm_vec *position,
+                           double weight[2])
+{
+    qm_vec ab = qm_vec_sub(b, a), ac = qm_vec_sub(c, a), ap = qm_vec_sub(p, a);
+    double d1 = qm_vec_dot(ab, ap), d2 = qm_vec_dot(ac, ap), bb = qm_vec_norm2(ab), cc = qm_vec_norm2(ac),
+           bc = qm_vec_dot(ab, ac), d3 = d1 - bb, d4 = d2 - bc, d5 = d1 - bc, d6 = d2 - cc;
+    double va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2, v, u;
+    if (d1 <= 0.0 && d2 <= 0.0) {
+        u = 0.0, v = 0.0;
+    } else if (d3 >= 0.0 && d4 <= d3) {
+        u = 1.0, v = 0.0;
+    } else if (d6 >= 0.0 && d5 <= d6) {
+        u = 0.0, v = 1.0;
+    } else if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) {
+        u = d1 / (d1 - d3), v = 0.0;
+    } else if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) {
+        u = 0.0, v = d2 / (d2 - d6);
+    } else if (va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0) {
+        v = (d4 - d3) / ((d4 - d3) + (d5 - d6)), u = 1.0 - v;
+    } else {
+        double sum = va + vb + vc;
+        u = vb / sum, v = vc / sum;
+    }
+    qm_vec at = qm_vec_axpy(qm_vec_axpy(a, u, ab), v, ac);
+    double own = qm_vec_norm2(qm_vec_sub(p, at));
+    if (!(own < *distance2)) return false;
+    *distance2 = own;
+    *position = at;
+    weight[0] = u, weight[1] = v;
+    return true;
+}
+
+/** Offers the nearest point of a face, read as two triangles. */
+static bool offer_face(const qm_quads_sides *t, uint32_t face, qm_vec p, fit_foot *best)
+{
+    qm_vec corner[4];
+    double weight[2];
+    bool is_nearer = false;
+    for (uint32_t k = 0; k < 4; k++)
+        corner[k] = qm_quads_at(t, qm_quads_from(t, 4 * face + k));
+    if (offer_triangle(p, corner[0], corner[1], corner[2], &best->distance2, &best->position, weight)) {
+        best->uv[0] = qm_min(weight[0] + weight[1], 1.0), best->uv[1] = weight[1];
+        if (weight[1] > 0.0 && weight[0] + weight[1] >= 1.0) best->uv[0] = 1.0;
+        is_nearer = true;
+    }
+    if (offer_triangle(p, corner[0], corner[2], corner[3], &best->distance2, &best->position, weight)) {
+        best->uv[0] = weight[0], best->uv[1] = qm_min(weight[0] + weight[1], 1.0);
+        is_nearer = true;
+    }
+    return is_nearer;
+}
+
+/** Offers the faces round the side or the corner of a face that its nearest point lies on; returns the nearest of them all. */
+static uint32_t offer_neighbours(const qm_quads_sides *t, uint32_t face, qm_vec p, fit_foot *best)
+{
+    const double u = best->uv[0], v = best->uv[1];
+    const bool is_on[4] = {v <= 0.0, u >= 1.0, v >= 1.0, u <= 0.0};
+    uint32_t nearest = face;
+    for (uint32_t k = 0; k < 4; k++) {
+        if (!is_on[k]) continue;
+        uint32_t side = 4 * face + k, twin = t->twin[side];
+        if (twin != QM_NO_INDEX && offer_face(t, twin / 4, p, best)) nearest = twin / 4;
+        if (!is_on[(k + 3) % 4]) continue;
+        uint32_t first = qm_quads_first_side(t, qm_quads_from(t, side)), s = first;
+        do {
+            if (s / 4 != face && offer_face(t, s / 4, p, best)) nearest = s / 4;
+            s = qm_quads_around(t, s);
+        } while (s != QM_NO_INDEX && s != first);
+    }
+    return nearest;
+}
+
+/** Follows the nearest points of a block from face to face. */
+static void follow_block(void *data, int worker, size_t block)
+{
+    fit *w = data;
+    (void)worker;
+    size_t end = FOLLOW_BLOCK * (block + 1);
+    for (size_t i = FOLLOW_BLOCK * block; i < end && i < w->count; i++) {
+        qm_vec p = qm_vec_load(w->point + 3 * i);
+        fit_foot best = {.distance2 = INFINITY};
+        uint32_t face = w->face[i];
+        offer_face(&w->sides, face, p, &best);
+        for (int step = 0; step < MOST_WALK; step++) {
+            uint32_t next = offer_neighbours(&w->sides, face, p, &best);
+            if (next == face) break;
+            face = next;
+        }
+        w->face[i] = face;
+        qm_vec_store(w->nearest + 3 * i, best.position);
+        w->uv[2 * i] = best.uv[0], w->uv[2 * i + 1] = best.uv[1];
+    }
+}
+
+/** Seeks the nearest points in all quads. */
+static qm_status seek_feet(fit *w)
 {
     qm_bvh *bvh = NULL;
     const qm_projection out = {.position = w->nearest, .face = w->face, .uv = w->uv};
@@ -136,6 +242,17 @@ static qm_status find_feet(fit *w)
         status =
             qm_project_points(w->ctx, bvh, QM_QUADS_TRIANGLES, w->point, w->count, w->thread_count, &out);
     qm_bvh_destroy(w->ctx, bvh);
+    return status;
+}
+
+static qm_status find_feet(fit *w, bool seeks)
+{
+    qm_status status = QM_OK;
+    if (seeks)
+        status = seek_feet(w);
+    else
+        qm_context_parallel_for(w->ctx, w->thread_count, (w->count + FOLLOW_BLOCK - 1) / FOLLOW_BLOCK,
+                                follow_block, w);
     const qm_projection back = {.position = w->foot};
     if (status == QM_OK)
         status = qm_project_points(w->ctx, w->bvh, QM_QUADS_TRIANGLES, w->sides.r->mesh.positions,
@@ -352,14 +469,15 @@ qm_status qm_quads_choose_diagonals(qm_context *ctx, qm_quads_result *r, const q
     return status;
 }
 
-qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count)
+qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool follows,
+                       int thread_count)
 {
     fit w = {.ctx = ctx, .bvh = surface, .surface = qm_bvh_mesh(surface), .thread_count = thread_count};
     qm_status status = qm_quads_sides_build(ctx, r, &w.sides);
     size_t vertices = w.sides.vertex_count;
     if (status == QM_OK) status = choose_points(&w);
     for (int round = 0; round < ROUNDS && status == QM_OK; round++) {
-        status = find_feet(&w);
+        status = find_feet(&w, !follows || round % SEEK_ROUNDS == 0);
         if (status != QM_OK) break;
         find_ways(&w);
         find_moves(&w);

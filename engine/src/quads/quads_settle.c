@@ -232,11 +232,12 @@ static size_t count_folded(const qm_mesh *m)
     return count;
 }
 
-static bool is_any_poor(const qm_mesh *m)
+size_t qm_quads_count_poor(const qm_mesh *mesh)
 {
-    for (size_t f = 0; f < m->face_count; f++)
-        if (!(face_sine(m, f) >= QM_QUADS_POOR_SINE)) return true;
-    return false;
+    size_t count = 0;
+    for (size_t f = 0; f < mesh->face_count; f++)
+        count += !(face_sine(mesh, f) >= QM_QUADS_POOR_SINE);
+    return count;
 }
 
 /** The mesh before it moves, and which vertices go back to it. */
@@ -382,7 +383,7 @@ static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *
     }
     for (int rings = FIRST_CENTRED; rings <= LAST_CENTRED && status == QM_OK; rings *= 2)
         status = centre_bad(w, u, rings, &moves);
-    if (status == QM_OK) status = qm_quads_fit(w->ctx, &w->r, w->surface, threads);
+    if (status == QM_OK) status = qm_quads_fit(w->ctx, &w->r, w->surface, true, threads);
     memset(u->goes_back, 0, w->r.mesh.vertex_count);
     for (int rings = 1; rings <= MOST_RINGS && status == QM_OK && count_folded(&w->r.mesh) > u->folded;
          rings *= 2) {
@@ -443,8 +444,9 @@ static qm_status run(settle *w)
     qm_quads_sides_reset(&sides);
     if (status != QM_OK || !is_one) return status;
     status = move_well(w);
-    if (status != QM_OK || (w->how == QM_QUADS_SPREAD_ONCE && is_any_poor(&w->r.mesh))) return status;
-    return qm_quads_fit(w->ctx, &w->r, w->surface, w->options->thread_count);
+    if (status != QM_OK || (w->how == QM_QUADS_SPREAD_ONCE && qm_quads_count_poor(&w->r.mesh) > 0))
+        return status;
+    return qm_quads_fit(w->ctx, &w->r, w->surface, true, w->options->thread_count);
 }
 
 void qm_quads_marks_reset(qm_context *ctx, qm_quads_marks *marks)
