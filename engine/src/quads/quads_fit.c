@@ -46,6 +46,7 @@ typedef struct fit {
     qm_vec *normal; /* of the surface, at each point; 0: none */
     uint32_t *face;
     double *foot; /* of each vertex, on the surface */
+    double *from; /* of each vertex: where it was when its foot was sought */
     fit_way *way; /* of each point, then of each vertex */
     qm_vec *move; /* of each vertex */
     qm_vec *pull; /* of each vertex: sum of weights times what is left of its ways */
@@ -117,11 +118,12 @@ static qm_status choose_points(fit *w)
     w->face = qm_context_alloc(w->ctx, w->count, sizeof *w->face);
     w->pull = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->pull);
     w->foot = qm_context_alloc(w->ctx, w->sides.vertex_count, 3 * sizeof *w->foot);
+    w->from = qm_context_alloc(w->ctx, w->sides.vertex_count, 3 * sizeof *w->from);
     w->way = qm_context_alloc(w->ctx, w->count + w->sides.vertex_count, sizeof *w->way);
     w->move = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->move);
     w->weight = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->weight);
     if (!(w->point && w->nearest && w->uv && w->normal && w->face && w->pull && w->weight && w->foot &&
-          w->way && w->move))
+          w->from && w->way && w->move))
         return QM_E_NO_MEMORY;
     sample_faces(m, share, w->point, w->normal);
     for (size_t i = 0; i < corners; i++) {
@@ -129,6 +131,11 @@ static qm_status choose_points(fit *w)
         w->normal[inner + i] = (qm_vec){0, 0, 0};
     }
     return QM_OK;
+}
+
+static qm_vec step_from(const double *a, const double *b)
+{
+    return qm_vec_sub(qm_vec_load(b), qm_vec_load(a));
 }
 
 /** The nearest point of a face. */
@@ -242,22 +249,29 @@ static qm_status seek_feet(fit *w)
         status =
             qm_project_points(w->ctx, bvh, QM_QUADS_TRIANGLES, w->point, w->count, w->thread_count, &out);
     qm_bvh_destroy(w->ctx, bvh);
+    const qm_projection back = {.position = w->foot};
+    size_t vertices = w->sides.vertex_count;
+    const double *positions = w->sides.r->mesh.positions;
+    memcpy(w->from, positions, 3 * vertices * sizeof *w->from);
+    if (status == QM_OK)
+        status = qm_project_points(w->ctx, w->bvh, QM_QUADS_TRIANGLES, positions, vertices, w->thread_count,
+                                   &back);
     return status;
 }
 
-static qm_status find_feet(fit *w, bool seeks)
+/** Follows the nearest points of the points; a vertex that has moved takes its foot along the plane that its way was normal to. */
+static void follow_feet(fit *w)
 {
-    qm_status status = QM_OK;
-    if (seeks)
-        status = seek_feet(w);
-    else
-        qm_context_parallel_for(w->ctx, w->thread_count, (w->count + FOLLOW_BLOCK - 1) / FOLLOW_BLOCK,
-                                follow_block, w);
-    const qm_projection back = {.position = w->foot};
-    if (status == QM_OK)
-        status = qm_project_points(w->ctx, w->bvh, QM_QUADS_TRIANGLES, w->sides.r->mesh.positions,
-                                   w->sides.vertex_count, w->thread_count, &back);
-    return status;
+    const double *positions = w->sides.r->mesh.positions;
+    qm_context_parallel_for(w->ctx, w->thread_count, (w->count + FOLLOW_BLOCK - 1) / FOLLOW_BLOCK,
+                            follow_block, w);
+    for (size_t i = 0; i < 3 * w->sides.vertex_count; i += 3) {
+        qm_vec way = step_from(w->from + i, w->foot + i), move = step_from(w->from + i, positions + i);
+        double length2 = qm_vec_norm2(way);
+        if (length2 > 0.0) move = qm_vec_axpy(move, -qm_vec_dot(move, way) / length2, way);
+        qm_vec_store(w->foot + i, qm_vec_add(qm_vec_load(w->foot + i), move));
+        memcpy(w->from + i, positions + i, 3 * sizeof *positions);
+    }
 }
 
 /** The weights of the corners at u, v: the triangles are c0 c1 c2 and c0 c2 c3. */
@@ -276,11 +290,6 @@ static qm_vec normal_of(const qm_quads_sides *t, uint32_t face)
     qm_vec normal = qm_quad_normal(corner);
     double length = qm_vec_norm(normal);
     return length > 0.0 ? qm_vec_scale(1.0 / length, normal) : normal;
-}
-
-static qm_vec step_from(const double *a, const double *b)
-{
-    return qm_vec_sub(qm_vec_load(b), qm_vec_load(a));
 }
 
 /** A way: along the normal where it is too short to have a direction of its own. */
@@ -477,7 +486,10 @@ qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surfac
     size_t vertices = w.sides.vertex_count;
     if (status == QM_OK) status = choose_points(&w);
     for (int round = 0; round < ROUNDS && status == QM_OK; round++) {
-        status = find_feet(&w, !follows || round % SEEK_ROUNDS == 0);
+        if (follows && round % SEEK_ROUNDS > 0)
+            follow_feet(&w);
+        else
+            status = seek_feet(&w);
         if (status != QM_OK) break;
         find_ways(&w);
         find_moves(&w);
@@ -491,6 +503,7 @@ qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surfac
     qm_context_free(ctx, w.face, w.count, sizeof *w.face);
     qm_context_free(ctx, w.pull, vertices, sizeof *w.pull);
     qm_context_free(ctx, w.foot, vertices, 3 * sizeof *w.foot);
+    qm_context_free(ctx, w.from, vertices, 3 * sizeof *w.from);
     qm_context_free(ctx, w.way, w.count + vertices, sizeof *w.way);
     qm_context_free(ctx, w.move, vertices, sizeof *w.move);
     qm_context_free(ctx, w.weight, vertices, sizeof *w.weight);
