@@ -44,6 +44,7 @@ typedef struct fit {
     size_t count;           /* of points */
     double *point, *nearest, *uv;
     qm_vec *normal; /* of the surface, at each point; 0: none */
+    qm_vec *facing; /* unit normals of the quads */
     uint32_t *face;
     double *foot; /* of each vertex, on the surface */
     double *from; /* of each vertex: where it was when its foot was sought */
@@ -118,12 +119,13 @@ static qm_status choose_points(fit *w)
     w->face = qm_context_alloc(w->ctx, w->count, sizeof *w->face);
     w->pull = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->pull);
     w->foot = qm_context_alloc(w->ctx, w->sides.vertex_count, 3 * sizeof *w->foot);
+    w->facing = qm_context_alloc(w->ctx, w->sides.face_count, sizeof *w->facing);
     w->from = qm_context_alloc(w->ctx, w->sides.vertex_count, 3 * sizeof *w->from);
     w->way = qm_context_alloc(w->ctx, w->count + w->sides.vertex_count, sizeof *w->way);
     w->move = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->move);
     w->weight = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->weight);
     if (!(w->point && w->nearest && w->uv && w->normal && w->face && w->pull && w->weight && w->foot &&
-          w->from && w->way && w->move))
+          w->from && w->facing && w->way && w->move))
         return QM_E_NO_MEMORY;
     sample_faces(m, share, w->point, w->normal);
     for (size_t i = 0; i < corners; i++) {
@@ -308,8 +310,10 @@ static void find_ways(fit *w)
     double mean = 0.0;
     for (size_t i = 0; i < w->count; i++)
         mean += qm_vec_norm2(step_from(w->nearest + 3 * i, w->point + 3 * i)) / (double)w->count;
+    for (uint32_t f = 0; f < t->face_count; f++)
+        w->facing[f] = normal_of(t, f);
     for (size_t i = 0; i < w->count; i++) {
-        qm_vec normal = normal_of(t, w->face[i]);
+        qm_vec normal = w->facing[w->face[i]];
         w->way[i] = make_way(step_from(w->nearest + 3 * i, w->point + 3 * i), normal, mean);
         w->way[i].weight += 1.0;
         if (qm_vec_dot(normal, w->normal[i]) < 0.0) w->way[i].weight = 0.0; /* other side of a thin part */
@@ -503,6 +507,7 @@ qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surfac
     qm_context_free(ctx, w.face, w.count, sizeof *w.face);
     qm_context_free(ctx, w.pull, vertices, sizeof *w.pull);
     qm_context_free(ctx, w.foot, vertices, 3 * sizeof *w.foot);
+    qm_context_free(ctx, w.facing, w.sides.face_count, sizeof *w.facing);
     qm_context_free(ctx, w.from, vertices, 3 * sizeof *w.from);
     qm_context_free(ctx, w.way, w.count + vertices, sizeof *w.way);
     qm_context_free(ctx, w.move, vertices, sizeof *w.move);

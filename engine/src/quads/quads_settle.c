@@ -23,7 +23,10 @@
 #define LAST_CENTRED 12
 #define CENTRED_ROUNDS 5 /* for each ring */
 #define MORE_MOVES 2     /* times as many, where only bad quads are left */
-#define MOST_RINGS 16    /* of vertices that go back round quads that were folded */
+#define ONCE_PART                                                                                            \
+    2 /* of the moves open bad quads before others are centred, where vertices are spread once; */
+#define ONCE_POOR 4   /* and where more quads are poor then, settling ends */
+#define MOST_RINGS 16 /* of vertices that go back round quads that were folded */
 
 typedef struct settle {
     qm_context *ctx;
@@ -368,15 +371,21 @@ static qm_status centre_bad(settle *w, const unmoved *u, int rings, size_t *move
     return status;
 }
 
-static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *u)
+/** Moves them one way; *is_hopeless: it was given up, since bad quads did not open. */
+static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *u, bool *is_hopeless)
 {
     int threads = w->options->thread_count;
     qm_status status = QM_OK;
     if (how != QM_QUADS_STAY)
         status = qm_quads_polish(w->ctx, &w->r, w->surface, how <= QM_QUADS_SPREAD, threads);
     size_t moves = qm_quads_untangle_moves(&w->r), moves_again = moves / 2; /* of all rounds together */
+    size_t later = how == QM_QUADS_SPREAD_ONCE ? moves / ONCE_PART : 0;
+    moves -= later;
     if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, &moves, threads);
-    if (status == QM_OK && moves == 0 && count_folded(&w->r.mesh) == 0) {
+    moves += later;
+    *is_hopeless = how == QM_QUADS_SPREAD_ONCE && qm_quads_count_poor(&w->r.mesh) > ONCE_POOR;
+    if (status != QM_OK || *is_hopeless) return status;
+    if (moves == 0 && count_folded(&w->r.mesh) == 0) {
         /* Many bad quads along creases use up the moves: more of them open all, where those of folded quads may be hopeless. */
         moves = MORE_MOVES * qm_quads_untangle_moves(&w->r);
         status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, &moves, threads);
@@ -400,8 +409,9 @@ static qm_status move_well(settle *w)
     unmoved u = {0};
     qm_status status = take_note(w, &u);
     for (int how = (int)w->how; how <= (int)QM_QUADS_STAY && status == QM_OK; how++) {
-        status = move_vertices(w, (qm_quads_settling)how, &u);
-        if (status != QM_OK || count_folded(m) <= u.folded) break;
+        bool is_hopeless;
+        status = move_vertices(w, (qm_quads_settling)how, &u, &is_hopeless);
+        if (status != QM_OK || (!is_hopeless && count_folded(m) <= u.folded)) break;
         memcpy(m->positions, u.positions, 3 * m->vertex_count * sizeof *u.positions);
         memcpy(w->r.is_feature, u.is_feature, 4 * m->face_count); /* untangling may have let go of some */
         memcpy(w->r.is_fixed, u.is_fixed, m->vertex_count);
