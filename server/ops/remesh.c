@@ -29,8 +29,9 @@
 /* Of the plain mesh's distance: if parts of the surface are farther from the filled mesh before it is settled, its layout's grids
  * miss tips, which settling does not bring back. */
 #define FILLED_START 6.0
-/* Of the quads: if more are poor before that, settling leaves some of them poor or folded as a rule. */
-#define FILLED_POOR 0x1p-6
+/* Of the quads: if more are poor before that, spreading leaves some of them poor or folded as a rule, and centring does more often not. */
+#define FILLED_POOR 0.02
+#define CENTRED_RATIO 1.25 /* instead of FILLED_RATIO, for such meshes: finer layouts are spread and nearer */
 
 static qm_refine_goal goal_of(const qm_remesh_options *options)
 {
@@ -129,6 +130,7 @@ typedef struct trial {
     bool has_crossings, is_folded;
     bool is_poor;  /* a quad has a scaled Jacobian below QM_QUADS_POOR_SINE */
     bool is_quick; /* it was settled quickly */
+    bool is_bent;  /* it had many poor quads before that */
     bool is_near;  /* as near as was wanted */
 } trial;
 
@@ -179,6 +181,7 @@ static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm
 {
     qm_settle_goal goal = settle_goal_of(options);
     goal.is_quick = is_quick;
+    goal.is_bent = (double)qm_quads_count_poor(&t->made.mesh) > FILLED_POOR * (double)t->made.mesh.face_count;
     qm_settled settled;
     begin(options, QM_REMESH_MEASURE, t->made.mesh.face_count, &t->made);
     qm_status status = qm_settle(ctx, surface, &goal, &t->made.mesh, &settled);
@@ -187,6 +190,7 @@ static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm
     t->is_folded = settled.quality.folded > 0;
     t->is_poor = settled.quality.least_jacobian < QM_QUADS_POOR_SINE;
     t->is_quick = is_quick;
+    t->is_bent = goal.is_bent;
     t->is_near = options->distance > 0.0 && t->made.upper <= options->distance;
     return QM_OK;
 }
@@ -198,15 +202,7 @@ typedef enum trial_way {
     TAKE_STEPS
 } trial_way;
 
-/** True if settling would not make a filled mesh good: it misses parts of the surface, or many quads are poor while finer layouts are left. */
-static bool is_hopeless(const trial *t, const qm_settle_distance *start, double plain_distance, bool is_quick)
-{
-    const qm_mesh *m = &t->made.mesh;
-    return start->from_surface.upper > FILLED_START * plain_distance ||
-           (is_quick && (double)qm_quads_count_poor(m) > FILLED_POOR * (double)m->face_count);
-}
-
-/** Makes the mesh from the grids at once; none if it is not worth settling. */
+/** Makes the mesh from the grids at once; none if it misses parts of the surface. */
 static qm_status fill_grids(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
                             const qm_layout *layout, const double *grids, double plain_distance,
                             bool is_quick, trial *t)
@@ -221,7 +217,7 @@ static qm_status fill_grids(qm_context *ctx, const qm_ref_surface *surface, cons
         qm_reconstruction_fill_grids(ctx, surface, layout, &how, options->quads.quads, &t->made.mesh);
     t->made.rounds = 1;
     if (status == QM_OK) status = qm_settle_measure(ctx, surface, &goal, &t->made.mesh, &start);
-    if (status == QM_OK && is_hopeless(t, &start, plain_distance, is_quick)) {
+    if (status == QM_OK && start.from_surface.upper > FILLED_START * plain_distance) {
         qm_mesh_reset(ctx, &t->made.mesh);
         return QM_OK;
     }
@@ -386,8 +382,11 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
                                         : FILL_QUICKLY,
                               &best, NULL);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
-        is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO);
+        is_made = has_goal ? is_usable(&best, &plain)
+                           : is_good(&best, &plain, best.is_bent ? CENTRED_RATIO : FILLED_RATIO);
     }
+    if (status == QM_OK && best.is_quick && best.is_poor)
+        status = settle(ctx, surface, options, false, &best);
     for (size_t i = 0; i < count && status == QM_OK && !has_goal; i++) {
         bool is_done = i == 0 ? is_good(&best, &plain, STEPS_RATIO) : is_whole(&best, &plain, STEPS_RATIO);
         bool is_sound = false;
@@ -397,8 +396,6 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
         if (!is_sound && is_good(&best, &plain, WORTH_RATIO))
             break; /* the other layouts' steps take long, too */
     }
-    if (status == QM_OK && best.is_quick && best.is_poor)
-        status = settle(ctx, surface, options, false, &best);
     for (size_t i = 0; i < LAYOUTS; i++)
         drawn_layout_reset(ctx, &drawn[i]);
     plain_quads_reset(ctx, &plain);

@@ -548,8 +548,8 @@ static size_t count_folds(curve_drawer *d)
     return folds;
 }
 
-/** Moves a point to the mean of its neighbours, onto the wall that they are on. */
-static void smooth_point(curve_drawer *d, uint32_t index)
+/** Moves a point to the mean of its neighbours, onto the wall that they are on, or only along it. */
+static void smooth_point(curve_drawer *d, uint32_t index, bool projects)
 {
     qm_tmesh_point *point = &d->lattice.points[index], old = *point;
     qm_vec sum = {0}, normal = {0};
@@ -564,6 +564,12 @@ static void smooth_point(curve_drawer *d, uint32_t index)
     if (count == 0) return;
     point->at = qm_vec_scale(1.0 / count, sum);
     if (point->pull > 0) point->at = qm_vec_mix(point->at, point->pin, point->pull);
+    double length2 = qm_vec_norm2(normal);
+    if (!projects && length2 > 0) {
+        qm_vec move = qm_vec_sub(point->at, old.at);
+        point->at = qm_vec_axpy(point->at, -qm_vec_dot(move, old.normal), old.normal);
+        return;
+    }
     point->normal = normal;
     if (!project(d, point)) *point = old;
 }
@@ -736,7 +742,7 @@ static qm_status relax_by(curve_drawer *d, double pull, qm_tmesh_point *best, si
             if (qm_context_canceled(d->arena->ctx))
                 return qm_context_fail(d->arena->ctx, QM_E_CANCELED, "canceled");
             for (uint32_t i = 0; i < d->lattice.point_count; i++) {
-                if (!d->lattice.points[i].is_fixed && d->lattice.points[i].is_loose) smooth_point(d, i);
+                if (!d->lattice.points[i].is_fixed && d->lattice.points[i].is_loose) smooth_point(d, i, sweep % 2 == 1);
             }
         }
         size_t now = count_folds(d);
