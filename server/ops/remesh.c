@@ -31,6 +31,8 @@
 #define FILLED_START 6.0
 /* Of the quads: if more are poor before that, spreading leaves some of them poor or folded as a rule, and centring does more often not. */
 #define FILLED_POOR 0.02
+#define CENTRED_START                                                                                        \
+    2.5 /* instead of FILLED_START, for such meshes while finer layouts are left: centring draws vertices off tips */
 #define CENTRED_RATIO 1.25 /* instead of FILLED_RATIO, for such meshes: finer layouts are spread and nearer */
 
 static qm_refine_goal goal_of(const qm_remesh_options *options)
@@ -175,13 +177,18 @@ static void count_step(void *user, const qm_refine_record *record)
     begin(counter->options, QM_REMESH_STEPS, record->step.quads, out);
 }
 
+static bool is_bent(const trial *t)
+{
+    return (double)qm_quads_count_poor(&t->made.mesh) > FILLED_POOR * (double)t->made.mesh.face_count;
+}
+
 /** Settles the mesh, measures it, and tells how good it is. */
 static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
                         bool is_quick, trial *t)
 {
     qm_settle_goal goal = settle_goal_of(options);
     goal.is_quick = is_quick;
-    goal.is_bent = (double)qm_quads_count_poor(&t->made.mesh) > FILLED_POOR * (double)t->made.mesh.face_count;
+    goal.is_bent = is_bent(t);
     qm_settled settled;
     begin(options, QM_REMESH_MEASURE, t->made.mesh.face_count, &t->made);
     qm_status status = qm_settle(ctx, surface, &goal, &t->made.mesh, &settled);
@@ -217,7 +224,8 @@ static qm_status fill_grids(qm_context *ctx, const qm_ref_surface *surface, cons
         qm_reconstruction_fill_grids(ctx, surface, layout, &how, options->quads.quads, &t->made.mesh);
     t->made.rounds = 1;
     if (status == QM_OK) status = qm_settle_measure(ctx, surface, &goal, &t->made.mesh, &start);
-    if (status == QM_OK && start.from_surface.upper > FILLED_START * plain_distance) {
+    double most = is_quick && is_bent(t) ? CENTRED_START : FILLED_START;
+    if (status == QM_OK && start.from_surface.upper > most * plain_distance) {
         qm_mesh_reset(ctx, &t->made.mesh);
         return QM_OK;
     }
