@@ -276,13 +276,6 @@ static void follow_feet(fit *w)
     }
 }
 
-/** The weights of the corners at u, v: the triangles are c0 c1 c2 and c0 c2 c3. */
-static void corner_weights(double u, double v, double out[4])
-{
-    out[0] = 1.0 - qm_max(u, v), out[1] = qm_max(u - v, 0.0);
-    out[2] = qm_min(u, v), out[3] = qm_max(v - u, 0.0);
-}
-
 /** The unit normal of a quad; 0 without area. */
 static qm_vec normal_of(const qm_quads_sides *t, uint32_t face)
 {
@@ -323,17 +316,21 @@ static void find_ways(fit *w)
             make_way(step_from(t->r->mesh.positions + 3 * v, w->foot + 3 * v), (qm_vec){0, 0, 0}, mean);
 }
 
-/** The vertices that a way moves, and their shares; returns their number. */
-static int vertices_of(const fit *w, size_t i, uint32_t vertex[4], double share[4])
+/** The vertices that a way moves, those of a triangle or one, and their shares; returns their number. */
+static int vertices_of(const fit *w, size_t i, uint32_t vertex[3], double share[3])
 {
     if (i >= w->count) {
         vertex[0] = (uint32_t)(i - w->count), share[0] = 1.0;
         return 1;
     }
-    corner_weights(w->uv[2 * i], w->uv[2 * i + 1], share);
-    for (uint32_t k = 0; k < 4; k++)
-        vertex[k] = qm_quads_from(&w->sides, 4 * w->face[i] + k);
-    return 4;
+    /* The triangles are c0 c1 c2 and c0 c2 c3. */
+    const double u = w->uv[2 * i], v = w->uv[2 * i + 1];
+    const uint32_t *corner = w->sides.r->mesh.faces + 4 * (size_t)w->face[i];
+    const int diagonal = u > v ? 2 : 1;
+    vertex[0] = corner[0], share[0] = 1.0 - qm_max(u, v);
+    vertex[diagonal] = corner[2], share[diagonal] = qm_min(u, v);
+    vertex[3 - diagonal] = corner[u > v ? 1 : 3], share[3 - diagonal] = fabs(u - v);
+    return 3;
 }
 
 /** Moves of the vertices by least squares of the ways that are left along their directions: Jacobi's iteration with lumped weights. */
@@ -341,20 +338,21 @@ static void find_moves(fit *w)
 {
     const qm_quads_sides *t = &w->sides;
     memset(w->move, 0, t->vertex_count * sizeof *w->move);
+    memset(w->weight, 0, t->vertex_count * sizeof *w->weight);
     for (int pass = 0; pass < PASSES; pass++) {
         memset(w->pull, 0, t->vertex_count * sizeof *w->pull);
-        memset(w->weight, 0, t->vertex_count * sizeof *w->weight);
         for (size_t i = 0; i < w->count + t->vertex_count; i++) {
             const fit_way *way = &w->way[i];
-            uint32_t vertex[4];
-            double share[4], left = way->length;
+            uint32_t vertex[3];
+            double share[3], left = way->length;
+            if (!(way->weight > 0.0)) continue; /* most of those of vertices */
             int corners = vertices_of(w, i, vertex, share);
             for (int k = 0; k < corners; k++)
                 left -= share[k] * qm_vec_dot(w->move[vertex[k]], way->direction);
             for (int k = 0; k < corners; k++) {
                 double weight = way->weight * share[k];
                 w->pull[vertex[k]] = qm_vec_axpy(w->pull[vertex[k]], weight * left, way->direction);
-                w->weight[vertex[k]] += weight;
+                if (pass == 0) w->weight[vertex[k]] += weight;
             }
         }
         for (size_t v = 0; v < t->vertex_count; v++)
