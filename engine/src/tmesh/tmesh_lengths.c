@@ -66,7 +66,7 @@ typedef struct lengths_finder {
     size_t walk_count, best_count;
     double scale; /* edges of the quads in a side of a patch, about */
     uint32_t random;
-    uint32_t seed; /* of the noise in costs; 0: none */
+    uint32_t seed;     /* of the noise in costs; 0: none */
     bool has_boundary; /* an arc has one patch */
     bool no_memory;
 } lengths_finder;
