@@ -33,7 +33,6 @@
 #define FILLED_POOR 0.02
 #define CENTRED_START                                                                                        \
     2.5 /* instead of FILLED_START, for such meshes while finer layouts are left: centring draws vertices off tips */
-#define CENTRED_RATIO 1.25 /* instead of FILLED_RATIO, for such meshes: finer layouts are spread and nearer */
 
 static qm_refine_goal goal_of(const qm_remesh_options *options)
 {
@@ -132,7 +131,6 @@ typedef struct trial {
     bool has_crossings, is_folded;
     bool is_poor;  /* a quad has a scaled Jacobian below QM_QUADS_POOR_SINE */
     bool is_quick; /* it was settled quickly */
-    bool is_bent;  /* it had many poor quads before that */
     bool is_near;  /* as near as was wanted */
 } trial;
 
@@ -197,7 +195,6 @@ static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm
     t->is_folded = settled.quality.folded > 0;
     t->is_poor = settled.quality.least_jacobian < QM_QUADS_POOR_SINE;
     t->is_quick = is_quick;
-    t->is_bent = goal.is_bent;
     t->is_near = options->distance > 0.0 && t->made.upper <= options->distance;
     return QM_OK;
 }
@@ -390,8 +387,7 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
                                         : FILL_QUICKLY,
                               &best, NULL);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
-        is_made = has_goal ? is_usable(&best, &plain)
-                           : is_good(&best, &plain, best.is_bent ? CENTRED_RATIO : FILLED_RATIO);
+        is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO);
     }
     if (status == QM_OK && best.is_quick && best.is_poor)
         status = settle(ctx, surface, options, false, &best);

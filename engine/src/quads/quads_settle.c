@@ -24,7 +24,7 @@
 #define CENTRED_ROUNDS 5 /* for each ring */
 #define MORE_MOVES 2     /* times as many, where only bad quads are left */
 #define ONCE_PART                                                                                            \
-    2 /* of the moves open bad quads before others are centred, where vertices are spread once; */
+    2 /* of the moves open bad quads before others are centred, where vertices are spread once, and half of that after it; */
 #define ONCE_POOR 4   /* where vertices move once and more quads are poor then, settling ends */
 #define MOST_RINGS 16 /* of vertices that go back round quads that were folded */
 
@@ -388,7 +388,7 @@ static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *
     size_t later = how == QM_QUADS_SPREAD_ONCE ? moves / ONCE_PART : 0;
     moves -= later;
     if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, &moves, threads);
-    moves += later;
+    if (later > 0) moves = later / 2;
     *is_hopeless = is_once(how) && qm_quads_count_poor(&w->r.mesh) > ONCE_POOR;
     if (status != QM_OK || *is_hopeless) return status;
     if (moves == 0 && count_folded(&w->r.mesh) == 0) {
