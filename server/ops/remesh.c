@@ -29,6 +29,10 @@
 /* Of the plain mesh's distance: if parts of the surface are farther from the filled mesh before it is settled, its layout's grids
  * miss tips, which settling does not bring back. */
 #define FILLED_START 6.0
+/* Of the quads: if more are poor before that, spreading leaves some of them poor or folded as a rule, and centring does more often not. */
+#define FILLED_POOR 0.02
+#define CENTRED_START                                                                                        \
+    2.5 /* instead of FILLED_START, for such meshes while finer layouts are left: centring draws vertices off tips */
 
 static qm_refine_goal goal_of(const qm_remesh_options *options)
 {
@@ -171,12 +175,18 @@ static void count_step(void *user, const qm_refine_record *record)
     begin(counter->options, QM_REMESH_STEPS, record->step.quads, out);
 }
 
+static bool is_bent(const trial *t)
+{
+    return (double)qm_quads_count_poor(&t->made.mesh) > FILLED_POOR * (double)t->made.mesh.face_count;
+}
+
 /** Settles the mesh, measures it, and tells how good it is. */
 static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
                         bool is_quick, trial *t)
 {
     qm_settle_goal goal = settle_goal_of(options);
     goal.is_quick = is_quick;
+    goal.is_bent = is_bent(t);
     qm_settled settled;
     begin(options, QM_REMESH_MEASURE, t->made.mesh.face_count, &t->made);
     qm_status status = qm_settle(ctx, surface, &goal, &t->made.mesh, &settled);
@@ -211,7 +221,8 @@ static qm_status fill_grids(qm_context *ctx, const qm_ref_surface *surface, cons
         qm_reconstruction_fill_grids(ctx, surface, layout, &how, options->quads.quads, &t->made.mesh);
     t->made.rounds = 1;
     if (status == QM_OK) status = qm_settle_measure(ctx, surface, &goal, &t->made.mesh, &start);
-    if (status == QM_OK && start.from_surface.upper > FILLED_START * plain_distance) {
+    double most = is_quick && is_bent(t) ? CENTRED_START : FILLED_START;
+    if (status == QM_OK && start.from_surface.upper > most * plain_distance) {
         qm_mesh_reset(ctx, &t->made.mesh);
         return QM_OK;
     }
@@ -378,6 +389,8 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
         is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO);
     }
+    if (status == QM_OK && best.is_quick && best.is_poor)
+        status = settle(ctx, surface, options, false, &best);
     for (size_t i = 0; i < count && status == QM_OK && !has_goal; i++) {
         bool is_done = i == 0 ? is_good(&best, &plain, STEPS_RATIO) : is_whole(&best, &plain, STEPS_RATIO);
         bool is_sound = false;
@@ -387,8 +400,6 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
         if (!is_sound && is_good(&best, &plain, WORTH_RATIO))
             break; /* the other layouts' steps take long, too */
     }
-    if (status == QM_OK && best.is_quick && best.is_poor)
-        status = settle(ctx, surface, options, false, &best);
     for (size_t i = 0; i < LAYOUTS; i++)
         drawn_layout_reset(ctx, &drawn[i]);
     plain_quads_reset(ctx, &plain);

@@ -71,12 +71,17 @@ qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const q
 /** Scaled Jacobian below which quads are poor. */
 #define QM_QUADS_POOR_SINE 0.2
 
-/** How vertices move before bad quads are opened. */
+/** How many faces of a mesh of quads are poor, or folded. */
+size_t qm_quads_count_poor(const qm_mesh *mesh);
+
+/** How vertices move before bad quads are opened. Once: no other way is tried where quads stay folded, the vertices go back where more
+ * than a few quads stay poor, and there is no last fit where any do. */
 typedef enum qm_quads_settling {
-    QM_QUADS_SPREAD_ONCE, /* as QM_QUADS_SPREAD, without another way where quads stay folded, and without the last fit where they stay poor */
-    QM_QUADS_SPREAD,      /* to equal heights of the surface over all sides */
-    QM_QUADS_CENTRE,      /* among their neighbours */
-    QM_QUADS_STAY         /* not at all */
+    QM_QUADS_SPREAD_ONCE,
+    QM_QUADS_CENTRE_ONCE,
+    QM_QUADS_SPREAD, /* to equal heights of the surface over all sides */
+    QM_QUADS_CENTRE, /* among their neighbours */
+    QM_QUADS_STAY    /* not at all */
 } qm_quads_settling;
 
 /** What settling keeps of a mesh. All zero is nothing. */

@@ -58,18 +58,23 @@ __attribute__((always_inline)) static inline void fetch_soon(const point_batch *
     __builtin_prefetch(out->position + 3 * i + 2, 1);
 }
 
+/** Where the last search of a thread ended: calls for one point are often near the one before. The result is the same from any
+ * start, of this or another tree. */
+static _Thread_local uint32_t last_pack;
+
 static void project_range(void *data, int worker)
 {
     const point_batch *batch = data;
     const qm_kernel *kernel = qm_kernel_get();
     size_t begin = batch->count * (size_t)worker / (size_t)batch->workers;
     size_t end = batch->count * ((size_t)worker + 1) / (size_t)batch->workers;
-    uint32_t hint = 0;
+    uint32_t hint = last_pack < batch->locator->bvh->pack_count ? last_pack : 0;
     for (size_t k = begin; k < end; k++) {
         if ((k - begin) % BLOCK == 0 && qm_context_canceled(batch->ctx)) return;
         if (k + AHEAD < end) fetch_soon(batch, batch->order[k + AHEAD] & QM_RADIX_INDEX_MASK);
         project_one(batch, kernel, batch->order[k] & QM_RADIX_INDEX_MASK, &hint);
     }
+    last_pack = hint;
 }
 
 static qm_status check_canceled(qm_context *ctx)

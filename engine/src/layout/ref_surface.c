@@ -134,6 +134,10 @@ void qm_ref_surface_project_to_points(const qm_ref_surface *surface, qm_vec p, c
     qm_ref_surface_set_point(surface, p, qm_vec_axpy(base, x[0] / scale, frame.axis[0]), normal, out);
 }
 
+/** Where the last search of a thread ended: the next one often ends near it. The result is the same from any start, of this or
+ * another tree. */
+static _Thread_local uint32_t last_pack;
+
 void qm_ref_surface_project(const qm_ref_surface *surface, const double p[3], qm_ref_surface_point *out)
 {
     QM_ASSERT(surface && surface->bvh && p && out);
@@ -144,8 +148,9 @@ void qm_ref_surface_project(const qm_ref_surface *surface, const double p[3], qm
         qm_ref_surface_project_to_points(surface, local, &near, out);
     } else {
         const qm_bvh *bvh = surface->bvh;
-        qm_hit hit = {.d2 = INFINITY};
+        qm_hit hit = {.d2 = INFINITY, .pack = last_pack < bvh->pack_count ? last_pack : 0};
         qm_kernel_get()->closest(bvh, local, &hit);
+        last_pack = hit.pack;
         qm_surface_point nearest = qm_surface_triangle_foot(bvh, hit.pack, hit.lane, local);
         qm_vec_store(out->position, qm_vec_load(nearest.position));
         qm_pack scratch;

@@ -399,7 +399,7 @@ static qm_status make(qm_context *ctx, const qm_bvh *bvh, qm_quads_triangles *t,
     if (status == QM_OK && opened > 0)
         status = qm_quads_untangle(ctx, r, bvh, false, &moves, options->thread_count);
     if (status == QM_OK) status = qm_quads_choose_diagonals(ctx, r, bvh, options->thread_count);
-    if (status == QM_OK) status = qm_quads_fit(ctx, r, bvh, options->thread_count);
+    if (status == QM_OK) status = qm_quads_fit(ctx, r, bvh, false, options->thread_count);
     return status == QM_OK ? qm_quads_choose_diagonals(ctx, r, bvh, options->thread_count) : status;
 }
 

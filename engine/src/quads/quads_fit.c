@@ -25,6 +25,10 @@
 #define FAR_SHARE 16.0
 #define MOST_SHARES 8.0
 #define NEAR_SHARE 1e-2 /* of the root mean square: a shorter way has no direction */
+#define SEEK_ROUNDS                                                                                          \
+    6 /* where nearest points are followed, they are sought in all quads once in so many rounds */
+#define MOST_WALK 8       /* faces that a nearest point is followed over in a round */
+#define FOLLOW_BLOCK 2048 /* points that a worker follows at once */
 
 /** Along which the quads are wanted to move at a point of them, how far, and how much that counts. */
 typedef struct fit_way {
@@ -40,8 +44,10 @@ typedef struct fit {
     size_t count;           /* of points */
     double *point, *nearest, *uv;
     qm_vec *normal; /* of the surface, at each point; 0: none */
+    qm_vec *facing; /* unit normals of the quads */
     uint32_t *face;
     double *foot; /* of each vertex, on the surface */
+    double *from; /* of each vertex: where it was when its foot was sought */
     fit_way *way; /* of each point, then of each vertex */
     qm_vec *move; /* of each vertex */
     qm_vec *pull; /* of each vertex: sum of weights times what is left of its ways */
@@ -113,11 +119,13 @@ static qm_status choose_points(fit *w)
     w->face = qm_context_alloc(w->ctx, w->count, sizeof *w->face);
     w->pull = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->pull);
     w->foot = qm_context_alloc(w->ctx, w->sides.vertex_count, 3 * sizeof *w->foot);
+    w->facing = qm_context_alloc(w->ctx, w->sides.face_count, sizeof *w->facing);
+    w->from = qm_context_alloc(w->ctx, w->sides.vertex_count, 3 * sizeof *w->from);
     w->way = qm_context_alloc(w->ctx, w->count + w->sides.vertex_count, sizeof *w->way);
     w->move = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->move);
     w->weight = qm_context_alloc(w->ctx, w->sides.vertex_count, sizeof *w->weight);
     if (!(w->point && w->nearest && w->uv && w->normal && w->face && w->pull && w->weight && w->foot &&
-          w->way && w->move))
+          w->from && w->facing && w->way && w->move))
         return QM_E_NO_MEMORY;
     sample_faces(m, share, w->point, w->normal);
     for (size_t i = 0; i < corners; i++) {
@@ -127,7 +135,114 @@ static qm_status choose_points(fit *w)
     return QM_OK;
 }
 
-static qm_status find_feet(fit *w)
+static qm_vec step_from(const double *a, const double *b)
+{
+    return qm_vec_sub(qm_vec_load(b), qm_vec_load(a));
+}
+
+/** The nearest point of a face. */
+typedef struct fit_foot {
+    qm_vec position;
+    double distance2, uv[2];
+} fit_foot;
+
+/** Offers the nearest point of the triangle a b c; its weights, those of b and c, are exact on sides. */
+static bool offer_triangle(qm_vec p, qm_vec a, qm_vec b, qm_vec c, double *distance2, qm_vec *position,
+                           double weight[2])
+{
+    qm_vec ab = qm_vec_sub(b, a), ac = qm_vec_sub(c, a), ap = qm_vec_sub(p, a);
+    double d1 = qm_vec_dot(ab, ap), d2 = qm_vec_dot(ac, ap), bb = qm_vec_norm2(ab), cc = qm_vec_norm2(ac),
+           bc = qm_vec_dot(ab, ac), d3 = d1 - bb, d4 = d2 - bc, d5 = d1 - bc, d6 = d2 - cc;
+    double va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2, v, u;
+    if (d1 <= 0.0 && d2 <= 0.0) {
+        u = 0.0, v = 0.0;
+    } else if (d3 >= 0.0 && d4 <= d3) {
+        u = 1.0, v = 0.0;
+    } else if (d6 >= 0.0 && d5 <= d6) {
+        u = 0.0, v = 1.0;
+    } else if (vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0) {
+        u = d1 / (d1 - d3), v = 0.0;
+    } else if (vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0) {
+        u = 0.0, v = d2 / (d2 - d6);
+    } else if (va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0) {
+        v = (d4 - d3) / ((d4 - d3) + (d5 - d6)), u = 1.0 - v;
+    } else {
+        double sum = va + vb + vc;
+        u = vb / sum, v = vc / sum;
+    }
+    qm_vec at = qm_vec_axpy(qm_vec_axpy(a, u, ab), v, ac);
+    double own = qm_vec_norm2(qm_vec_sub(p, at));
+    if (!(own < *distance2)) return false;
+    *distance2 = own;
+    *position = at;
+    weight[0] = u, weight[1] = v;
+    return true;
+}
+
+/** Offers the nearest point of a face, read as two triangles. */
+static bool offer_face(const qm_quads_sides *t, uint32_t face, qm_vec p, fit_foot *best)
+{
+    qm_vec corner[4];
+    double weight[2];
+    bool is_nearer = false;
+    for (uint32_t k = 0; k < 4; k++)
+        corner[k] = qm_quads_at(t, qm_quads_from(t, 4 * face + k));
+    if (offer_triangle(p, corner[0], corner[1], corner[2], &best->distance2, &best->position, weight)) {
+        best->uv[0] = qm_min(weight[0] + weight[1], 1.0), best->uv[1] = weight[1];
+        if (weight[1] > 0.0 && weight[0] + weight[1] >= 1.0) best->uv[0] = 1.0;
+        is_nearer = true;
+    }
+    if (offer_triangle(p, corner[0], corner[2], corner[3], &best->distance2, &best->position, weight)) {
+        best->uv[0] = weight[0], best->uv[1] = qm_min(weight[0] + weight[1], 1.0);
+        is_nearer = true;
+    }
+    return is_nearer;
+}
+
+/** Offers the faces round the side or the corner of a face that its nearest point lies on; returns the nearest of them all. */
+static uint32_t offer_neighbours(const qm_quads_sides *t, uint32_t face, qm_vec p, fit_foot *best)
+{
+    const double u = best->uv[0], v = best->uv[1];
+    const bool is_on[4] = {v <= 0.0, u >= 1.0, v >= 1.0, u <= 0.0};
+    uint32_t nearest = face;
+    for (uint32_t k = 0; k < 4; k++) {
+        if (!is_on[k]) continue;
+        uint32_t side = 4 * face + k, twin = t->twin[side];
+        if (twin != QM_NO_INDEX && offer_face(t, twin / 4, p, best)) nearest = twin / 4;
+        if (!is_on[(k + 3) % 4]) continue;
+        uint32_t first = qm_quads_first_side(t, qm_quads_from(t, side)), s = first;
+        do {
+            if (s / 4 != face && offer_face(t, s / 4, p, best)) nearest = s / 4;
+            s = qm_quads_around(t, s);
+        } while (s != QM_NO_INDEX && s != first);
+    }
+    return nearest;
+}
+
+/** Follows the nearest points of a block from face to face. */
+static void follow_block(void *data, int worker, size_t block)
+{
+    fit *w = data;
+    (void)worker;
+    size_t end = FOLLOW_BLOCK * (block + 1);
+    for (size_t i = FOLLOW_BLOCK * block; i < end && i < w->count; i++) {
+        qm_vec p = qm_vec_load(w->point + 3 * i);
+        fit_foot best = {.distance2 = INFINITY};
+        uint32_t face = w->face[i];
+        offer_face(&w->sides, face, p, &best);
+        for (int step = 0; step < MOST_WALK; step++) {
+            uint32_t next = offer_neighbours(&w->sides, face, p, &best);
+            if (next == face) break;
+            face = next;
+        }
+        w->face[i] = face;
+        qm_vec_store(w->nearest + 3 * i, best.position);
+        w->uv[2 * i] = best.uv[0], w->uv[2 * i + 1] = best.uv[1];
+    }
+}
+
+/** Seeks the nearest points in all quads. */
+static qm_status seek_feet(fit *w)
 {
     qm_bvh *bvh = NULL;
     const qm_projection out = {.position = w->nearest, .face = w->face, .uv = w->uv};
@@ -137,17 +252,28 @@ static qm_status find_feet(fit *w)
             qm_project_points(w->ctx, bvh, QM_QUADS_TRIANGLES, w->point, w->count, w->thread_count, &out);
     qm_bvh_destroy(w->ctx, bvh);
     const qm_projection back = {.position = w->foot};
+    size_t vertices = w->sides.vertex_count;
+    const double *positions = w->sides.r->mesh.positions;
+    memcpy(w->from, positions, 3 * vertices * sizeof *w->from);
     if (status == QM_OK)
-        status = qm_project_points(w->ctx, w->bvh, QM_QUADS_TRIANGLES, w->sides.r->mesh.positions,
-                                   w->sides.vertex_count, w->thread_count, &back);
+        status = qm_project_points(w->ctx, w->bvh, QM_QUADS_TRIANGLES, positions, vertices, w->thread_count,
+                                   &back);
     return status;
 }
 
-/** The weights of the corners at u, v: the triangles are c0 c1 c2 and c0 c2 c3. */
-static void corner_weights(double u, double v, double out[4])
+/** Follows the nearest points of the points; a vertex that has moved takes its foot along the plane that its way was normal to. */
+static void follow_feet(fit *w)
 {
-    out[0] = 1.0 - qm_max(u, v), out[1] = qm_max(u - v, 0.0);
-    out[2] = qm_min(u, v), out[3] = qm_max(v - u, 0.0);
+    const double *positions = w->sides.r->mesh.positions;
+    qm_context_parallel_for(w->ctx, w->thread_count, (w->count + FOLLOW_BLOCK - 1) / FOLLOW_BLOCK,
+                            follow_block, w);
+    for (size_t i = 0; i < 3 * w->sides.vertex_count; i += 3) {
+        qm_vec way = step_from(w->from + i, w->foot + i), move = step_from(w->from + i, positions + i);
+        double length2 = qm_vec_norm2(way);
+        if (length2 > 0.0) move = qm_vec_axpy(move, -qm_vec_dot(move, way) / length2, way);
+        qm_vec_store(w->foot + i, qm_vec_add(qm_vec_load(w->foot + i), move));
+        memcpy(w->from + i, positions + i, 3 * sizeof *positions);
+    }
 }
 
 /** The unit normal of a quad; 0 without area. */
@@ -159,11 +285,6 @@ static qm_vec normal_of(const qm_quads_sides *t, uint32_t face)
     qm_vec normal = qm_quad_normal(corner);
     double length = qm_vec_norm(normal);
     return length > 0.0 ? qm_vec_scale(1.0 / length, normal) : normal;
-}
-
-static qm_vec step_from(const double *a, const double *b)
-{
-    return qm_vec_sub(qm_vec_load(b), qm_vec_load(a));
 }
 
 /** A way: along the normal where it is too short to have a direction of its own. */
@@ -182,8 +303,10 @@ static void find_ways(fit *w)
     double mean = 0.0;
     for (size_t i = 0; i < w->count; i++)
         mean += qm_vec_norm2(step_from(w->nearest + 3 * i, w->point + 3 * i)) / (double)w->count;
+    for (uint32_t f = 0; f < t->face_count; f++)
+        w->facing[f] = normal_of(t, f);
     for (size_t i = 0; i < w->count; i++) {
-        qm_vec normal = normal_of(t, w->face[i]);
+        qm_vec normal = w->facing[w->face[i]];
         w->way[i] = make_way(step_from(w->nearest + 3 * i, w->point + 3 * i), normal, mean);
         w->way[i].weight += 1.0;
         if (qm_vec_dot(normal, w->normal[i]) < 0.0) w->way[i].weight = 0.0; /* other side of a thin part */
@@ -193,17 +316,21 @@ static void find_ways(fit *w)
             make_way(step_from(t->r->mesh.positions + 3 * v, w->foot + 3 * v), (qm_vec){0, 0, 0}, mean);
 }
 
-/** The vertices that a way moves, and their shares; returns their number. */
-static int vertices_of(const fit *w, size_t i, uint32_t vertex[4], double share[4])
+/** The vertices that a way moves, those of a triangle or one, and their shares; returns their number. */
+static int vertices_of(const fit *w, size_t i, uint32_t vertex[3], double share[3])
 {
     if (i >= w->count) {
         vertex[0] = (uint32_t)(i - w->count), share[0] = 1.0;
         return 1;
     }
-    corner_weights(w->uv[2 * i], w->uv[2 * i + 1], share);
-    for (uint32_t k = 0; k < 4; k++)
-        vertex[k] = qm_quads_from(&w->sides, 4 * w->face[i] + k);
-    return 4;
+    /* The triangles are c0 c1 c2 and c0 c2 c3. */
+    const double u = w->uv[2 * i], v = w->uv[2 * i + 1];
+    const uint32_t *corner = w->sides.r->mesh.faces + 4 * (size_t)w->face[i];
+    const int diagonal = u > v ? 2 : 1;
+    vertex[0] = corner[0], share[0] = 1.0 - qm_max(u, v);
+    vertex[diagonal] = corner[2], share[diagonal] = qm_min(u, v);
+    vertex[3 - diagonal] = corner[u > v ? 1 : 3], share[3 - diagonal] = fabs(u - v);
+    return 3;
 }
 
 /** Moves of the vertices by least squares of the ways that are left along their directions: Jacobi's iteration with lumped weights. */
@@ -211,20 +338,21 @@ static void find_moves(fit *w)
 {
     const qm_quads_sides *t = &w->sides;
     memset(w->move, 0, t->vertex_count * sizeof *w->move);
+    memset(w->weight, 0, t->vertex_count * sizeof *w->weight);
     for (int pass = 0; pass < PASSES; pass++) {
         memset(w->pull, 0, t->vertex_count * sizeof *w->pull);
-        memset(w->weight, 0, t->vertex_count * sizeof *w->weight);
         for (size_t i = 0; i < w->count + t->vertex_count; i++) {
             const fit_way *way = &w->way[i];
-            uint32_t vertex[4];
-            double share[4], left = way->length;
+            uint32_t vertex[3];
+            double share[3], left = way->length;
+            if (!(way->weight > 0.0)) continue; /* most of those of vertices */
             int corners = vertices_of(w, i, vertex, share);
             for (int k = 0; k < corners; k++)
                 left -= share[k] * qm_vec_dot(w->move[vertex[k]], way->direction);
             for (int k = 0; k < corners; k++) {
                 double weight = way->weight * share[k];
                 w->pull[vertex[k]] = qm_vec_axpy(w->pull[vertex[k]], weight * left, way->direction);
-                w->weight[vertex[k]] += weight;
+                if (pass == 0) w->weight[vertex[k]] += weight;
             }
         }
         for (size_t v = 0; v < t->vertex_count; v++)
@@ -352,14 +480,18 @@ qm_status qm_quads_choose_diagonals(qm_context *ctx, qm_quads_result *r, const q
     return status;
 }
 
-qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count)
+qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool follows,
+                       int thread_count)
 {
     fit w = {.ctx = ctx, .bvh = surface, .surface = qm_bvh_mesh(surface), .thread_count = thread_count};
     qm_status status = qm_quads_sides_build(ctx, r, &w.sides);
     size_t vertices = w.sides.vertex_count;
     if (status == QM_OK) status = choose_points(&w);
     for (int round = 0; round < ROUNDS && status == QM_OK; round++) {
-        status = find_feet(&w);
+        if (follows && round % SEEK_ROUNDS > 0)
+            follow_feet(&w);
+        else
+            status = seek_feet(&w);
         if (status != QM_OK) break;
         find_ways(&w);
         find_moves(&w);
@@ -373,6 +505,8 @@ qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surfac
     qm_context_free(ctx, w.face, w.count, sizeof *w.face);
     qm_context_free(ctx, w.pull, vertices, sizeof *w.pull);
     qm_context_free(ctx, w.foot, vertices, 3 * sizeof *w.foot);
+    qm_context_free(ctx, w.facing, w.sides.face_count, sizeof *w.facing);
+    qm_context_free(ctx, w.from, vertices, 3 * sizeof *w.from);
     qm_context_free(ctx, w.way, w.count + vertices, sizeof *w.way);
     qm_context_free(ctx, w.move, vertices, sizeof *w.move);
     qm_context_free(ctx, w.weight, vertices, sizeof *w.weight);

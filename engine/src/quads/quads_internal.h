@@ -263,7 +263,9 @@ qm_status qm_quads_untangle(qm_context *ctx, qm_quads_result *r, const qm_bvh *s
 qm_status qm_quads_choose_diagonals(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface,
                                     int thread_count);
 
-/** Moves vertices off the surface, or out to its tips, so that the quads lie nearer to it. */
-qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
+/** Moves vertices off the surface, or out to its tips, so that the quads lie nearer to it. follows: nearest points go from quad to quad in
+ * most rounds, instead of being sought in all quads, in a third of the time. */
+qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool follows,
+                       int thread_count);
 
 #endif

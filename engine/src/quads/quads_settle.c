@@ -23,7 +23,10 @@
 #define LAST_CENTRED 12
 #define CENTRED_ROUNDS 5 /* for each ring */
 #define MORE_MOVES 2     /* times as many, where only bad quads are left */
-#define MOST_RINGS 16    /* of vertices that go back round quads that were folded */
+#define ONCE_PART                                                                                            \
+    2 /* of the moves open bad quads before others are centred, where vertices are spread once, and half of that after it; */
+#define ONCE_POOR 4   /* where vertices move once and more quads are poor then, settling ends */
+#define MOST_RINGS 16 /* of vertices that go back round quads that were folded */
 
 typedef struct settle {
     qm_context *ctx;
@@ -232,11 +235,12 @@ static size_t count_folded(const qm_mesh *m)
     return count;
 }
 
-static bool is_any_poor(const qm_mesh *m)
+size_t qm_quads_count_poor(const qm_mesh *mesh)
 {
-    for (size_t f = 0; f < m->face_count; f++)
-        if (!(face_sine(m, f) >= QM_QUADS_POOR_SINE)) return true;
-    return false;
+    size_t count = 0;
+    for (size_t f = 0; f < mesh->face_count; f++)
+        count += !(face_sine(mesh, f) >= QM_QUADS_POOR_SINE);
+    return count;
 }
 
 /** The mesh before it moves, and which vertices go back to it. */
@@ -367,22 +371,34 @@ static qm_status centre_bad(settle *w, const unmoved *u, int rings, size_t *move
     return status;
 }
 
-static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *u)
+static bool is_once(qm_quads_settling how)
+{
+    return how == QM_QUADS_SPREAD_ONCE || how == QM_QUADS_CENTRE_ONCE;
+}
+
+/** Moves them one way; *is_hopeless: it was given up, since bad quads did not open. */
+static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *u, bool *is_hopeless)
 {
     int threads = w->options->thread_count;
     qm_status status = QM_OK;
     if (how != QM_QUADS_STAY)
-        status = qm_quads_polish(w->ctx, &w->r, w->surface, how <= QM_QUADS_SPREAD, threads);
+        status = qm_quads_polish(w->ctx, &w->r, w->surface,
+                                 how == QM_QUADS_SPREAD_ONCE || how == QM_QUADS_SPREAD, threads);
     size_t moves = qm_quads_untangle_moves(&w->r), moves_again = moves / 2; /* of all rounds together */
+    size_t later = how == QM_QUADS_SPREAD_ONCE ? moves / ONCE_PART : 0;
+    moves -= later;
     if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, &moves, threads);
-    if (status == QM_OK && moves == 0 && count_folded(&w->r.mesh) == 0) {
+    if (later > 0) moves = later / 2;
+    *is_hopeless = is_once(how) && qm_quads_count_poor(&w->r.mesh) > ONCE_POOR;
+    if (status != QM_OK || *is_hopeless) return status;
+    if (moves == 0 && count_folded(&w->r.mesh) == 0) {
         /* Many bad quads along creases use up the moves: more of them open all, where those of folded quads may be hopeless. */
         moves = MORE_MOVES * qm_quads_untangle_moves(&w->r);
         status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, &moves, threads);
     }
     for (int rings = FIRST_CENTRED; rings <= LAST_CENTRED && status == QM_OK; rings *= 2)
         status = centre_bad(w, u, rings, &moves);
-    if (status == QM_OK) status = qm_quads_fit(w->ctx, &w->r, w->surface, threads);
+    if (status == QM_OK) status = qm_quads_fit(w->ctx, &w->r, w->surface, true, threads);
     memset(u->goes_back, 0, w->r.mesh.vertex_count);
     for (int rings = 1; rings <= MOST_RINGS && status == QM_OK && count_folded(&w->r.mesh) > u->folded;
          rings *= 2) {
@@ -399,12 +415,13 @@ static qm_status move_well(settle *w)
     unmoved u = {0};
     qm_status status = take_note(w, &u);
     for (int how = (int)w->how; how <= (int)QM_QUADS_STAY && status == QM_OK; how++) {
-        status = move_vertices(w, (qm_quads_settling)how, &u);
-        if (status != QM_OK || count_folded(m) <= u.folded) break;
+        bool is_hopeless;
+        status = move_vertices(w, (qm_quads_settling)how, &u, &is_hopeless);
+        if (status != QM_OK || (!is_hopeless && count_folded(m) <= u.folded)) break;
         memcpy(m->positions, u.positions, 3 * m->vertex_count * sizeof *u.positions);
         memcpy(w->r.is_feature, u.is_feature, 4 * m->face_count); /* untangling may have let go of some */
         memcpy(w->r.is_fixed, u.is_fixed, m->vertex_count);
-        if (how == QM_QUADS_SPREAD_ONCE) break;
+        if (is_once((qm_quads_settling)how)) break;
     }
     free_note(w, &u);
     return status;
@@ -443,8 +460,8 @@ static qm_status run(settle *w)
     qm_quads_sides_reset(&sides);
     if (status != QM_OK || !is_one) return status;
     status = move_well(w);
-    if (status != QM_OK || (w->how == QM_QUADS_SPREAD_ONCE && is_any_poor(&w->r.mesh))) return status;
-    return qm_quads_fit(w->ctx, &w->r, w->surface, w->options->thread_count);
+    if (status != QM_OK || (is_once(w->how) && qm_quads_count_poor(&w->r.mesh) > 0)) return status;
+    return qm_quads_fit(w->ctx, &w->r, w->surface, true, w->options->thread_count);
 }
 
 void qm_quads_marks_reset(qm_context *ctx, qm_quads_marks *marks)

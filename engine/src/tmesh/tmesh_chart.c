@@ -262,12 +262,20 @@ static void add_fan(chart_maker *maker, uint32_t vertex)
     } while (h != QM_NO_INDEX && h != first);
 }
 
-static void widen(chart_maker *maker)
+/** Adds a ring of triangles round those from a number on, which the last ring has added: returns that of the next one. */
+static size_t widen(chart_maker *maker, size_t begin)
 {
+    qm_tmesh_triangles *t = maker->t;
     size_t end = maker->count;
-    for (size_t i = 0; i < end; i++)
-        for (uint32_t k = 0; k < 3; k++)
-            add_fan(maker, maker->t->mesh.from[3 * maker->triangle[i] + k]);
+    t->stamp++;
+    for (size_t i = begin; i < end; i++)
+        for (uint32_t k = 0; k < 3; k++) {
+            uint32_t vertex = t->mesh.from[3 * maker->triangle[i] + k];
+            if (t->number_stamp[vertex] == t->stamp) continue;
+            t->number_stamp[vertex] = t->stamp;
+            add_fan(maker, vertex);
+        }
+    return end;
 }
 
 /** Floods the part outside the disc that a triangle is in: its size, or limit + 1. */
@@ -349,8 +357,9 @@ static bool find_disc(chart_maker *maker, const qm_tmesh_spot *line, size_t coun
         if (!add_path(maker, &line[i], &line[(i + 1) % count])) return false;
     if (!maker->is_full) fill(maker);
     double rings = ceil(margin * sqrt((double)maker->count));
+    size_t begin = 0;
     for (int ring = 0; ring < rings && !maker->is_full; ring++)
-        widen(maker);
+        begin = widen(maker, begin);
     if (!maker->is_full && rings > 0) fill(maker);
     return !maker->is_full && !maker->no_memory;
 }

@@ -66,7 +66,8 @@ typedef struct lengths_finder {
     size_t walk_count, best_count;
     double scale; /* edges of the quads in a side of a patch, about */
     uint32_t random;
-    uint32_t seed; /* of the noise in costs; 0: none */
+    uint32_t seed;     /* of the noise in costs; 0: none */
+    bool has_boundary; /* an arc has one patch */
     bool no_memory;
 } lengths_finder;
 
@@ -199,6 +200,7 @@ static double find_change(lengths_finder *finder, uint32_t arc, walk_rules rules
         closed = find_walk(finder, slot[0], rules, limit);
         if (closed < limit) limit = closed;
     }
+    if (!finder->has_boundary) return closed;
     size_t closed_count = finder->walk_count;
     rules.may_close = false;
     double open = find_walk(finder, slot[0], rules, limit);
@@ -392,6 +394,8 @@ static qm_status divide_long(lengths_finder *finder, size_t wanted)
 static bool allocate(lengths_finder *finder)
 {
     size_t arcs = finder->tmesh->arc_count, states = 2 * finder->tmesh->slot_count;
+    for (size_t a = 0; a < arcs; a++)
+        finder->has_boundary |= finder->tmesh->arcs[a].slot[1] == QM_NO_INDEX;
     finder->saved = qm_arena_alloc(&finder->lasting, arcs, sizeof *finder->saved);
     finder->best = qm_arena_alloc(&finder->lasting, arcs, sizeof *finder->best);
     finder->first = qm_arena_alloc(&finder->lasting, arcs, sizeof *finder->first);
