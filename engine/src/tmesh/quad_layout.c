@@ -158,9 +158,9 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, bool may
         qm_status status =
             qm_tmesh_classes_find(&work->scratch, &work->quads, &work->tmesh, work->length, 1, &classes);
         if (status == QM_OK)
-            status = qm_tmesh_draw_curves(&work->scratch, &work->quads, &work->set, &work->tmesh,
-                                          work->length, &classes, surface, &work->source, &work->triangles,
-                                          may_cross, &drawing, &faults);
+            status =
+                qm_tmesh_draw_curves(&work->scratch, &work->quads, &work->set, &work->tmesh, work->length,
+                                     &classes, surface, &work->source, &work->triangles, &drawing, &faults);
         if (may_cross && faults.folds == 0) faults.crossings = 0;
         size_t count = status == QM_OK ? faults.folds + FOLDS_A_CROSSING * faults.crossings : SIZE_MAX;
         /* More patches are worth less crossings, but not less folds when they are many. */

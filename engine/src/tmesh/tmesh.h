@@ -271,7 +271,6 @@ typedef struct qm_tmesh_faults {
  * is, and relaxes on the surface where it folds; points of features slide along them.
  *
  * triangles  of the surface, or all zero: they are made when something folds; the caller's, for their reset
- * may_cross  only the lattices are used: their vertices come back onto the surface in every second sweep alone
  * out        empty; the caller's, also after an error
  *
  * Returns: QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
@@ -279,7 +278,6 @@ typedef struct qm_tmesh_faults {
 qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
                                const qm_tmesh *tmesh, const uint32_t *length, const qm_tmesh_classes *classes,
                                const qm_ref_surface *surface, const qm_tmesh_source *source,
-                               qm_tmesh_triangles *triangles, bool may_cross, qm_drawing *out,
-                               qm_tmesh_faults *faults);
+                               qm_tmesh_triangles *triangles, qm_drawing *out, qm_tmesh_faults *faults);
 
 #endif

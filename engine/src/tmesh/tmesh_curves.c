@@ -4,7 +4,7 @@
  * Every face of the layout is a lattice of STEPS x STEPS cells. Its vertices belong to a class of points (a node), to a
  * class of segments (inside a curve that is shared by faces of several T-mesh patches) or to one patch alone. They start at the
  * quads: where arcs without length have brought nodes together, in their middle. Then each moves to the mean of its
- * neighbours and back onto the surface, over and over; where only lattices are used, back onto it every second time.
+ * neighbours and back onto the surface, over and over.
  */
 #include <math.h>
 #include <string.h>
@@ -61,7 +61,6 @@ typedef struct curve_drawer {
     const qm_ref_surface *surface;
     const qm_tmesh_source *source;
     qm_tmesh_triangles *triangles; /* of the surface, made when they are needed */
-    bool may_cross;                /* the curves: only lattices are used */
     qm_tmesh_lattice lattice;
     double least_pull;      /* of a point to its place */
     qm_tmesh_traces traces; /* of curves that were drawn in charts */
@@ -549,8 +548,8 @@ static size_t count_folds(curve_drawer *d)
     return folds;
 }
 
-/** Moves a point to the mean of its neighbours, onto the wall that they are on, or only along it. */
-static void smooth_point(curve_drawer *d, uint32_t index, bool projects)
+/** Moves a point to the mean of its neighbours, onto the wall that they are on. */
+static void smooth_point(curve_drawer *d, uint32_t index)
 {
     qm_tmesh_point *point = &d->lattice.points[index], old = *point;
     qm_vec sum = {0}, normal = {0};
@@ -565,12 +564,6 @@ static void smooth_point(curve_drawer *d, uint32_t index, bool projects)
     if (count == 0) return;
     point->at = qm_vec_scale(1.0 / count, sum);
     if (point->pull > 0) point->at = qm_vec_mix(point->at, point->pin, point->pull);
-    if (!projects) {
-        double length2 = qm_vec_norm2(old.normal);
-        double height = qm_vec_dot(qm_vec_sub(point->at, old.at), old.normal);
-        if (length2 > 0) point->at = qm_vec_axpy(point->at, -height / length2, old.normal);
-        return;
-    }
     point->normal = normal;
     if (!project(d, point)) *point = old;
 }
@@ -743,8 +736,7 @@ static qm_status relax_by(curve_drawer *d, double pull, qm_tmesh_point *best, si
             if (qm_context_canceled(d->arena->ctx))
                 return qm_context_fail(d->arena->ctx, QM_E_CANCELED, "canceled");
             for (uint32_t i = 0; i < d->lattice.point_count; i++) {
-                if (!d->lattice.points[i].is_fixed && d->lattice.points[i].is_loose)
-                    smooth_point(d, i, !d->may_cross || sweep % 2 == 1);
+                if (!d->lattice.points[i].is_fixed && d->lattice.points[i].is_loose) smooth_point(d, i);
             }
         }
         size_t now = count_folds(d);
@@ -1099,8 +1091,7 @@ static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed
 qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
                                const qm_tmesh *tmesh, const uint32_t *length, const qm_tmesh_classes *classes,
                                const qm_ref_surface *surface, const qm_tmesh_source *source,
-                               qm_tmesh_triangles *triangles, bool may_cross, qm_drawing *out,
-                               qm_tmesh_faults *faults)
+                               qm_tmesh_triangles *triangles, qm_drawing *out, qm_tmesh_faults *faults)
 {
     curve_drawer d = {.arena = arena,
                       .quads = quads,
@@ -1110,8 +1101,7 @@ qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, con
                       .classes = classes,
                       .surface = surface,
                       .source = source,
-                      .triangles = triangles,
-                      .may_cross = may_cross};
+                      .triangles = triangles};
     *faults = (qm_tmesh_faults){.class_fault = qm_arena_zeroed(arena, classes->point_count, 1)};
     out->grid_count = classes->face_count;
     out->grids =
