@@ -17,11 +17,10 @@
 #include <string.h>
 
 #define BLOCKED 8
-#define RINGS 3 /* of vertices next to features that no path runs through */
+#define RINGS 2 /* of vertices next to features that no path runs through */
 #define QUARTER (90.0 * QM_DEGREE)
 #define MOST_ANGLE                                                                                           \
     (42.0 * QM_DEGREE) /* between faces: beyond half a quarter another direction would be nearer */
-#define MOST_RISE 0.1  /* of the sum of squares, for the shortest paths */
 /* What the sum of squares has to fall by, for paths as long as the root of the area: sizes of quads differ more then. */
 #define LENGTH_COST 4.0
 #define FIRST_LENGTH 4 /* of paths, in edges: short ones first */
