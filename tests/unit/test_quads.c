@@ -227,6 +227,19 @@ static void closed_shapes_become_closed_quads(void **state)
     check_quads(triangles_of(qm_shape_torus(60, 24, 1.0, 0.35)), &torus);
 }
 
+/** A torus has a field without singular vertices, a sphere needs eight: pairs of opposites cancel, and no field winds round a handle. */
+static void smooth_shapes_have_few_irregular_vertices(void **state)
+{
+    (void)state;
+    static const double tube[3] = {0.2, 0.35, 0.5};
+    for (int k = 0; k < 3; k++) {
+        const wanted torus = {"torus", 6000, 0, 1, true, 0, 8, 0.25};
+        check_quads(triangles_of(qm_shape_torus(60, 24, 1.0, tube[k])), &torus);
+    }
+    const wanted sphere = {"sphere", 4000, 2, 1, true, 8, 8, 0.08};
+    check_quads(triangles_of(cube_grid(23, to_sphere)), &sphere);
+}
+
 /** How many vertices of a surface are tips, and how high it reaches after triangles of a length were made of it. */
 static size_t hold_tips_of(qm_mesh surface, double size, double *height)
 {
@@ -1315,6 +1328,7 @@ int main(void)
         cmocka_unit_test(creases_apart_are_not_pinched),
         cmocka_unit_test(sides_of_several_quads_are_boundaries),
         cmocka_unit_test(closed_shapes_become_closed_quads),
+        cmocka_unit_test(smooth_shapes_have_few_irregular_vertices),
         cmocka_unit_test(quads_lie_on_both_sides),
         cmocka_unit_test(creases_are_followed),
         cmocka_unit_test(tips_stay),

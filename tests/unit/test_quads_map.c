@@ -186,7 +186,7 @@ static void make_random(subject *s, uint64_t run)
     }
     *s = (subject){0};
     load(s, surface);
-    assert_int_equal(qm_quads_find_crosses(&s->ctx, &s->m, s->cross), QM_OK);
+    assert_int_equal(qm_quads_find_crosses(&s->ctx, &s->m, true, s->cross), QM_OK);
     static const double angles[4] = {0.0, 0.1, 0.3, 0.7};
     double angle = angles[run / RANDOM_SHAPES % 4];
     disturb(s, &random, angle);
@@ -767,7 +767,7 @@ static void load_with_crosses(subject *s, qm_mesh surface, double crease, const 
     *s = (subject){.crease = crease};
     load(s, surface);
     snprintf(s->name, sizeof s->name, "%s", name);
-    assert_int_equal(qm_quads_find_crosses(&s->ctx, &s->m, s->cross), QM_OK);
+    assert_int_equal(qm_quads_find_crosses(&s->ctx, &s->m, true, s->cross), QM_OK);
 }
 
 /** How many half-edges without a feature lie between both sides of a strip; each has a step of 1 across it, away from the feature of

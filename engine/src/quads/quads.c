@@ -22,6 +22,8 @@
 #define MOST_ATTEMPTS                                                                                        \
     6 /* while the number is far off, or below FEW_QUADS, where they are fast and a row is a large share */
 #define FEW_QUADS 1000
+/* Irregular vertices beyond those of the field: with more, no grid follows it, and a field as it was smoothed is tried as well. */
+#define MOST_ADDED 8
 
 qm_quads_options qm_quads_options_default(void)
 {
@@ -254,11 +256,23 @@ static qm_status make_part_along(qm_context *ctx, const part_job *job, double cr
     size_t faces = m.face_count;
     if (status == QM_OK) {
         cross = qm_context_alloc(ctx, faces, sizeof *cross);
-        status = cross ? qm_quads_find_crosses(ctx, &m, cross) : QM_E_NO_MEMORY;
+        if (!cross) status = QM_E_NO_MEMORY;
     }
-    if (status == QM_OK) status = qm_quads_map_build(ctx, &m, cross, &corners, size, &map);
-    if (status == QM_OK) status = lay_out_counted(ctx, &m, cross, &map, size, job->wanted, best);
-    qm_quads_map_reset(ctx, &map);
+    bool is_done = false;
+    for (int plain = 0; plain < 2 && !is_done && status == QM_OK; plain++) {
+        attempt now = {0};
+        status = qm_quads_find_crosses(ctx, &m, plain == 0, cross);
+        if (status == QM_OK) status = qm_quads_map_build(ctx, &m, cross, &corners, size, &map);
+        if (status == QM_OK) status = lay_out_counted(ctx, &m, cross, &map, size, job->wanted, &now);
+        qm_quads_map_reset(ctx, &map);
+        is_done = now.off <= FAR_OFF && now.irregular <= now.record.crosses_turned + MOST_ADDED;
+        if (status == QM_OK && is_better(&now, best)) {
+            attempt worse = *best;
+            *best = now;
+            now = worse;
+        }
+        qm_quads_result_reset(ctx, &now.quads);
+    }
     qm_context_free(ctx, cross, faces, sizeof *cross);
     qm_quads_corners_reset(ctx, &corners);
     qm_trimesh_reset(ctx, &m);

@@ -10,6 +10,7 @@
 
 #define SWEEPS 8 /* of each level */
 #define FINEST_SWEEPS 6
+#define LAST_SWEEPS 4 /* after singular vertices are cancelled */
 #define NORMAL_SWEEPS                                                                                        \
     12 /* of the normals: crosses turn with the surface, not with what is finer than a few quads */
 
@@ -155,7 +156,7 @@ static void lay_into_faces(const qm_trimesh *m, const qm_vec *from, qm_vec *cros
     }
 }
 
-qm_status qm_quads_find_crosses(qm_context *ctx, const qm_trimesh *m, qm_vec *cross)
+qm_status qm_quads_find_crosses(qm_context *ctx, const qm_trimesh *m, bool cancels, qm_vec *cross)
 {
     qm_quads_levels levels = {.count = 1};
     size_t total = 0, offset[QM_QUADS_MAX_LEVELS + 1];
@@ -174,6 +175,8 @@ qm_status qm_quads_find_crosses(qm_context *ctx, const qm_trimesh *m, qm_vec *cr
             memcpy(is_set, first_set, m->face_count);
             memcpy(all, cross, m->face_count * sizeof *all);
             solve(ctx, &levels, offset, is_set, all);
+            if (cancels) status = qm_quads_cancel_turns(ctx, m, levels.graph[0].normal, is_set, all);
+            if (cancels && status == QM_OK) smooth(ctx, &levels.graph[0], is_set, all, LAST_SWEEPS);
             if (qm_context_canceled(ctx)) status = QM_E_CANCELED;
             lay_into_faces(m, all, cross);
         } else {

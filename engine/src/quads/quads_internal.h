@@ -9,6 +9,7 @@
  *   quads_remesh.c     triangles of equal size, about half as long as the quads shall be
  *   quads_levels.c     a graph and its coarser versions, on which fields are smoothed
  *   quads_field.c      a cross in each face: the directions of the quads (orientation field)
+ *   quads_cancel.c     pairs of singular vertices of this field, which go
  *   quads_map.c        the surface laid onto the plane of the grid, face by face: real steps that sum up to 0 round each
  *   quads_position.c   a grid at each vertex: where the corners of quads are to lie (position field)
  *   quads_steps.c      integers: how many quads lie between the ends of each edge, made consistent by a flow
@@ -117,8 +118,14 @@ typedef struct qm_quads_match {
 /** The directions of two crosses, round their normals, that differ least in space. */
 qm_quads_match qm_quads_match_crosses(qm_vec qa, qm_vec na, qm_vec qb, qm_vec nb);
 
-/** A cross for each face: cross receives its first direction, of length 1. Faces with a feature follow it. */
-qm_status qm_quads_find_crosses(qm_context *ctx, const qm_trimesh *m, qm_vec *cross);
+/** A cross for each face: cross receives its first direction, of length 1. Faces with a feature follow it. cancels: pairs of singular vertices go
+ * (qm_quads_cancel_turns). Returns QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_quads_find_crosses(qm_context *ctx, const qm_trimesh *m, bool cancels, qm_vec *cross);
+
+/** Turns crosses so that fewer vertices are singular, where that hardly makes them less smooth. normal: the planes of crosses, of length 1. is_set: of
+ * each face: its cross stays. Returns QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_quads_cancel_turns(qm_context *ctx, const qm_trimesh *m, const qm_vec *normal,
+                                const uint8_t *is_set, qm_vec *cross);
 
 /** A pair turned by quarters to the left. */
 static inline void qm_quads_turn_pair(double s[2], int quarters)
