@@ -256,6 +256,7 @@ static qm_quads_options quads_of_layout(const qm_remesh_options *options)
 {
     qm_quads_options quads = options->quads;
     if (quads.quads > LAYOUT_QUADS) quads.quads = LAYOUT_QUADS;
+    quads.keeps_turns = true;
     return quads;
 }
 

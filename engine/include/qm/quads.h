@@ -17,6 +17,8 @@ typedef struct qm_quads_options {
     double
         crease_angle; /* degrees, from 0 to 180: an edge whose faces differ by more is a crease, and followed; 0: none are */
     int thread_count;
+    bool
+        keeps_turns; /* of directions, which meet at irregular vertices: opposite ones do not cancel. A layout has less stretched patches then */
 } qm_quads_options;
 
 /** 5,000 quads, creases above 40 degrees, one thread. */

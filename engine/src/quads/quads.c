@@ -227,6 +227,7 @@ typedef struct part_job {
     size_t count;
     double area, wanted, size;
     int thread_count;
+    bool keeps_turns;
 } part_job;
 
 /** Makes the quads of a component along its creases above an angle. *has_creases tells if there are any. */
@@ -258,14 +259,16 @@ static qm_status make_part_along(qm_context *ctx, const part_job *job, double cr
         cross = qm_context_alloc(ctx, faces, sizeof *cross);
         if (!cross) status = QM_E_NO_MEMORY;
     }
-    bool is_done = false;
-    for (int plain = 0; plain < 2 && !is_done && status == QM_OK; plain++) {
+    bool is_done = false, keeps_turns = job->keeps_turns;
+    while (!is_done && status == QM_OK) {
         attempt now = {0};
-        status = qm_quads_find_crosses(ctx, &m, plain == 0, cross);
+        status = qm_quads_find_crosses(ctx, &m, !keeps_turns, cross);
         if (status == QM_OK) status = qm_quads_map_build(ctx, &m, cross, &corners, size, &map);
         if (status == QM_OK) status = lay_out_counted(ctx, &m, cross, &map, size, job->wanted, &now);
         qm_quads_map_reset(ctx, &map);
-        is_done = now.off <= FAR_OFF && now.irregular <= now.record.crosses_turned + MOST_ADDED;
+        is_done =
+            keeps_turns || (now.off <= FAR_OFF && now.irregular <= now.record.crosses_turned + MOST_ADDED);
+        keeps_turns = true;
         if (status == QM_OK && is_better(&now, best)) {
             attempt worse = *best;
             *best = now;
@@ -343,7 +346,8 @@ static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const qm_quads_t
         if (!(own > 1e-12 * area)) continue;
         double wanted = qm_max((double)options->quads * own / area, LEAST_QUADS);
         double size = qm_max(sqrt(own / wanted), least_size(positions, corner + first, last - first, wanted));
-        const part_job job = {bvh, corner + first, last - first, own, wanted, size, options->thread_count};
+        const part_job job = {bvh,    corner + first, last - first,          own,
+                              wanted, size,           options->thread_count, options->keeps_turns};
         status = make_part(ctx, &job, options->crease_angle, &parts[k], record);
     }
     return status;

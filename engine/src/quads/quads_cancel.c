@@ -185,6 +185,7 @@ static void solve(cancelling *c)
             bend += sum * c->direction[i];
         }
         c->work -= (double)c->region_count;
+        if (qm_context_canceled(c->ctx)) c->work = 0.0;
         if (!(bend > 0.0)) break;
         double length = left / bend;
         for (size_t i = 0; i < c->region_count; i++) {
@@ -199,41 +200,40 @@ static void solve(cancelling *c)
     }
 }
 
-/** The sum of squares of angles rises by square * k^2 + linear * k for k times the change and its turns. */
-typedef struct rise {
-    double square, linear;
-} rise;
-
-static rise find_rise(const cancelling *c)
+/** What the sum of squares of angles rises by. */
+static double find_rise(const cancelling *c)
 {
     const qm_trimesh *m = c->m;
-    rise sum = {0.0, 0.0};
+    double sum = 0.0;
     for (size_t i = 0; i < c->region_count; i++)
         for (uint32_t h = 3 * c->region[i]; h < 3 * c->region[i] + 3; h++) {
             if (m->is_feature[h]) continue;
             double change = (double)c->change[h] + turn_across(c, c->turn, h);
             double share = is_in_region(c, m->twin[h] / 3) ? 0.5 : 1.0; /* of the edge */
-            sum.square += share * change * change;
-            sum.linear += share * 2.0 * change * (double)c->angle[h];
+            sum += share * change * (change + 2.0 * (double)c->angle[h]);
         }
     return sum;
 }
 
 /** True if no angle would come near half a quarter that is not there now: another direction would be nearer. */
-static bool is_small(const cancelling *c, double factor)
+static bool is_small(const cancelling *c)
 {
     const qm_trimesh *m = c->m;
     for (size_t i = 0; i < c->region_count; i++)
         for (uint32_t h = 3 * c->region[i]; h < 3 * c->region[i] + 3; h++) {
             if (m->is_feature[h]) continue;
-            double change = factor * ((double)c->change[h] + turn_across(c, c->turn, h));
-            double angle = fabs((double)c->angle[h] + change);
+            double angle = fabs((double)c->angle[h] + (double)c->change[h] + turn_across(c, c->turn, h));
             if (angle > MOST_ANGLE && angle > fabs((double)c->angle[h])) return false;
         }
     return true;
 }
 
-static void apply(const cancelling *c, double factor, const qm_vec *normal, qm_vec *cross)
+static void turn_cross(double angle, qm_vec normal, qm_vec *cross)
+{
+    *cross = qm_vec_axpy(qm_vec_scale(cos(angle), *cross), sin(angle), qm_vec_cross(normal, *cross));
+}
+
+static void apply(const cancelling *c, const qm_vec *normal, qm_vec *cross)
 {
     const qm_trimesh *m = c->m;
     for (size_t i = 0; i < c->region_count; i++) {
@@ -241,12 +241,10 @@ static void apply(const cancelling *c, double factor, const qm_vec *normal, qm_v
         for (uint32_t h = 3 * f; h < 3 * f + 3; h++) {
             if (m->is_feature[h]) continue;
             uint32_t t = m->twin[h];
-            c->angle[h] += (float)(factor * ((double)c->change[h] + turn_across(c, c->turn, h)));
+            c->angle[h] += (float)((double)c->change[h] + turn_across(c, c->turn, h));
             if (!is_in_region(c, t / 3)) c->angle[t] = -c->angle[h];
         }
-        double turn = factor * c->turn[i];
-        cross[f] =
-            qm_vec_axpy(qm_vec_scale(cos(turn), cross[f]), sin(turn), qm_vec_cross(normal[f], cross[f]));
+        turn_cross(c->turn[i], normal[f], &cross[f]);
     }
 }
 
@@ -275,9 +273,7 @@ static double try_path(cancelling *c, uint32_t start, uint32_t end, int length)
     list_neighbours(c);
     add_path(c, start, end, c->index[start]);
     solve(c);
-    rise r = find_rise(c);
-    double sum = c->work > 0.0 && is_small(c, 1.0) ? r.square + r.linear : INFINITY;
-    return sum;
+    return c->work > 0.0 && is_small(c) ? find_rise(c) : INFINITY;
 }
 
 /** Tries the nearest opposites of a singular vertex. */
@@ -325,7 +321,7 @@ static bool cancel_vertex(cancelling *c, uint32_t start, int least, int most, qm
         last = best;
     }
     if (is_kept) {
-        apply(c, 1.0, normal, cross);
+        apply(c, normal, cross);
         c->index[start] = c->index[partner[best]] = 0;
     }
     clear_path(c, start, partner[last]);
@@ -466,11 +462,8 @@ static void turn_loops(const cancelling *c, const loop_forms *l, const qm_vec *n
             if (factor == 0.0) continue;
             for (size_t h = 0; h < halves; h++)
                 c->angle[h] += (float)factor * form[h];
-            for (size_t f = 0; f < faces; f++) {
-                double by = factor * (double)turn[f];
-                cross[f] =
-                    qm_vec_axpy(qm_vec_scale(cos(by), cross[f]), sin(by), qm_vec_cross(normal[f], cross[f]));
-            }
+            for (size_t f = 0; f < faces; f++)
+                turn_cross(factor * (double)turn[f], normal[f], &cross[f]);
             is_changing = true;
         }
     }
@@ -576,6 +569,7 @@ qm_status qm_quads_cancel_turns(qm_context *ctx, const qm_trimesh *m, const qm_v
         }
         bool is_held = memchr(is_set, true, m->face_count) != NULL;
         if (status == QM_OK && !is_held) status = unwind(&c, cross, normal);
+        if (qm_context_canceled(ctx)) status = QM_E_CANCELED;
     }
     release(&c);
     return status;
