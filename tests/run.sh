@@ -146,7 +146,7 @@ api build tests/cluster -n 3
 # In a build that has points of failure by name.
 api build/asan tests/cluster/test_points.py -n 3
 data=${QM_TEST_DATA:-../shared/data}
-if [ -d "$data/pairs" ]; then api build tests/pairs; else
+if [ -d "$data/pairs" ]; then api build tests/pairs -n "$jobs"; else
     missing=$(cat tests/pairs/test_*.py tests/api/test_collection.py tests/api/test_plans.py | grep -c '^def test_')
     echo "NOT RUN $missing: there is no $data/pairs"
     not_run=$((not_run + missing))
