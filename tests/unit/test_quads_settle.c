@@ -62,7 +62,8 @@ static double distance_between(const qm_mesh *a, const qm_mesh *b)
 }
 
 /** Settles a mesh; its faces must stay. */
-static void settle_marked(const qm_mesh *surface, const qm_quads_marks *marks, qm_mesh *mesh, int threads)
+static void settle_as(const qm_mesh *surface, qm_quads_settling how, const qm_quads_marks *marks,
+                      qm_mesh *mesh, int threads)
 {
     qm_context ctx = qm_context_make();
     qm_bvh *bvh;
@@ -70,12 +71,17 @@ static void settle_marked(const qm_mesh *surface, const qm_quads_marks *marks, q
     options.thread_count = threads;
     qm_mesh before = qm_shape_copy(mesh);
     assert_int_equal(qm_bvh_build(&ctx, surface, QM_BVH_TARGET, 1, &bvh), QM_OK);
-    QM_CHECK(qm_quads_settle(&ctx, bvh, &options, QM_QUADS_SPREAD, marks, mesh) == QM_OK, "%s", ctx.message);
+    QM_CHECK(qm_quads_settle(&ctx, bvh, &options, how, marks, mesh) == QM_OK, "%s", ctx.message);
     assert_int_equal(mesh->face_count, before.face_count);
     assert_int_equal(mesh->vertex_count, before.vertex_count);
     assert_memory_equal(mesh->faces, before.faces, 4 * mesh->face_count * sizeof *mesh->faces);
     qm_bvh_destroy(&ctx, bvh);
     qm_shape_free(&before);
+}
+
+static void settle_marked(const qm_mesh *surface, const qm_quads_marks *marks, qm_mesh *mesh, int threads)
+{
+    settle_as(surface, QM_QUADS_SPREAD, marks, mesh, threads);
 }
 
 static void settle(const qm_mesh *surface, qm_mesh *mesh, int threads)
@@ -147,6 +153,40 @@ static void parts_in_the_wrong_order_open(void **state)
                      distance, own);
             qm_shape_free(&mesh);
         }
+    qm_shape_free(&surface);
+    qm_shape_free(&smooth);
+}
+
+/** What moves once either has few poor quads then, or is as it was. Whether it is near is for the caller, where part of it was turned round. */
+static void what_moves_once_is_good_or_goes_back(void **state)
+{
+    (void)state;
+    qm_mesh surface = make_shape(48, to_sphere), smooth = make_shape(16, to_sphere);
+    double own = distance_between(&surface, &smooth);
+    size_t opened = 0, gone_back = 0;
+    for (int k = 0; k < 12; k++) {
+        qm_random random = qm_random_make(qm_check_seed(), (uint64_t)k);
+        qm_mesh mesh = qm_shape_copy(&smooth);
+        qm_shape_shake(&mesh, &random, 0.01 * (1 + k)); /* of sides between 0.07 and 0.12 */
+        bool is_turned = k >= 6;
+        if (is_turned) mirror_part(&mesh, (const double[3]){0, 0, 1}, 0.11 * k);
+        const qm_mesh before = qm_shape_copy(&mesh);
+        settle_as(&surface, k % 2 ? QM_QUADS_SPREAD_ONCE : QM_QUADS_CENTRE_ONCE, NULL, &mesh, 1);
+        bool is_as_before =
+            memcmp(mesh.positions, before.positions, 3 * mesh.vertex_count * sizeof(double)) == 0;
+        double distance = distance_between(&surface, &mesh);
+        QM_CHECK(is_as_before || (qm_topology_count_folded(&mesh) == 0 && qm_quads_count_poor(&mesh) <= 4 &&
+                                  (is_turned || distance <= 1.5 * own)),
+                 "seed %llu, stream %d: %zu folded, %zu poor, distance %.4f, without shaking %.4f",
+                 (unsigned long long)qm_check_seed(), k, qm_topology_count_folded(&mesh),
+                 qm_quads_count_poor(&mesh), distance, own);
+        opened += !is_as_before;
+        gone_back += is_as_before;
+        qm_mesh copy = before;
+        qm_shape_free(&copy);
+        qm_shape_free(&mesh);
+    }
+    QM_CHECK(opened > 0 && gone_back > 0, "%zu opened, %zu went back", opened, gone_back);
     qm_shape_free(&surface);
     qm_shape_free(&smooth);
 }
@@ -368,6 +408,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(shaken_quads_open),
         cmocka_unit_test(parts_in_the_wrong_order_open),
+        cmocka_unit_test(what_moves_once_is_good_or_goes_back),
         cmocka_unit_test(vertices_are_drawn_along_fingers),
         cmocka_unit_test(creases_hold_their_vertices),
         cmocka_unit_test(marks_are_kept),

@@ -23,8 +23,8 @@
 #define LAST_CENTRED 12
 #define CENTRED_ROUNDS 5 /* for each ring */
 #define MORE_MOVES 2     /* times as many, where only bad quads are left */
-#define ONCE_PART                                                                                            \
-    2 /* of the moves open bad quads before others are centred, where vertices are spread once, and half of that after it; */
+/* Where vertices are spread once, bad quads open by this part of the moves before others are centred, and by half of it after that. */
+#define ONCE_PART 2
 #define ONCE_POOR 4   /* where vertices move once and more quads are poor then, settling ends */
 #define MOST_RINGS 16 /* of vertices that go back round quads that were folded */
 
