@@ -47,20 +47,6 @@ static size_t count_poor(const qm_lattice *lattice)
     return count;
 }
 
-/** The root of the mean area of the quads of a lattice. */
-static double mean_edge(const qm_lattice *lattice)
-{
-    double area = 0.0;
-    for (uint32_t j = 0; j < lattice->rows; j++) {
-        for (uint32_t i = 0; i < lattice->columns; i++) {
-            qm_vec at[4];
-            qm_lattice_quad(lattice, i, j, at);
-            area += 0.5 * qm_vec_norm(qm_vec_cross(qm_vec_sub(at[2], at[0]), qm_vec_sub(at[3], at[1])));
-        }
-    }
-    return sqrt(area / ((double)lattice->columns * lattice->rows));
-}
-
 /** Measures how well all lattices reach the anchors; distance has room for one of each. */
 static qm_status measure(qm_context *ctx, const qm_reconstruction *r, double *distance, patch_reach *reach)
 {
@@ -259,7 +245,7 @@ qm_status qm_anchors_recover(qm_context *ctx, qm_reconstruction *r, qm_samples *
     if (before) memset(before, 0, patches * sizeof *before);
     qm_status status = distance && before && after && flag ? QM_OK : no_memory(ctx);
     for (size_t p = 0; p < patches && status == QM_OK; p++)
-        before[p].edge = mean_edge(&r->lattices[p]);
+        before[p].edge = qm_lattice_mean_edge(&r->lattices[p]);
     if (status == QM_OK && may_miss(r, before, samples)) {
         status = measure(ctx, r, distance, before);
         if (status == QM_OK) status = save_missing(ctx, r, before, &missing);

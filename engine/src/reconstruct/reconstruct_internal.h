@@ -144,6 +144,25 @@ static inline void qm_lattice_quad(const qm_lattice *lattice, uint32_t column, u
     out[3] = qm_lattice_at(lattice, column, row + 1);
 }
 
+/** The area of a quad. */
+static inline double qm_lattice_quad_area(const qm_lattice *lattice, uint32_t column, uint32_t row)
+{
+    qm_vec corner[4];
+    qm_lattice_quad(lattice, column, row, corner);
+    return 0.5 *
+           qm_vec_norm(qm_vec_cross(qm_vec_sub(corner[2], corner[0]), qm_vec_sub(corner[3], corner[1])));
+}
+
+/** The root of the mean area of the quads of a lattice. */
+static inline double qm_lattice_mean_edge(const qm_lattice *lattice)
+{
+    double area = 0.0;
+    for (uint32_t j = 0; j < lattice->rows; j++)
+        for (uint32_t i = 0; i < lattice->columns; i++)
+            area += qm_lattice_quad_area(lattice, i, j);
+    return sqrt(area / ((double)lattice->columns * lattice->rows));
+}
+
 /** The scaled Jacobian of a quad: the least sine at its corners; not above 0 where it is folded. */
 static inline double qm_lattice_quad_sine(const qm_lattice *lattice, uint32_t column, uint32_t row)
 {

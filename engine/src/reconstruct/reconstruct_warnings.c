@@ -132,10 +132,10 @@ static double share_in_holes(const qm_reconstruction *r)
     return (double)in_holes / (double)count;
 }
 
-/** True if the middle of a quad lies beyond the boundary of a mesh. */
-static bool is_beyond_boundary(const qm_ref_surface *mesh, const qm_vec corner[4])
+/** True if the middle of a quad lies beyond the boundary of a mesh. usual: an edge of its patch; a sliver at the rim tells nothing. */
+static bool is_beyond_boundary(const qm_ref_surface *mesh, const qm_vec corner[4], double usual)
 {
-    double edge = 0.0, middle[3];
+    double edge = usual, middle[3];
     for (int k = 0; k < 4; k++)
         edge = fmax(edge, qm_vec_distance(corner[k], corner[(k + 1) % 4]));
     qm_vec_store(middle, qm_vec_mix(qm_vec_mix(corner[0], corner[2], 0.5),
@@ -151,14 +151,14 @@ static double share_beyond_boundary(const qm_reconstruction *r)
     double total = 0.0, beyond = 0.0;
     for (size_t p = 0; p < r->layout.patch_count; p++) {
         const qm_lattice *lattice = &r->lattices[p];
-        for (uint32_t j = 0; j < lattice->rows; j++)
+        double usual = qm_lattice_mean_edge(lattice);
+        total += usual * usual * lattice->columns * lattice->rows;
+        for (uint32_t j = 0; j < lattice->rows && !lattice->spans_hole; j++)
             for (uint32_t i = 0; i < lattice->columns; i++) {
                 qm_vec corner[4];
                 qm_lattice_quad(lattice, i, j, corner);
-                double area = 0.5 * qm_vec_norm(qm_vec_cross(qm_vec_sub(corner[2], corner[0]),
-                                                             qm_vec_sub(corner[3], corner[1])));
-                total += area;
-                if (!lattice->spans_hole && is_beyond_boundary(&r->surface, corner)) beyond += area;
+                if (is_beyond_boundary(&r->surface, corner, usual))
+                    beyond += qm_lattice_quad_area(lattice, i, j);
             }
     }
     return total > 0.0 ? beyond / total : 0.0;
