@@ -231,6 +231,47 @@ static void thrown_lattices_are_mended(void **state)
 }
 
 /** A spiral of corners, wound either way: small triangles of the circle's polygon keep their sense in it, and corners are mapped to corners. */
+/** Cells fold at the end of a finger. In a chart that is a small spot, which the means of neighbours lie beside: what is
+ * drawn anew would leave the finger. */
+static void what_is_mended_stays_on_its_limb(void **state)
+{
+    (void)state;
+    for (double height = 1.0; height <= 4.0; height *= 2.0) {
+        qm_ground g;
+        qm_ground_make(&g, finger_mesh(60, height));
+        qm_box box = qm_mesh_bounding_box(&g.mesh);
+        static plane_lattice p;
+        make_lattice(&p, &box);
+        for (uint32_t i = 0; i < POINTS; i++) {
+            double at[3], u = 0.1 + 0.8 * (i % (SIDE + 1)) / SIDE, v = 0.1 + 0.8 * (i / (SIDE + 1)) / SIDE;
+            qm_ref_surface_point on;
+            qm_vec_store(at, finger(u, v, height));
+            qm_ref_surface_project(&g.source, at, &on);
+            p.points[i].at = p.points[i].pin = qm_vec_load(on.position);
+            p.points[i].normal = qm_vec_load(on.normal);
+        }
+        uint32_t middle = SIDE / 2 * (SIDE + 1) + SIDE / 2;
+        qm_vec at = p.points[middle].at;
+        p.points[middle].at = p.points[middle + 1].at;
+        p.points[middle + 1].at = at;
+        bool is_seed[CELLS] = {false};
+        for (uint32_t k = p.first_at[middle]; k < p.first_at[middle + 1]; k++)
+            is_seed[p.at[k] / 4] = true;
+        qm_tmesh_triangles t;
+        qm_tmesh_traces traces = {0};
+        assert_int_equal(qm_tmesh_triangles_make(&g.ctx, &g.source, &t), QM_OK);
+        qm_arena arena = qm_arena_make(&g.ctx);
+        assert_int_equal(qm_tmesh_mend(&arena, &t, &p.lattice, is_seed, 5, &traces), QM_OK);
+        double highest = -INFINITY;
+        for (uint32_t i = 0; i < POINTS; i++)
+            highest = fmax(highest, p.points[i].at.z);
+        QM_CHECK(highest > 0.95 * height, "the lattice reaches up to %g of %g", highest, height);
+        qm_arena_reset(&arena);
+        qm_tmesh_triangles_reset(&t);
+        qm_ground_free(&g);
+    }
+}
+
 static void polygons_are_mapped_without_folds(void **state)
 {
     (void)state;
@@ -273,6 +314,7 @@ int main(void)
         cmocka_unit_test(a_chart_does_not_fold),
         cmocka_unit_test(what_is_no_disc_has_no_chart),
         cmocka_unit_test(thrown_lattices_are_mended),
+        cmocka_unit_test(what_is_mended_stays_on_its_limb),
         cmocka_unit_test(polygons_are_mapped_without_folds),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

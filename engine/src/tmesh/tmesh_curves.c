@@ -24,7 +24,6 @@ static const double pulls[] = {0.03, 0.1, 0.3};
 #define SWEEPS 6
 #define PULL 0.3
 #define SLACKEN 0.5
-#define LOST 3.0
 #define REACH 0.1 /* of the diagonal: how far from the surface a lattice may be */
 /* Folds that sweeps do not take out: rounds over their points, each of which tries places in TRIAL_WAYS directions at
  * TRIAL_SIZES distances, from half the mean edge on by halves, until all sines round it are GOOD_SINE. From farther places
@@ -674,50 +673,12 @@ static size_t untangle(curve_drawer *d, size_t folds)
     return folds;
 }
 
-/** A point's neighbour number n of those that its cells have; each is met twice inside. */
-static uint32_t neighbour(const curve_drawer *d, uint32_t index, uint32_t n)
-{
-    uint32_t at = d->lattice.at[d->lattice.first_at[index] + n / 2];
-    return d->lattice.cells[at / 4].corner[(at + (n & 1 ? 3 : 1)) & 3];
-}
-
-static uint32_t neighbour_count(const curve_drawer *d, uint32_t index)
-{
-    return 2 * (d->lattice.first_at[index + 1] - d->lattice.first_at[index]);
-}
-
-/** How far the place that a point started at is from the lattice now: from there over neighbours that are nearer. */
-static double distance_of_place(const curve_drawer *d, uint32_t index)
-{
-    const qm_tmesh_point *points = d->lattice.points;
-    qm_vec place = points[index].pin;
-    double least = qm_vec_distance(place, points[index].at);
-    for (bool is_nearer = true; is_nearer;) {
-        uint32_t from = index;
-        is_nearer = false;
-        for (uint32_t n = 0; n < neighbour_count(d, from); n++) {
-            uint32_t other = neighbour(d, from, n);
-            double distance = qm_vec_distance(place, points[other].at);
-            if (!(distance < least)) continue;
-            least = distance;
-            index = other;
-            is_nearer = true;
-        }
-    }
-    return least;
-}
-
 /** Counts the places of points that the lattice has left: the tips of limbs. */
 static size_t count_lost(const curve_drawer *d)
 {
     size_t lost = 0;
-    for (uint32_t i = 0; i < d->lattice.point_count; i++) {
-        double sum = 0;
-        uint32_t count = neighbour_count(d, i);
-        for (uint32_t n = 0; n < count; n++)
-            sum += qm_vec_distance(d->lattice.points[i].pin, d->lattice.points[neighbour(d, i, n)].pin);
-        lost += count > 0 && distance_of_place(d, i) > LOST * sum / count;
-    }
+    for (uint32_t i = 0; i < d->lattice.point_count; i++)
+        lost += qm_tmesh_is_lost(&d->lattice, i);
     return lost;
 }
 

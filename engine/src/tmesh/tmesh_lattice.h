@@ -54,6 +54,9 @@ typedef struct qm_tmesh_traces {
 /** The trace between two points; NULL if there is none. */
 const qm_tmesh_trace *qm_tmesh_traces_find(const qm_tmesh_traces *traces, uint32_t a, uint32_t b);
 
+/** True if the lattice has left the place that a point started at, its pin: it is more than a few cells away from the points from there on. */
+bool qm_tmesh_is_lost(const qm_tmesh_lattice *lattice, uint32_t index);
+
 /**
  * Draws cells anew in charts of the surface, with cells round them, so that none of them folds there, and the curves between their
  * points do not cross: each of the seeds that this succeeds for has is_seed cleared, and its new neighbours' is_charted

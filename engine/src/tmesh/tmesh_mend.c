@@ -603,14 +603,40 @@ static bool trace_side(mender *m, uint32_t a, uint32_t b)
     return add_trace(m->arena, m->traces, &trace);
 }
 
-/** Writes the points and the traces of the cluster. False when out of memory. */
-static bool take_cluster(mender *m)
+static size_t count_lost(const mender *m)
+{
+    size_t lost = 0;
+    for (size_t v = m->border; v < m->point_count; v++)
+        lost += qm_tmesh_is_lost(m->lattice, m->points[v]);
+    return lost;
+}
+
+/** Exchanges the points inside the cluster for those of the lattice. */
+static void swap_points(mender *m)
 {
     for (size_t v = m->border; v < m->point_count; v++) {
         qm_tmesh_point *point = &m->lattice->points[m->points[v]];
+        qm_vec at = point->at, normal = point->normal;
         point->at = m->at[v];
         point->normal = m->normal[v];
+        m->at[v] = at;
+        m->normal[v] = normal;
     }
+}
+
+/** Takes the points of the cluster, unless they leave a limb: in a chart that is a small spot, which means of neighbours lie beside. */
+static bool take_points(mender *m)
+{
+    size_t before = count_lost(m);
+    swap_points(m);
+    if (count_lost(m) <= before) return true;
+    swap_points(m);
+    return false;
+}
+
+/** Writes the traces of the cluster. False when out of memory. */
+static bool take_cluster(mender *m)
+{
     for (size_t c = 0; c < m->cell_count; c++) {
         m->is_seed[m->cells[c]] = false;
         m->lattice->cells[m->cells[c]].is_charted = true;
@@ -681,6 +707,7 @@ static qm_status mend_seed(mender *m, uint32_t seed, int rings)
         for (int sweep = 0; sweep < SHAPE_SWEEPS; sweep++)
             for (uint32_t v = (uint32_t)m->border; v < m->point_count; v++)
                 shape_point(m, v);
+        if (!take_points(m)) continue;
         return take_cluster(m) ? QM_OK : QM_E_NO_MEMORY;
     }
     return QM_OK;
