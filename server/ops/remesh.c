@@ -175,7 +175,7 @@ static void count_step(void *user, const qm_refine_record *record)
     begin(counter->options, QM_REMESH_STEPS, record->step.quads, out);
 }
 
-static bool is_bent(const trial *t)
+static bool has_many_poor(const trial *t)
 {
     return (double)qm_quads_count_poor(&t->made.mesh) > FILLED_POOR * (double)t->made.mesh.face_count;
 }
@@ -186,7 +186,7 @@ static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm
 {
     qm_settle_goal goal = settle_goal_of(options);
     goal.is_quick = is_quick;
-    goal.is_bent = is_bent(t);
+    goal.centres = has_many_poor(t);
     qm_settled settled;
     begin(options, QM_REMESH_MEASURE, t->made.mesh.face_count, &t->made);
     qm_status status = qm_settle(ctx, surface, &goal, &t->made.mesh, &settled);
@@ -221,7 +221,7 @@ static qm_status fill_grids(qm_context *ctx, const qm_ref_surface *surface, cons
         qm_reconstruction_fill_grids(ctx, surface, layout, &how, options->quads.quads, &t->made.mesh);
     t->made.rounds = 1;
     if (status == QM_OK) status = qm_settle_measure(ctx, surface, &goal, &t->made.mesh, &start);
-    double most = is_quick && is_bent(t) ? CENTRED_START : FILLED_START;
+    double most = is_quick && has_many_poor(t) ? CENTRED_START : FILLED_START;
     if (status == QM_OK && start.from_surface.upper > most * plain_distance) {
         qm_mesh_reset(ctx, &t->made.mesh);
         return QM_OK;
@@ -256,7 +256,7 @@ static qm_quads_options quads_of_layout(const qm_remesh_options *options)
 {
     qm_quads_options quads = options->quads;
     if (quads.quads > LAYOUT_QUADS) quads.quads = LAYOUT_QUADS;
-    quads.keeps_turns = true;
+    quads.keeps_pairs = true;
     return quads;
 }
 

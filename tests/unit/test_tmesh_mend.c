@@ -230,7 +230,6 @@ static void thrown_lattices_are_mended(void **state)
     }
 }
 
-/** A spiral of corners, wound either way: small triangles of the circle's polygon keep their sense in it, and corners are mapped to corners. */
 /** Cells fold at the end of a finger. In a chart that is a small spot, which the means of neighbours lie beside: what is
  * drawn anew would leave the finger. */
 static void what_is_mended_stays_on_its_limb(void **state)
@@ -272,6 +271,7 @@ static void what_is_mended_stays_on_its_limb(void **state)
     }
 }
 
+/** A spiral of corners, wound either way: small triangles of the circle's polygon keep their sense in it, and corners are mapped to corners. */
 static void polygons_are_mapped_without_folds(void **state)
 {
     (void)state;

@@ -18,7 +18,7 @@ typedef struct qm_quads_options {
         crease_angle; /* degrees, from 0 to 180: an edge whose faces differ by more is a crease, and followed; 0: none are */
     int thread_count;
     bool
-        keeps_turns; /* of directions, which meet at irregular vertices: opposite ones do not cancel. A layout has less stretched patches then */
+        keeps_pairs; /* of opposite singular vertices, instead of cancelling them: patches of a layout are less stretched */
 } qm_quads_options;
 
 /** 5,000 quads, creases above 40 degrees, one thread. */

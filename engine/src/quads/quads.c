@@ -173,6 +173,15 @@ static bool is_better(const attempt *a, const attempt *b)
     return off_a != off_b ? off_a < off_b : a->irregular < b->irregular;
 }
 
+/** Keeps the better attempt, and frees the other. True if it is the new one. */
+static bool keep_better(qm_context *ctx, attempt *now, attempt *best)
+{
+    bool is_kept = is_better(now, best);
+    qm_quads_result_reset(ctx, is_kept ? &best->quads : &now->quads);
+    if (is_kept) *best = *now;
+    return is_kept;
+}
+
 /** Sizes tried that gave too few quads, and too many; 0: none yet. */
 typedef struct size_range {
     double few, many;         /* sizes */
@@ -206,14 +215,10 @@ static qm_status lay_out_counted(qm_context *ctx, const qm_trimesh *m, const qm_
         qm_trimesh_reset(ctx, &copy);
         double ratio = (double)now.quads.mesh.face_count / wanted;
         now.off = fabs(ratio - 1.0);
-        bool is_kept = status == QM_OK && is_better(&now, best);
-        if (is_kept) {
-            attempt worse = *best;
-            *best = now;
-            now = worse;
-        }
-        vain = is_kept ? 0 : vain + 1;
-        qm_quads_result_reset(ctx, &now.quads);
+        if (status != QM_OK)
+            qm_quads_result_reset(ctx, &now.quads);
+        else
+            vain = keep_better(ctx, &now, best) ? 0 : vain + 1;
         if (best->off <= WANTED_OFF) break;
         size = next_size(&range, size, qm_max(ratio, 1e-3));
     }
@@ -227,7 +232,7 @@ typedef struct part_job {
     size_t count;
     double area, wanted, size;
     int thread_count;
-    bool keeps_turns;
+    bool keeps_pairs;
 } part_job;
 
 /** Makes the quads of a component along its creases above an angle. *has_creases tells if there are any. */
@@ -259,22 +264,20 @@ static qm_status make_part_along(qm_context *ctx, const part_job *job, double cr
         cross = qm_context_alloc(ctx, faces, sizeof *cross);
         if (!cross) status = QM_E_NO_MEMORY;
     }
-    bool is_done = false, keeps_turns = job->keeps_turns;
+    bool is_done = false, keeps_pairs = job->keeps_pairs;
     while (!is_done && status == QM_OK) {
         attempt now = {0};
-        status = qm_quads_find_crosses(ctx, &m, !keeps_turns, cross);
+        status = qm_quads_find_crosses(ctx, &m, !keeps_pairs, cross);
         if (status == QM_OK) status = qm_quads_map_build(ctx, &m, cross, &corners, size, &map);
         if (status == QM_OK) status = lay_out_counted(ctx, &m, cross, &map, size, job->wanted, &now);
         qm_quads_map_reset(ctx, &map);
         is_done =
-            keeps_turns || (now.off <= FAR_OFF && now.irregular <= now.record.crosses_turned + MOST_ADDED);
-        keeps_turns = true;
-        if (status == QM_OK && is_better(&now, best)) {
-            attempt worse = *best;
-            *best = now;
-            now = worse;
-        }
-        qm_quads_result_reset(ctx, &now.quads);
+            keeps_pairs || (now.off <= FAR_OFF && now.irregular <= now.record.crosses_turned + MOST_ADDED);
+        keeps_pairs = true;
+        if (status == QM_OK)
+            (void)keep_better(ctx, &now, best);
+        else
+            qm_quads_result_reset(ctx, &now.quads);
     }
     qm_context_free(ctx, cross, faces, sizeof *cross);
     qm_quads_corners_reset(ctx, &corners);
@@ -347,7 +350,7 @@ static qm_status make_parts(qm_context *ctx, const qm_bvh *bvh, const qm_quads_t
         double wanted = qm_max((double)options->quads * own / area, LEAST_QUADS);
         double size = qm_max(sqrt(own / wanted), least_size(positions, corner + first, last - first, wanted));
         const part_job job = {bvh,    corner + first, last - first,          own,
-                              wanted, size,           options->thread_count, options->keeps_turns};
+                              wanted, size,           options->thread_count, options->keeps_pairs};
         status = make_part(ctx, &job, options->crease_angle, &parts[k], record);
     }
     return status;

@@ -276,6 +276,17 @@ static double try_path(cancelling *c, uint32_t start, uint32_t end, int length)
     return c->work > 0.0 && is_small(c) ? find_rise(c) : INFINITY;
 }
 
+/** Adds the end of a half-edge to the queue of a search. False if it is blocked, or was reached before. */
+static bool reach(cancelling *c, uint32_t h, size_t *count)
+{
+    uint32_t to = qm_trimesh_to(c->m, h);
+    if (c->is_blocked[to] || c->vertex_stamp[to] == c->stamp) return false;
+    c->vertex_stamp[to] = c->stamp;
+    c->before[to] = h;
+    c->queue[(*count)++] = to;
+    return true;
+}
+
 /** Tries the nearest opposites of a singular vertex. */
 static bool cancel_vertex(cancelling *c, uint32_t start, int least, int most, qm_vec *cross,
                           const qm_vec *normal)
@@ -293,13 +304,9 @@ static bool cancel_vertex(cancelling *c, uint32_t start, int least, int most, qm
             uint32_t v = c->queue[next], first = qm_trimesh_first(m, v), h = first;
             do {
                 uint32_t to = qm_trimesh_to(m, h);
-                if (!c->is_blocked[to] && c->vertex_stamp[to] != c->stamp) {
-                    c->vertex_stamp[to] = c->stamp;
-                    c->before[to] = h;
-                    c->queue[count++] = to;
-                    if (c->index[to] == -c->index[start] && ring > least && found < PARTNERS)
-                        partner[found] = to, length[found++] = ring;
-                }
+                if (reach(c, h, &count) && c->index[to] == -c->index[start] && ring > least &&
+                    found < PARTNERS)
+                    partner[found] = to, length[found++] = ring;
                 h = qm_trimesh_around(m, h);
             } while (h != first);
         }
@@ -348,12 +355,7 @@ static size_t list_loops(cancelling *c, uint32_t *root, uint32_t *loop, size_t m
             uint32_t v = c->queue[next++], first = qm_trimesh_first(m, v), h = first;
             root[v] = v0;
             do {
-                uint32_t to = qm_trimesh_to(m, h);
-                if (!c->is_blocked[to] && c->vertex_stamp[to] != c->stamp) {
-                    c->vertex_stamp[to] = c->stamp;
-                    c->before[to] = h;
-                    c->queue[count++] = to;
-                }
+                (void)reach(c, h, &count);
                 h = qm_trimesh_around(m, h);
             } while (h != first);
         }
@@ -552,7 +554,7 @@ static void release(cancelling *c)
     qm_context_free(ctx, c->turn, 4 * faces + 1, sizeof *c->turn);
 }
 
-qm_status qm_quads_cancel_turns(qm_context *ctx, const qm_trimesh *m, const qm_vec *normal,
+qm_status qm_quads_cancel_pairs(qm_context *ctx, const qm_trimesh *m, const qm_vec *normal,
                                 const uint8_t *is_set, qm_vec *cross)
 {
     cancelling c = {.ctx = ctx, .m = m, .is_set = is_set, .work = WORK * (double)m->face_count};

@@ -175,7 +175,7 @@ qm_status qm_quads_find_crosses(qm_context *ctx, const qm_trimesh *m, bool cance
             memcpy(is_set, first_set, m->face_count);
             memcpy(all, cross, m->face_count * sizeof *all);
             solve(ctx, &levels, offset, is_set, all);
-            if (cancels) status = qm_quads_cancel_turns(ctx, m, levels.graph[0].normal, is_set, all);
+            if (cancels) status = qm_quads_cancel_pairs(ctx, m, levels.graph[0].normal, is_set, all);
             if (cancels && status == QM_OK) smooth(ctx, &levels.graph[0], is_set, all, LAST_SWEEPS);
             if (qm_context_canceled(ctx)) status = QM_E_CANCELED;
             lay_into_faces(m, all, cross);

@@ -119,12 +119,12 @@ typedef struct qm_quads_match {
 qm_quads_match qm_quads_match_crosses(qm_vec qa, qm_vec na, qm_vec qb, qm_vec nb);
 
 /** A cross for each face: cross receives its first direction, of length 1. Faces with a feature follow it. cancels: pairs of singular vertices go
- * (qm_quads_cancel_turns). Returns QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+ * (qm_quads_cancel_pairs). Returns QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
 qm_status qm_quads_find_crosses(qm_context *ctx, const qm_trimesh *m, bool cancels, qm_vec *cross);
 
 /** Turns crosses so that fewer vertices are singular, where that hardly makes them less smooth. normal: the planes of crosses, of length 1. is_set: of
  * each face: its cross stays. Returns QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
-qm_status qm_quads_cancel_turns(qm_context *ctx, const qm_trimesh *m, const qm_vec *normal,
+qm_status qm_quads_cancel_pairs(qm_context *ctx, const qm_trimesh *m, const qm_vec *normal,
                                 const uint8_t *is_set, qm_vec *cross);
 
 /** A pair turned by quarters to the left. */

@@ -486,10 +486,11 @@ typedef struct patch_sweeps {
  */
 static patch_sweeps find_sweeps(size_t samples)
 {
-    double side = sqrt((double)samples), pi = 3.14159265358979323846;
-    return (patch_sweeps){.samples = samples,
-                          .factor = side > 2.0 ? fmin(2.0 / (1.0 + sin(pi / side)), MAX_RELAXATION) : 1.0,
-                          .count = (int)qm_clamp(SWEEP_SHARE * side, MIN_SWEEPS, MAX_SWEEPS)};
+    double side = sqrt((double)samples);
+    return (patch_sweeps){
+        .samples = samples,
+        .factor = side > 2.0 ? fmin(2.0 / (1.0 + sin(180.0 * QM_DEGREE / side)), MAX_RELAXATION) : 1.0,
+        .count = (int)qm_clamp(SWEEP_SHARE * side, MIN_SWEEPS, MAX_SWEEPS)};
 }
 
 /** Moves the parameters of a sample to, and beyond, the weighted mean of its neighbours'. */

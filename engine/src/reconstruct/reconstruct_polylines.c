@@ -227,8 +227,7 @@ static double turn_at(const qm_polyline *polyline, double length, double reach, 
         double wanted = qm_clamp(length + (k - 1) * reach, 0.0, polyline->arc[polyline->point_count - 1]);
         place[k] = point_along(polyline->points, polyline->arc, polyline->point_count, wanted, &at[k]);
     }
-    qm_vec in = qm_vec_sub(place[1], place[0]), out = qm_vec_sub(place[2], place[1]);
-    return atan2(qm_vec_norm(qm_vec_cross(in, out)), qm_vec_dot(in, out));
+    return qm_vec_angle(qm_vec_sub(place[1], place[0]), qm_vec_sub(place[2], place[1]));
 }
 
 /**

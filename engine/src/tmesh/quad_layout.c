@@ -336,7 +336,7 @@ qm_status qm_quad_layout_make_of_surface(qm_context *ctx, const qm_ref_surface *
         qm_quad_layout_facts own_facts;
         qm_quads_options own = *quads;
         own.quads = (size_t)fmax(1.0, trial_shares[i] * (double)quads->quads);
-        own.keeps_turns = true;
+        own.keeps_pairs = true;
         if (i > 0 || !made) merging.lengths = NULL;
         status = i == 0 && made ? make_drawing(ctx, made, surface, options, &drawing, &own_facts)
                                 : make_once(ctx, surface, &own, options, &drawing, &own_facts);
