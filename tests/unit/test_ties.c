@@ -4,6 +4,7 @@
 
 #include "bvh/nearest.h"
 #include "data_mesh.h"
+#include "ground.h"
 #include "qm/project.h"
 #include "random.h"
 #include "shapes.h"
@@ -348,6 +349,46 @@ static void accelerators_agree_on_a_mesh_that_they_did_not(void **state)
     qm_mesh_reset(&ctx, &mesh);
 }
 
+/** A thread starts a search where its last one ended: points over vertices and edges of faces, in two orders, have the same footpoints
+ * and normals, to the bit. */
+static void footpoints_do_not_depend_on_the_last_search(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 77);
+    qm_ground g[3];
+    qm_ground_make(&g[0], qm_shape_plane(24, 0.0));
+    qm_ground_make(&g[1], qm_shape_cube_grid(12));
+    qm_ground_make(&g[2], qm_shape_torus(48, 24, 1.0, 0.35));
+    enum { POINTS = 2000 };
+    static double point[3][POINTS][3];
+    static qm_ref_surface_point first[3][POINTS];
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < POINTS; i++) {
+            const qm_mesh *mesh = &g[k].mesh;
+            const uint32_t *face = mesh->faces + 4 * qm_random_below(&random, mesh->face_count);
+            const double *a = mesh->positions + 3 * (size_t)face[0],
+                         *b = mesh->positions + 3 * (size_t)face[1];
+            double share = i % 3 == 0 ? 0.0 : i % 3 == 1 ? 0.5 : qm_random_range(&random, 0.0, 1.0);
+            double out = i % 2 ? 0.0 : qm_random_range(&random, -0.2, 0.2);
+            for (int axis = 0; axis < 3; axis++)
+                point[k][i][axis] = a[axis] + share * (b[axis] - a[axis]) + (axis == 2 ? out : 0.0);
+        }
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < POINTS; i++)
+            qm_ref_surface_project(&g[k].source, point[k][i], &first[k][i]);
+    for (int i = POINTS - 1; i >= 0; i--)
+        for (int k = 0; k < 3; k++) {
+            qm_ref_surface_point again;
+            qm_ref_surface_project(&g[k].source, point[k][i], &again);
+            QM_CHECK(memcmp(again.position, first[k][i].position, sizeof again.position) == 0 &&
+                         memcmp(again.normal, first[k][i].normal, sizeof again.normal) == 0 &&
+                         again.distance == first[k][i].distance,
+                     "seed %llu, surface %d, point %d", (unsigned long long)qm_check_seed(), k, i);
+        }
+    for (int k = 0; k < 3; k++)
+        qm_ground_free(&g[k]);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -355,6 +396,7 @@ int main(void)
         cmocka_unit_test(cones_tie_at_their_apex),
         cmocka_unit_test(stacks_of_faces_within_tau_give_the_lowest),
         cmocka_unit_test(the_middle_of_a_sphere_gives_the_first_face),
+        cmocka_unit_test(footpoints_do_not_depend_on_the_last_search),
         cmocka_unit_test(random_meshes_follow_the_rule),
     };
     const struct CMUnitTest data[] = {cmocka_unit_test(accelerators_agree_on_a_mesh_that_they_did_not)};
