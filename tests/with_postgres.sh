@@ -23,8 +23,9 @@ trap finish EXIT
 trap 'exit 130' INT
 trap 'exit 143' TERM
 
-port=$(python3 -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])')
 pg "$bin/initdb" -D "$folder/data" -U quadmeshd -A trust --encoding UTF8 --locale C >"$folder/log" 2>&1 &&
+    # As late as can be: until the server is up, another program may be given the port.
+    port=$(python3 -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])') &&
     pg "$bin/pg_ctl" -D "$folder/data" -l "$folder/data/log" -s -w \
         -o "-p $port -c listen_addresses=127.0.0.1 -c unix_socket_directories=$folder -c max_connections=300" start || {
     cat "$folder/log" >&2

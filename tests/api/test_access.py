@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 import shapes
-from conftest import BUILD, PATIENCE, check_problem
+from conftest import BUILD, PATIENCE, check_problem, claim_port
 
 READ, WRITE, OTHER = "r" * 20, "w" * 20, "x" * 40
 
@@ -233,15 +233,10 @@ def test_one_address_has_so_many_connections(make_daemon):
 # ---- how it fares ----
 
 
-def free_port():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
-
-
 def test_health_and_metrics_have_a_door_of_their_own(make_daemon, tmp_path):
     file = tmp_path / "tokens"
     file.write_text(f"write {WRITE}\n")
-    port = free_port()
+    port = claim_port()
     running = make_daemon("--health-port", port, "--token-file", file, "--connections", 8)
     with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE) as door:
         # Also when every connection of the other is taken.

@@ -2,7 +2,6 @@
 import json
 import os
 import re
-import socket
 import ssl
 import subprocess
 import time
@@ -12,14 +11,9 @@ import pytest
 import yaml
 
 import shapes
-from conftest import BUILD, PATIENCE, ROOT, SLOW, check_problem
+from conftest import BUILD, PATIENCE, ROOT, SLOW, check_problem, claim_port
 
 TOKEN = "t" * 32
-
-
-def free_port():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +30,7 @@ def guarded(tmp_path_factory):
 def nginx(guarded, tmp_path_factory):
     """The configuration as it is, but for names, ports and paths of this machine."""
     folder = tmp_path_factory.mktemp("nginx")
-    key, certificate, port = folder / "key.pem", folder / "cert.pem", free_port()
+    key, certificate, port = folder / "key.pem", folder / "cert.pem", claim_port()
     subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost",
                     "-addext", "subjectAltName=DNS:localhost", "-keyout", key, "-out", certificate], check=True,
                    capture_output=True)
@@ -210,7 +204,7 @@ def test_the_nginx_of_several_daemons_is_valid(tmp_path):
     subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost",
                     "-keyout", key, "-out", certificate], check=True, capture_output=True)
     site = (ROOT / "docker/nginx.cluster.conf").read_text()
-    for old, new in (("server n", "server 127.0.0."), ("listen 443 ssl;", f"listen 127.0.0.1:{free_port()} ssl;"),
+    for old, new in (("server n", "server 127.0.0."), ("listen 443 ssl;", f"listen 127.0.0.1:{claim_port()} ssl;"),
                      ("/run/secrets/cert.pem", str(certificate)), ("/run/secrets/key.pem", str(key))):
         assert old in site
         site = site.replace(old, new)

@@ -8,10 +8,11 @@ import pathlib
 import pwd
 import shutil
 import signal
-import socket
 import subprocess
 import tempfile
 import time
+
+from api_conftest import claim_port
 
 NAME = "quadmeshd"
 PATIENCE = float(os.environ.get("QM_PATIENCE", 60))  # seconds
@@ -48,13 +49,6 @@ def server_user():
     raise LookupError("there is neither a user postgres nor nobody")
 
 
-def free_port():
-    """A port that nothing uses at this moment."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
 def children(pid):
     """The processes that pid has started: their ids with their titles."""
     found = {}
@@ -74,7 +68,7 @@ class Instance:
 
     def __init__(self, folder, port=None):
         self.folder = pathlib.Path(folder)
-        self.port = port or free_port()
+        self.port = port or claim_port()
         self.prefix = []           # words before the command of the server, as env VARIABLE=VALUE
         self.process = None
 
