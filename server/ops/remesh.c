@@ -5,6 +5,7 @@
 
 #include <math.h>
 
+#include "qm/patch.h"
 #include "qm/quad_layout.h"
 #include "qm/quality.h"
 #include "refine.h"
@@ -22,6 +23,7 @@
 #define MOST_PATCHES 2000
 #define LAYOUTS 4 /* at most */
 #define QUADS_A_PATCH 3
+#define PARTS 4 /* of a quad that is divided */
 #define PLAIN_RATIO 2.0
 #define STEPS_RATIO 2.5
 #define FILLED_RATIO 1.6
@@ -339,6 +341,39 @@ static qm_status try_layout(qm_context *ctx, const qm_ref_surface *surface, cons
     return status;
 }
 
+/** Makes a mesh of a quarter as many quads without a layout, each of which is divided into four, and keeps the better one. */
+static qm_status try_divided(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
+                             size_t wanted, trial *best)
+{
+    qm_quads_options quads = options->quads;
+    qm_mesh coarse = {0};
+    qm_patch_set blocks = {0};
+    trial now = {.made.rounds = 1};
+    quads.quads = wanted > PARTS ? wanted / PARTS : 1;
+    begin(options, QM_REMESH_QUADS, wanted, &best->made);
+    qm_status status = qm_quads_make(ctx, surface->bvh, &quads, &coarse, NULL);
+    if (status == QM_OK) status = qm_quads_divide(ctx, &coarse, &now.made.mesh);
+    if (status == QM_OK) status = qm_patch_set_find(ctx, &now.made.mesh, &blocks);
+    now.made.patches = blocks.patch_count;
+    qm_patch_set_reset(ctx, &blocks);
+    if (status == QM_OK) status = settle(ctx, surface, options, false, &now);
+    if (status == QM_OK) keep_better(ctx, &now, best, options->distance > 0.0);
+    qm_mesh_reset(ctx, &now.made.mesh);
+    qm_mesh_reset(ctx, &coarse);
+    return status;
+}
+
+/** Makes more and more quads so, until they are as near as was wanted. */
+static qm_status search_divided(qm_context *ctx, const qm_ref_surface *surface,
+                                const qm_remesh_options *options, trial *best)
+{
+    qm_status status = QM_OK;
+    double most = (double)options->quads.quads, quads = fmin(QM_REMESH_FIRST_QUADS, most);
+    for (; status == QM_OK && !best->is_near && quads <= most; quads *= GROWTH)
+        status = try_divided(ctx, surface, options, (size_t)quads, best);
+    return status;
+}
+
 /** True if a mesh without folds is as near as was wanted, or near enough. */
 static bool is_usable(const trial *best, const plain_quads *plain)
 {
@@ -359,10 +394,10 @@ static bool is_good(const trial *best, const plain_quads *plain, double ratio)
 }
 
 /**
- * Tries layouts of more and more patches, whose grids are filled at once, until the mesh is about as near as one without a layout. Where
- * none is good, meshes are made by steps, which takes long: from their curves they are nearer over ears and tips that grids leave out. Poor quads
- * alone are worth the steps of one layout.
- * With a wanted distance there are steps alone.
+ * Tries layouts of more and more patches, whose grids are filled at once, until the mesh is about as near as one without a layout. Once patches
+ * would have no more quads than that, quads of such a mesh take their place. Where none is good, meshes are made by steps, which takes long: from
+ * their curves they are nearer over ears and tips that grids leave out. Poor quads alone are worth the steps of one layout.
+ * With a wanted distance there are steps alone, and divided quads where all layouts leave folds or crossings.
  */
 static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surface,
                                    const qm_remesh_options *options, qm_remesh_result *out)
@@ -370,7 +405,7 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
     plain_quads plain = {0};
     qm_status status = make_plain(ctx, surface, options, &plain), last = status;
     size_t most = options->quads.quads / QUADS_A_PATCH, count = 0;
-    bool has_goal = options->distance > 0.0, is_made = false, is_last = false;
+    bool has_goal = options->distance > 0.0, is_made = false, is_last = false, is_divided = has_goal;
     trial best = {0};
     drawn_layout drawn[LAYOUTS] = {0};
     for (size_t patches = LAYOUT_PATCHES; status == QM_OK && !is_made && !is_last; patches *= MORE_PATCHES) {
@@ -389,7 +424,16 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
                               &best, NULL);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
         is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO);
+        if (status == QM_OK && !is_made && !is_divided &&
+            (is_last || PARTS * MORE_PATCHES * patches >= options->quads.quads)) {
+            status = try_divided(ctx, surface, options, options->quads.quads, &best);
+            is_made = is_good(&best, &plain, FILLED_RATIO);
+            is_divided = true;
+        }
     }
+    if (status == QM_OK && has_goal &&
+        (best.made.mesh.face_count == 0 || best.is_folded || best.has_crossings))
+        status = search_divided(ctx, surface, options, &best);
     if (status == QM_OK && best.is_quick && best.is_poor)
         status = settle(ctx, surface, options, false, &best);
     for (size_t i = 0; i < count && status == QM_OK && !has_goal; i++) {

@@ -70,6 +70,17 @@ qm_status qm_quads_make(qm_context *ctx, const qm_bvh *bvh, const qm_quads_optio
 qm_status qm_quads_make_with_creases(qm_context *ctx, const qm_bvh *bvh, const qm_quads_options *options,
                                      qm_mesh *out, uint8_t **creases, qm_quads_record *record);
 
+/**
+ * Divides each quad into four, by the middles of its sides and the mean of its corners. Middles of sides that two quads share
+ * are one vertex.
+ *
+ * mesh     every face a quad, a quarter of QM_QUADS_MOST at most; its vertices come first in the result, the parts of face f are faces 4 f to 4 f + 3
+ *
+ * Ownership: *out is the caller's, for qm_mesh_reset. After an error it is empty.
+ * Returns:   QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
+ */
+qm_status qm_quads_divide(qm_context *ctx, const qm_mesh *mesh, qm_mesh *out);
+
 /** Scaled Jacobian below which quads are poor. */
 #define QM_QUADS_POOR_SINE 0.2
 

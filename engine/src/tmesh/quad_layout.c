@@ -9,9 +9,10 @@
 
 #define ROUNDS 32           /* drawings without crossings */
 #define CROSSED 6           /* drawings with crossings: after that curves are laid */
+#define ROUGH 2             /* drawings where curves may cross */
 #define PATIENCE 6          /* drawings that are no better than the best */
 #define UNCROSSED 2         /* of these with crossings */
-#define HOPELESS 32         /* crossings that two trials leave: there is no third */
+#define HOPELESS 32         /* crossings that two trials leave, or a rough drawing: there is no other */
 #define MOST_PATCHES 5      /* for each required vertex, where fewer do */
 #define FOLDS_A_CROSSING 64 /* crossings count more than folds: a reconstruction refuses them */
 
@@ -148,7 +149,10 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, bool may
 {
     size_t least = SIZE_MAX, crossings = SIZE_MAX;
     int idle = 0;
-    for (int round = 0; least > 0 && round < (crossings > 0 ? CROSSED : ROUNDS) &&
+    for (int round = 0; least > 0 &&
+                        round < (may_cross       ? ROUGH
+                                 : crossings > 0 ? CROSSED
+                                                 : ROUNDS) &&
                         idle < (crossings > 0 ? UNCROSSED : PATIENCE);
          round++) {
         qm_tmesh_classes classes;
@@ -177,7 +181,7 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, bool may
             status = qm_tmesh_spread_lengths(work->ctx, &work->quads, &work->tmesh, &classes,
                                              faults.class_fault, work->is_held, work->length, &changed);
         if (status != QM_OK) return status;
-        if (!changed || is_good) break;
+        if (!changed || is_good || (may_cross && crossings > HOPELESS)) break;
     }
     return QM_OK;
 }
