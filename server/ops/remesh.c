@@ -130,7 +130,8 @@ static qm_status make_quads(qm_context *ctx, const qm_ref_surface *surface, cons
  * their quads were, and may be folded for want of room. */
 typedef struct trial {
     qm_remesh_result made;
-    bool has_crossings, is_folded;
+    bool has_crossings;
+    size_t folded; /* quads */
     bool is_poor;  /* a quad has a scaled Jacobian below QM_QUADS_POOR_SINE */
     bool is_quick; /* it was settled quickly */
     bool is_near;  /* as near as was wanted */
@@ -140,7 +141,7 @@ typedef struct trial {
 static bool is_better(const trial *now, const trial *best, bool has_goal)
 {
     if (best->made.mesh.face_count == 0) return true;
-    if (now->is_folded != best->is_folded) return best->is_folded;
+    if (now->folded != best->folded) return now->folded < best->folded;
     if (now->is_near != best->is_near) return now->is_near;
     if (has_goal && now->has_crossings != best->has_crossings) return best->has_crossings;
     if (now->is_near) return now->made.mesh.face_count < best->made.mesh.face_count;
@@ -194,7 +195,7 @@ static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm
     qm_status status = qm_settle(ctx, surface, &goal, &t->made.mesh, &settled);
     if (status != QM_OK) return status;
     take_distance(&t->made, &settled.distance);
-    t->is_folded = settled.quality.folded > 0;
+    t->folded = settled.quality.folded;
     t->is_poor = settled.quality.least_jacobian < QM_QUADS_POOR_SINE;
     t->is_quick = is_quick;
     t->is_near = options->distance > 0.0 && t->made.upper <= options->distance;
@@ -325,17 +326,19 @@ static qm_status draw_layout(qm_context *ctx, const qm_ref_surface *surface, con
 }
 
 /** Makes a mesh by a layout, from its grids at once or by steps, and keeps the better one. is_sound: it has neither folded nor poor
- * quads; may be NULL. */
+ * quads; may be NULL. A layout of more patches than quads makes none. */
 static qm_status try_layout(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
                             const drawn_layout *drawn, const plain_quads *plain, trial_way way, trial *best,
                             bool *is_sound)
 {
     trial now = {.has_crossings = drawn->issues.count > 0, .made.patches = drawn->layout.patch_count};
+    if (is_sound) *is_sound = false;
+    if (drawn->layout.patch_count > options->quads.quads) return QM_OK;
     qm_status status = way == TAKE_STEPS ? take_steps(ctx, surface, options, &drawn->layout,
                                                       now.has_crossings ? drawn->grids : NULL, &now)
                                          : fill_grids(ctx, surface, options, &drawn->layout, drawn->grids,
                                                       plain->distance, way == FILL_QUICKLY, &now);
-    if (is_sound) *is_sound = status == QM_OK && !now.is_folded && !now.is_poor;
+    if (is_sound) *is_sound = status == QM_OK && now.folded == 0 && !now.is_poor;
     if (status == QM_OK) keep_better(ctx, &now, best, options->distance > 0.0);
     qm_mesh_reset(ctx, &now.made.mesh);
     return status;
@@ -377,14 +380,14 @@ static qm_status search_divided(qm_context *ctx, const qm_ref_surface *surface,
 /** True if a mesh without folds is as near as was wanted, or near enough. */
 static bool is_usable(const trial *best, const plain_quads *plain)
 {
-    return best->made.mesh.face_count > 0 && !best->has_crossings && !best->is_folded &&
+    return best->made.mesh.face_count > 0 && !best->has_crossings && best->folded == 0 &&
            (best->is_near || best->made.upper <= PLAIN_RATIO * plain->distance);
 }
 
 /** True if a mesh without folds is no farther than so many times the plain one. */
 static bool is_whole(const trial *best, const plain_quads *plain, double ratio)
 {
-    return best->made.mesh.face_count > 0 && !best->is_folded && best->made.upper <= ratio * plain->distance;
+    return best->made.mesh.face_count > 0 && best->folded == 0 && best->made.upper <= ratio * plain->distance;
 }
 
 /** True if it has no poor quads, either. */
@@ -395,8 +398,9 @@ static bool is_good(const trial *best, const plain_quads *plain, double ratio)
 
 /**
  * Tries layouts of more and more patches, whose grids are filled at once, until the mesh is about as near as one without a layout. Once patches
- * would have no more quads than that, quads of such a mesh take their place. Where none is good, meshes are made by steps, which takes long: from
- * their curves they are nearer over ears and tips that grids leave out. Poor quads alone are worth the steps of one layout.
+ * would have no more quads than that, quads of such a mesh take their place. Where none is near, meshes are made by steps, which takes long: from
+ * their curves they are nearer over ears and tips that grids leave out. Poor quads alone are not worth that, and where divided quads are
+ * folded, so are those of steps.
  * With a wanted distance there are steps alone, and divided quads where all layouts leave folds or crossings.
  */
 static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surface,
@@ -432,14 +436,13 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
         }
     }
     if (status == QM_OK && has_goal &&
-        (best.made.mesh.face_count == 0 || best.is_folded || best.has_crossings))
+        (best.made.mesh.face_count == 0 || best.folded > 0 || best.has_crossings))
         status = search_divided(ctx, surface, options, &best);
     if (status == QM_OK && best.is_quick && best.is_poor)
         status = settle(ctx, surface, options, false, &best);
-    for (size_t i = 0; i < count && status == QM_OK && !has_goal; i++) {
-        bool is_done = i == 0 ? is_good(&best, &plain, STEPS_RATIO) : is_whole(&best, &plain, STEPS_RATIO);
+    for (size_t i = 0; i < count && status == QM_OK && !has_goal && best.folded == 0; i++) {
         bool is_sound = false;
-        if (is_done) break;
+        if (is_whole(&best, &plain, STEPS_RATIO)) break;
         last = try_layout(ctx, surface, options, &drawn[i], &plain, TAKE_STEPS, &best, &is_sound);
         if (last != QM_OK && last != QM_E_LAYOUT) status = last;
         if (!is_sound && is_good(&best, &plain, WORTH_RATIO))
