@@ -202,6 +202,6 @@ class Cluster:
 
 def is_ready(node):
     try:
-        return httpx.get(node.daemon.url + "/readyz", timeout=PATIENCE).status_code == 200
+        return httpx.get(node.daemon.url + "/readyz", timeout=PATIENCE, verify=False).status_code == 200
     except httpx.TransportError:
         return False
