@@ -28,7 +28,7 @@ SETTINGS = {
 
 @functools.cache
 def find_program(name):
-    """The path of a server program, which Debian keeps out of PATH."""
+    """The path of a program of PostgreSQL: Debian keeps those of the server out of PATH, and has a slow script before the others."""
     folders = sorted(pathlib.Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)
     if shutil.which("pg_config"):
         folders.append(pathlib.Path(subprocess.check_output(["pg_config", "--bindir"], text=True).strip()))
@@ -132,7 +132,7 @@ class Instance:
         end = time.monotonic() + PATIENCE
         while True:
             done = subprocess.run(
-                ["psql", "-XAtq", "-v", "ON_ERROR_STOP=1", "-F", "\x1f", "-R", "\x1e", "-P", "null=\x1d",
+                [find_program("psql"), "-XAtq", "-v", "ON_ERROR_STOP=1", "-F", "\x1f", "-R", "\x1e", "-P", "null=\x1d",
                  "-d", f"{self.conninfo} dbname={database}", "-c", sql], capture_output=True, text=True, timeout=PATIENCE)
             # Sessions of clients that were killed while they waited for the standby go when it has answered.
             if "too many clients already" not in done.stderr or time.monotonic() > end:
@@ -200,7 +200,7 @@ class Session:
     """One connection that stays, for transactions that are left open."""
 
     def __init__(self, instance):
-        self.process = subprocess.Popen(["psql", "-XAtq", "-v", "ON_ERROR_STOP=1", "-d", instance.conninfo],
+        self.process = subprocess.Popen([find_program("psql"), "-XAtq", "-v", "ON_ERROR_STOP=1", "-d", instance.conninfo],
                                         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
 
     def run(self, sql):
