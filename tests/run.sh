@@ -2,12 +2,13 @@
 # Everything that `make test` runs, from a bare Debian 12 on: installs what is missing, builds, checks, counts.
 #
 #   1. clang-format and the borders between the folders
-#   2. unit tests under ASan and UBSan; those that take long optimized, with assertions and UBSan (config=check)
+#   2. unit tests under ASan and UBSan
 #   3. random cases against certified references, for a minute; `make prove` takes a quarter of an hour
 #   4. API and command-line tests against a real daemon under ASan and UBSan, those of the store with a shared one, too,
 #      and with blobs in a folder; several daemons on one database, and the pairs of the data folder, in release
-#   5. the fuzzers, half a minute each (FUZZ_SECONDS), as many at a time as there are processors
-#   6. the types of the JavaScript client and the page; both against a real daemon, the page in Chromium
+#   5. the types of the JavaScript client and the page; both against a real daemon, the page in Chromium
+#   6. the unit tests that take long, optimized, with assertions and UBSan (config=check): in the background from 4 on
+#   7. the fuzzers, half a minute each (FUZZ_SECONDS), as many at a time as there are processors
 #
 # Cases that need the folder of collected meshes (QM_TEST_DATA, or ../shared/data) are counted as not run where it is
 # missing, and as failed with QM_REQUIRE_DATA=1.
@@ -42,8 +43,7 @@ make -j"$jobs" all $(programs build "$released") build/prove/prove >build-releas
     { cat build-release.log; exit 1; }
 make -j"$jobs" config=asan all $(programs build/asan "$sanitized") >build-asan.log 2>&1 ||
     { cat build-asan.log; exit 1; }
-make -j"$jobs" config=check $(programs build/check "$slow") >build-check.log 2>&1 || { cat build-check.log; exit 1; }
-rm -f build-release.log build-asan.log build-check.log
+rm -f build-release.log build-asan.log
 
 passed=0
 failed=0
@@ -74,11 +74,16 @@ check "layers" make -s check-layers
 outputs=$(mktemp -d)
 output=$outputs/output
 through= # a command that runs the tests
-trap 'rm -rf "$outputs"' EXIT
+row=     # the process that runs programs in the background
+trap '[ -z "$row" ] || kill "$row" 2>/dev/null; rm -rf "$outputs"' EXIT
+trap 'exit 130' INT
+trap 'exit 143' TERM
+run_one='name=$(basename "$2"); $3 "$2" >"$1/$name" 2>&1; echo $? >"$1/$name.status"'
 unit() { # PROGRAMS..., as many at a time as there are processors
-    export outputs through
-    printf '%s\n' "$@" | xargs -P "$jobs" -I{} sh -c \
-        'name=$(basename "$1"); $through "$1" >"$outputs/$name" 2>&1; echo $? >"$outputs/$name.status"' unit {}
+    printf '%s\n' "$@" | xargs -P "$jobs" -I{} sh -c "$run_one" unit "$outputs" {} "$through"
+    tally_all "$@"
+}
+tally_all() { # PROGRAMS...
     for program in "$@"; do
         echo "== $program${through:+ by $through}"
         tally "$outputs/$(basename "$program")"
@@ -98,7 +103,7 @@ tally() { # FILE, beside which the exit status is
 }
 
 # All in one row: no processor waits for the last of a part.
-unit $(programs build/check "$slow") $(programs build/asan "$sanitized") $(programs build "$released")
+unit $(programs build/asan "$sanitized") $(programs build "$released")
 
 echo "== prove"
 make -s prove PROVE_SECONDS=60 PROVE_JOBS="$jobs" >"$output" 2>&1
@@ -109,6 +114,16 @@ bad=$(grep -c '^FAILED [a-z]*/.* tries' "$output")
 if [ "$status" -ne 0 ] && [ "$bad" -eq 0 ]; then bad=1; fi
 passed=$((passed + good))
 failed=$((failed + bad))
+
+# What only computes takes the time that the tests from here on leave, which often wait: the builds of the long searches and of
+# the fuzzers, and the searches in one row. timeout ends all of its group when this script ends before them.
+searches=$(programs build/check "$slow")
+export jobs outputs run_one searches
+timeout 3h nice -n 19 sh -c '
+    make -j"$jobs" config=check $searches >"$outputs/build" 2>&1 &&
+    make -s -j"$jobs" config=fuzz fuzz-programs >"$outputs/build" 2>&1 || exit 1
+    printf "%s\n" $searches | xargs -P "$jobs" -I{} sh -c "$run_one" unit "$outputs" {} ""' &
+row=$!
 
 [ -x build/venv/bin/pytest ] || python3 -m venv build/venv
 build/venv/bin/pip install --quiet --disable-pip-version-check -r tests/cluster/requirements.txt || exit 1
@@ -153,14 +168,6 @@ if [ -d "$data/pairs" ]; then api build tests/pairs -n "$jobs"; else
     if [ "${QM_REQUIRE_DATA:-0}" != 0 ]; then failed=$((failed + missing)); fi
 fi
 
-make -s -j"$jobs" config=fuzz fuzz-programs >build-fuzz.log 2>&1 || { cat build-fuzz.log; exit 1; }
-rm -f build-fuzz.log
-echo "== fuzzers"
-FUZZ_JOBS=$jobs tests/fuzz/run.sh >"$output" 2>&1
-cat "$output"
-passed=$((passed + $(grep -c '^ok ' "$output")))
-failed=$((failed + $(grep -c '^FAILED ' "$output")))
-
 make -s npm || exit 1
 check "types" make -s check-types
 # Each test file has its own daemon and, for the page, its own browser: as many at a time as there are processors, and the
@@ -169,15 +176,25 @@ ls -S tests/browser/*.test.js | QM_BUILD=build/asan xargs -P "$jobs" -I{} sh -c 
     'name=$(basename "$1"); node --test --test-reporter=tap "$1" >"$outputs/$name" 2>&1; echo $? >"$outputs/$name.status"' page {}
 for file in tests/browser/*.test.js; do
     echo "== $file"
-    output=$outputs/$(basename "$file")
-    status=$(cat "$output.status")
-    good=$(sed -n 's/^# pass //p' "$output")
-    bad=$(awk '/^# (fail|cancelled|skipped|todo) / { sum += $3 } END { print sum + 0 }' "$output")
+    told=$outputs/$(basename "$file")
+    status=$(cat "$told.status")
+    good=$(sed -n 's/^# pass //p' "$told")
+    bad=$(awk '/^# (fail|cancelled|skipped|todo) / { sum += $3 } END { print sum + 0 }' "$told")
     if [ "$status" -ne 0 ] && [ "$bad" -eq 0 ]; then bad=1; fi
-    if [ "$bad" -ne 0 ]; then cat "$output"; fi
+    if [ "$bad" -ne 0 ]; then cat "$told"; fi
     passed=$((passed + ${good:-0}))
     failed=$((failed + bad))
 done
+
+wait "$row" || { cat "$outputs/build"; exit 1; }
+row=
+tally_all $searches
+
+echo "== fuzzers"
+FUZZ_JOBS=$jobs tests/fuzz/run.sh >"$output" 2>&1
+cat "$output"
+passed=$((passed + $(grep -c '^ok ' "$output")))
+failed=$((failed + $(grep -c '^FAILED ' "$output")))
 
 echo "$passed passed, $failed failed, $not_run not run"
 [ "$failed" -eq 0 ]
