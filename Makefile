@@ -153,7 +153,9 @@ $(OUT)/quadmesh: $(CLI_OBJECTS) $(PROGRAM_EXTRA) $(OBJ)/libshared.a $(OBJ)/liben
 	@mkdir -p $(@D)
 	$(CC) $(LDFLAGS) -o $@ $^ $(CLI_LIBS)
 
-$(OUT)/tests/%: $(OBJ)/tests/unit/%.o $(SUPPORT_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libshared.a $(OBJ)/libengine.a
+# Empty where all that is made does without what only the daemon has.
+SERVER_ARCHIVE := $(OBJ)/libserver.a
+$(OUT)/tests/%: $(OBJ)/tests/unit/%.o $(OBJ)/libsupport.a $(SERVER_ARCHIVE) $(OBJ)/libshared.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(LIBRARY_LIBS)
 
@@ -172,6 +174,10 @@ $(OBJ)/libshared.a: $(SHARED_OBJECTS)
 	@rm -f $@
 	$(AR) rcs $@ $^
 $(OBJ)/libserver.a: $(SERVER_OBJECTS)
+	@rm -f $@
+	$(AR) rcs $@ $^
+# An archive: a program gets no part of it that needs what the program is linked without.
+$(OBJ)/libsupport.a: $(SUPPORT_OBJECTS)
 	@rm -f $@
 	$(AR) rcs $@ $^
 
@@ -274,7 +280,7 @@ fuzz:
 	@tests/fuzz/run.sh
 fuzz-programs: $(FUZZ_SOURCES:tests/fuzz/%.c=$(OUT)/%)
 
-$(OUT)/fuzz_%: $(OBJ)/tests/fuzz/fuzz_%.o $(OBJ)/tests/fuzz/soup.o $(OBJ)/tests/fuzz/sheet.o $(OBJ)/tests/fuzz/new_limit.o $(SUPPORT_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libshared.a $(OBJ)/libengine.a
+$(OUT)/fuzz_%: $(OBJ)/tests/fuzz/fuzz_%.o $(OBJ)/tests/fuzz/soup.o $(OBJ)/tests/fuzz/sheet.o $(OBJ)/tests/fuzz/new_limit.o $(OBJ)/libsupport.a $(OBJ)/libserver.a $(OBJ)/libshared.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CXX) -fsanitize=fuzzer,address,undefined -o $@ $^ -lcmocka $(LIBRARY_LIBS)
 
