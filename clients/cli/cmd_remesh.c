@@ -41,9 +41,13 @@ static void print_points(FILE *file, const qm_json *result)
 
 static void print_text(FILE *file, const qm_json *result)
 {
-    char bound[CLI_BOUND_SIZE], patches[40] = "";
+    char bound[CLI_BOUND_SIZE], patches[60] = "";
+    const char *blocks = qm_json_has(result, "blocks") ? qm_json_get_string(result, "blocks") : "";
     if (qm_json_has(result, "patches"))
-        snprintf(patches, sizeof patches, " in %.0f patches", qm_json_get_number(result, "patches"));
+        snprintf(patches, sizeof patches, " in %.0f patches%s", qm_json_get_number(result, "patches"),
+                 strcmp(blocks, "division") == 0 ? " of divided quads"
+                 : strcmp(blocks, "quads") == 0  ? " without a layout"
+                                                 : "");
     fprintf(
         file,
         "%.0f quads%s, %.0f irregular vertices, %.0f components, %.0f folded, least scaled Jacobian %.3g, "

@@ -16,16 +16,15 @@
 #define LAYOUT_QUADS 5000 /* of which a layout is made, or fewer where the limit is lower */
 /* Layouts are divided into about LAYOUT_PATCHES, then MORE_PATCHES times as many, up to MOST_PATCHES and one for each QUADS_A_PATCH
  * quads. Their grids are filled until a mesh is no farther than FILLED_RATIO times one of LAYOUT_QUADS quads without a layout, and no
- * quad is poor. Where no mesh is, meshes are made by steps until one is no farther than STEPS_RATIO
- * times that; with a wanted distance, until one is as near as that, or no farther than PLAIN_RATIO times. */
+ * quad is poor. With a wanted distance meshes are made by steps until one is as near as that, or no farther than PLAIN_RATIO times. */
 #define LAYOUT_PATCHES 250
 #define MORE_PATCHES 2
 #define MOST_PATCHES 2000
 #define LAYOUTS 4 /* at most */
 #define QUADS_A_PATCH 3
-#define PARTS 4 /* of a quad that is divided */
+#define PARTS 4    /* of a quad that is divided */
+#define FEWER 0.98 /* quads, besides the ratio, where there were too many */
 #define PLAIN_RATIO 2.0
-#define STEPS_RATIO 2.5
 #define FILLED_RATIO 1.6
 #define WORTH_RATIO 3.0 /* of the distance, by which it may be greater for that */
 /* Of the plain mesh's distance: if parts of the surface are farther from the filled mesh before it is settled, its layout's grids
@@ -44,6 +43,7 @@ static qm_refine_goal goal_of(const qm_remesh_options *options)
 }
 
 const char *const qm_remesh_work_names[] = {"quads", "layout", "steps", "measure", "surface", NULL};
+const char *const qm_remesh_blocks_names[] = {"layout", "division", "quads", NULL};
 
 /** How many quads options mean that name no number. */
 static size_t usual_quads(const qm_remesh_options *options)
@@ -325,55 +325,72 @@ static qm_status draw_layout(qm_context *ctx, const qm_ref_surface *surface, con
                                           &out->issues, NULL, &out->grids);
 }
 
-/** Makes a mesh by a layout, from its grids at once or by steps, and keeps the better one. is_sound: it has neither folded nor poor
- * quads; may be NULL. A layout of more patches than quads makes none. */
+/** Makes a mesh by a layout, from its grids at once or by steps, and keeps the better one. A layout of more patches than quads makes none. */
 static qm_status try_layout(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                            const drawn_layout *drawn, const plain_quads *plain, trial_way way, trial *best,
-                            bool *is_sound)
+                            const drawn_layout *drawn, const plain_quads *plain, trial_way way, trial *best)
 {
     trial now = {.has_crossings = drawn->issues.count > 0, .made.patches = drawn->layout.patch_count};
-    if (is_sound) *is_sound = false;
     if (drawn->layout.patch_count > options->quads.quads) return QM_OK;
     qm_status status = way == TAKE_STEPS ? take_steps(ctx, surface, options, &drawn->layout,
                                                       now.has_crossings ? drawn->grids : NULL, &now)
                                          : fill_grids(ctx, surface, options, &drawn->layout, drawn->grids,
                                                       plain->distance, way == FILL_QUICKLY, &now);
-    if (is_sound) *is_sound = status == QM_OK && now.folded == 0 && !now.is_poor;
     if (status == QM_OK) keep_better(ctx, &now, best, options->distance > 0.0);
     qm_mesh_reset(ctx, &now.made.mesh);
     return status;
 }
 
-/** Makes a mesh of a quarter as many quads without a layout, each of which is divided into four, and keeps the better one. */
-static qm_status try_divided(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                             size_t wanted, trial *best)
+/** Makes quads without a layout: of a quarter as many, each of which is divided into four, or of all. *out is the caller's, also after an error. */
+static qm_status make_blocks(qm_context *ctx, const qm_ref_surface *surface, const qm_quads_options *quads,
+                             qm_remesh_blocks blocks, qm_mesh *out)
 {
-    qm_quads_options quads = options->quads;
-    qm_mesh coarse = {0};
-    qm_patch_set blocks = {0};
-    trial now = {.made.rounds = 1};
-    quads.quads = wanted > PARTS ? wanted / PARTS : 1;
-    begin(options, QM_REMESH_QUADS, wanted, &best->made);
-    qm_status status = qm_quads_make(ctx, surface->bvh, &quads, &coarse, NULL);
-    if (status == QM_OK) status = qm_quads_divide(ctx, &coarse, &now.made.mesh);
-    if (status == QM_OK) status = qm_patch_set_find(ctx, &now.made.mesh, &blocks);
-    now.made.patches = blocks.patch_count;
-    qm_patch_set_reset(ctx, &blocks);
-    if (status == QM_OK) status = settle(ctx, surface, options, false, &now);
-    if (status == QM_OK) keep_better(ctx, &now, best, options->distance > 0.0);
-    qm_mesh_reset(ctx, &now.made.mesh);
+    if (blocks == QM_REMESH_BLOCKS_OF_QUADS) return qm_quads_make(ctx, surface->bvh, quads, out, NULL);
+    qm_quads_options fewer = *quads;
+    qm_mesh coarse;
+    fewer.quads = quads->quads > PARTS ? quads->quads / PARTS : 1;
+    qm_status status = qm_quads_make(ctx, surface->bvh, &fewer, &coarse, NULL);
+    if (status == QM_OK) status = qm_quads_divide(ctx, &coarse, out);
     qm_mesh_reset(ctx, &coarse);
     return status;
 }
 
-/** Makes more and more quads so, until they are as near as was wanted. */
-static qm_status search_divided(qm_context *ctx, const qm_ref_surface *surface,
-                                const qm_remesh_options *options, trial *best)
+/** Makes a mesh so, a second time where it has too many quads, and keeps the better one. is_near may be NULL. */
+static qm_status try_quads(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
+                           size_t most, qm_remesh_blocks blocks, trial *best, bool *is_near)
+{
+    qm_quads_options quads = options->quads;
+    qm_patch_set set = {0};
+    trial now = {.made.blocks = blocks};
+    qm_mesh *mesh = &now.made.mesh;
+    qm_status status = QM_OK;
+    quads.quads = most;
+    while (status == QM_OK && now.made.rounds < 2 && (mesh->face_count == 0 || mesh->face_count > most)) {
+        if (mesh->face_count > most)
+            quads.quads = (size_t)(FEWER * (double)most / (double)mesh->face_count * (double)most);
+        qm_mesh_reset(ctx, mesh);
+        begin(options, QM_REMESH_QUADS, quads.quads, &best->made);
+        status = make_blocks(ctx, surface, &quads, blocks, mesh);
+        now.made.rounds++;
+    }
+    if (status == QM_OK) status = qm_patch_set_find(ctx, mesh, &set);
+    now.made.patches = set.patch_count;
+    if (status == QM_OK) status = settle(ctx, surface, options, false, &now);
+    if (is_near) *is_near = now.is_near;
+    if (status == QM_OK) keep_better(ctx, &now, best, options->distance > 0.0);
+    qm_patch_set_reset(ctx, &set);
+    qm_mesh_reset(ctx, mesh);
+    return status;
+}
+
+/** Makes more and more quads without a layout, until they are as near as was wanted. */
+static qm_status search_quads(qm_context *ctx, const qm_ref_surface *surface,
+                              const qm_remesh_options *options, trial *best)
 {
     qm_status status = QM_OK;
+    bool is_near = false;
     double most = (double)options->quads.quads, quads = fmin(QM_REMESH_FIRST_QUADS, most);
-    for (; status == QM_OK && !best->is_near && quads <= most; quads *= GROWTH)
-        status = try_divided(ctx, surface, options, (size_t)quads, best);
+    for (; status == QM_OK && !is_near && quads <= most; quads *= GROWTH)
+        status = try_quads(ctx, surface, options, (size_t)quads, QM_REMESH_BLOCKS_OF_QUADS, best, &is_near);
     return status;
 }
 
@@ -390,69 +407,61 @@ static bool is_whole(const trial *best, const plain_quads *plain, double ratio)
     return best->made.mesh.face_count > 0 && best->folded == 0 && best->made.upper <= ratio * plain->distance;
 }
 
-/** True if it has no poor quads, either. */
-static bool is_good(const trial *best, const plain_quads *plain, double ratio)
+/** True if the search for a layout ends with the best mesh. */
+static bool is_enough(const trial *best, const plain_quads *plain, bool has_goal)
 {
-    return is_whole(best, plain, ratio) && !best->is_poor;
+    return has_goal ? is_usable(best, plain) : is_whole(best, plain, FILLED_RATIO) && !best->is_poor;
 }
 
 /**
  * Tries layouts of more and more patches, whose grids are filled at once, until the mesh is about as near as one without a layout. Once patches
- * would have no more quads than that, quads of such a mesh take their place. Where none is near, meshes are made by steps, which takes long: from
- * their curves they are nearer over ears and tips that grids leave out. Poor quads alone are not worth that, and where divided quads are
- * folded, so are those of steps.
- * With a wanted distance there are steps alone, and divided quads where all layouts leave folds or crossings.
+ * would have no more quads than that, quads of a coarser mesh that are divided into four take their place. Where both are poor, or far from the
+ * surface, the quads stay without a layout.
+ * With a wanted distance, meshes are made by steps along the curves of layouts, which takes long, or of more and more quads without one where all
+ * layouts leave folds or crossings.
  */
 static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surface,
                                    const qm_remesh_options *options, qm_remesh_result *out)
 {
     plain_quads plain = {0};
-    qm_status status = make_plain(ctx, surface, options, &plain), last = status;
-    size_t most = options->quads.quads / QUADS_A_PATCH, count = 0;
+    qm_status status = make_plain(ctx, surface, options, &plain);
+    size_t wanted = options->quads.quads, most = wanted / QUADS_A_PATCH;
     bool has_goal = options->distance > 0.0, is_made = false, is_last = false, is_divided = has_goal;
     trial best = {0};
-    drawn_layout drawn[LAYOUTS] = {0};
+    int count = 0;
     for (size_t patches = LAYOUT_PATCHES; status == QM_OK && !is_made && !is_last; patches *= MORE_PATCHES) {
-        drawn_layout *next = &drawn[count];
-        last = draw_layout(ctx, surface, options, &plain, patches < most ? patches : most, &best, next);
-        if (last == QM_OK) count++;
+        drawn_layout drawn = {0};
+        status = draw_layout(ctx, surface, options, &plain, patches < most ? patches : most, &best, &drawn);
+        if (status == QM_OK) count++;
         /* A layout that cannot have fewer patches is the same for all smaller numbers. */
-        while (patches * MORE_PATCHES <= next->layout.patch_count)
+        while (patches * MORE_PATCHES <= drawn.layout.patch_count)
             patches *= MORE_PATCHES;
         is_last = patches >= most || patches >= MOST_PATCHES || count == LAYOUTS;
-        if (last == QM_OK)
-            last = try_layout(ctx, surface, options, next, &plain,
-                              has_goal  ? TAKE_STEPS
-                              : is_last ? FILL
-                                        : FILL_QUICKLY,
-                              &best, NULL);
-        if (last != QM_OK && last != QM_E_LAYOUT) status = last;
-        is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO);
+        if (status == QM_OK)
+            status = try_layout(ctx, surface, options, &drawn, &plain,
+                                has_goal  ? TAKE_STEPS
+                                : is_last ? FILL
+                                          : FILL_QUICKLY,
+                                &best);
+        if (status == QM_E_LAYOUT) status = QM_OK;
+        drawn_layout_reset(ctx, &drawn);
+        is_made = is_enough(&best, &plain, has_goal);
         if (status == QM_OK && !is_made && !is_divided &&
-            (is_last || PARTS * MORE_PATCHES * patches >= options->quads.quads)) {
-            status = try_divided(ctx, surface, options, options->quads.quads, &best);
-            is_made = is_good(&best, &plain, FILLED_RATIO);
+            (is_last || PARTS * MORE_PATCHES * patches >= wanted)) {
+            status = try_quads(ctx, surface, options, wanted, QM_REMESH_BLOCKS_OF_DIVISION, &best, NULL);
+            is_made = is_enough(&best, &plain, has_goal);
             is_divided = true;
         }
     }
-    if (status == QM_OK && has_goal &&
-        (best.made.mesh.face_count == 0 || best.folded > 0 || best.has_crossings))
-        status = search_divided(ctx, surface, options, &best);
     if (status == QM_OK && best.is_quick && best.is_poor)
         status = settle(ctx, surface, options, false, &best);
-    for (size_t i = 0; i < count && status == QM_OK && !has_goal && best.folded == 0; i++) {
-        bool is_sound = false;
-        if (is_whole(&best, &plain, STEPS_RATIO)) break;
-        last = try_layout(ctx, surface, options, &drawn[i], &plain, TAKE_STEPS, &best, &is_sound);
-        if (last != QM_OK && last != QM_E_LAYOUT) status = last;
-        if (!is_sound && is_good(&best, &plain, WORTH_RATIO))
-            break; /* the other layouts' steps take long, too */
-    }
-    for (size_t i = 0; i < LAYOUTS; i++)
-        drawn_layout_reset(ctx, &drawn[i]);
+    bool is_unsound = best.made.mesh.face_count == 0 || best.folded > 0 || best.has_crossings;
+    if (status == QM_OK && has_goal && is_unsound) status = search_quads(ctx, surface, options, &best);
+    if (status == QM_OK && !has_goal && (best.is_poor || !is_whole(&best, &plain, WORTH_RATIO)))
+        status = try_quads(ctx, surface, options, wanted, QM_REMESH_BLOCKS_OF_QUADS, &best, NULL);
     plain_quads_reset(ctx, &plain);
     *out = best.made;
-    return out->mesh.face_count > 0 || status != QM_OK ? status : last;
+    return status;
 }
 
 qm_status qm_remesh(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,

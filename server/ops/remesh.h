@@ -21,6 +21,14 @@ typedef enum qm_remesh_work {
 } qm_remesh_work;
 extern const char *const qm_remesh_work_names[];
 
+/** What the blocks of rows and columns of a semi-regular mesh come from. */
+typedef enum qm_remesh_blocks {
+    QM_REMESH_BLOCKS_OF_LAYOUT,   /* an automatic one: blocks meet along whole sides */
+    QM_REMESH_BLOCKS_OF_DIVISION, /* of each quad of a coarser mesh into four */
+    QM_REMESH_BLOCKS_OF_QUADS     /* that were made without a layout */
+} qm_remesh_blocks;
+extern const char *const qm_remesh_blocks_names[];
+
 /** Where the work is. */
 typedef struct qm_remesh_stage {
     qm_remesh_work work;
@@ -32,7 +40,8 @@ typedef struct qm_remesh_options {
     qm_quads_options
         quads;       /* their number: wanted; with a distance the first; of a semi-regular mesh the limit */
     double distance; /* at most so far from the surface, in its unit; 0: any */
-    bool is_semi_regular; /* by way of a layout: blocks of quads in rows and columns */
+    bool
+        is_semi_regular; /* by way of a layout, where one gives good quads: blocks of quads in rows and columns */
     void (*on_stage)(void *user,
                      const qm_remesh_stage *stage); /* called as each begins; NULL: nobody is told */
     void *user;
@@ -44,7 +53,8 @@ typedef struct qm_remesh_result {
     qm_interval from_quads;   /* and of a point of the quads, read as two triangles, from the surface */
     double lower, upper;      /* the greater of both: the two-sided Hausdorff distance */
     size_t rounds;            /* meshes, or steps, that were made */
-    size_t patches;           /* of the layout; 0 without */
+    size_t patches;           /* of a semi-regular mesh; else 0 */
+    qm_remesh_blocks blocks;  /* of one */
 } qm_remesh_result;
 
 /**

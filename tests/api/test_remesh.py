@@ -73,9 +73,53 @@ def test_a_distance_is_reached_or_told_as_out_of_reach(client, surface):
     assert result["reached"] and result["hausdorff"]["upper_relative"] <= 0.004 and result["rounds"] > 1
     far = remesh(client, surface, quads=400, distance=1e-6, semi_regular=True)["result"]
     assert not far["reached"] and far["quads"] <= 400 and far["patches"] > 0
-    patches = client.get(f"/v1/meshes/{far['mesh']}/patches").json()
-    assert patches["patch_count"] == far["patches"]
-    assert sum(patch["rows"] * patch["columns"] for patch in patches["patches"]) == far["quads"]
+    assert far["blocks"] == "layout"
+    check_blocks(client, far)
+
+
+def sieve(seed, holes, size):
+    """The sphere of a gridded cube, in triangles, without what lies within discs of chance."""
+    chance = random.Random(seed)
+    points, faces = shapes.gridded_cube(24)
+
+    def unit(p):
+        return [x / math.hypot(*p) for x in p]
+
+    points = [unit(p) for p in points]
+    discs = [(unit([chance.gauss(0, 1) for _ in range(3)]), size * chance.uniform(0.3, 1)) for _ in range(holes)]
+    kept = []
+    for a, b, c, d in faces:
+        middle = [(points[a][k] + points[c][k]) / 2 for k in range(3)]
+        if all(math.dist(middle, at) > reach for at, reach in discs):
+            kept += [(a, b, c), (a, c, d)]
+    used = sorted({v for face in kept for v in face})
+    number = {v: i for i, v in enumerate(used)}
+    return [points[v] for v in used], [tuple(number[v] for v in face) for face in kept]
+
+
+def check_blocks(client, result):
+    patches = client.get(f"/v1/meshes/{result['mesh']}/patches").json()
+    assert patches["patch_count"] == result["patches"]
+    assert sum(patch["rows"] * patch["columns"] for patch in patches["patches"]) == result["quads"]
+
+
+@pytest.mark.parametrize("seed, holes, size", [(2, 60, 0.15), (5, 60, 0.15), (6, 30, 0.25), (8, 40, 0.2)])
+def test_surfaces_that_have_no_good_layout(client, seed, holes, size):
+    """Holes near each other leave no room for blocks between them."""
+    mesh = client.upload(sieve(seed, holes, size))["id"]
+    result = remesh(client, mesh, quads=1500, semi_regular=True)["result"]
+    assert result["folded"] == 0 and result["quads"] <= 1575 and result["blocks"] in ("layout", "division", "quads")
+    check_blocks(client, result)
+    plain = remesh(client, mesh, quads=1500)["result"]
+    assert result["hausdorff"]["upper"] <= 3 * plain["hausdorff"]["upper"]
+
+
+def test_a_distance_from_a_surface_that_has_no_good_layout(client):
+    mesh = client.upload(sieve(4, 30, 0.25))["id"]
+    result = remesh(client, mesh, distance=0.03, quads=500, semi_regular=True)["result"]
+    assert result["reached"] and result["hausdorff"]["upper_relative"] <= 0.03 and result["folded"] == 0
+    assert result["quads"] <= 500
+    check_blocks(client, result)
 
 
 def test_where_the_surface_was_moved_to(client, surface):
