@@ -21,6 +21,7 @@
  *   quads_untangle.c   bad quads become better, or go
  *   quads_fit.c        vertices leave the surface where that brings the quads nearer to it
  *   quads_settle.c     the last three for a mesh whose faces stay
+ *   quads_divide.c     each quad is cut into four
  *   quads_sides.c      the sides of quads, and changes of the mesh that tidying and untangling share
  */
 #ifndef QM_QUADS_INTERNAL_H
