@@ -126,7 +126,7 @@ static qm_status make_quads(qm_context *ctx, const qm_ref_surface *surface, cons
     }
 }
 
-/** A mesh by a layout, and what is known of it besides its distance. Where curves of its layout cross, its vertices started where
+/** A semi-regular mesh, and what is known of it besides its distance. Where curves of its layout cross, its vertices started where
  * their quads were, and may be folded for want of room. */
 typedef struct trial {
     qm_remesh_result made;

@@ -54,7 +54,7 @@ typedef struct qm_remesh_result {
     double lower, upper;      /* the greater of both: the two-sided Hausdorff distance */
     size_t rounds;            /* meshes, or steps, that were made */
     size_t patches;           /* of a semi-regular mesh; else 0 */
-    qm_remesh_blocks blocks;  /* of one */
+    qm_remesh_blocks blocks;  /* of a semi-regular mesh */
 } qm_remesh_result;
 
 /**
