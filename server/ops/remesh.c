@@ -24,6 +24,8 @@
 #define QUADS_A_PATCH 3
 #define PARTS 4    /* of a quad that is divided */
 #define FEWER 0.98 /* quads, besides the ratio, where there were too many */
+#define USED                                                                                                 \
+    0.9 /* of the limit at least: where rows of a layout run through most of its patches, one more is too many */
 #define PLAIN_RATIO 2.0
 #define FILLED_RATIO 1.6
 #define WORTH_RATIO 3.0 /* of the distance, by which it may be greater for that */
@@ -407,16 +409,17 @@ static bool is_whole(const trial *best, const plain_quads *plain, double ratio)
     return best->made.mesh.face_count > 0 && best->folded == 0 && best->made.upper <= ratio * plain->distance;
 }
 
-/** True if the search for a layout ends with the best mesh. */
-static bool is_enough(const trial *best, const plain_quads *plain, bool has_goal)
+/** True if it has no poor quads, either, and not many fewer than wanted. */
+static bool is_good(const trial *best, const plain_quads *plain, double ratio, size_t wanted)
 {
-    return has_goal ? is_usable(best, plain) : is_whole(best, plain, FILLED_RATIO) && !best->is_poor;
+    return is_whole(best, plain, ratio) && !best->is_poor &&
+           (double)best->made.mesh.face_count >= USED * (double)wanted;
 }
 
 /**
  * Tries layouts of more and more patches, whose grids are filled at once, until the mesh is about as near as one without a layout. Once patches
- * would have no more quads than that, quads of a coarser mesh that are divided into four take their place. Where both are poor, or far from the
- * surface, the quads stay without a layout.
+ * would have no more quads than that, quads of a coarser mesh that are divided into four take their place. Where both are poor, far from the
+ * surface or few, the quads stay without a layout.
  * With a wanted distance, meshes are made by steps along the curves of layouts, which takes long, or of more and more quads without one where all
  * layouts leave folds or crossings.
  */
@@ -445,11 +448,11 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
                                 &best);
         if (status == QM_E_LAYOUT) status = QM_OK;
         drawn_layout_reset(ctx, &drawn);
-        is_made = is_enough(&best, &plain, has_goal);
+        is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO, wanted);
         if (status == QM_OK && !is_made && !is_divided &&
             (is_last || PARTS * MORE_PATCHES * patches >= wanted)) {
             status = try_quads(ctx, surface, options, wanted, QM_REMESH_BLOCKS_OF_DIVISION, &best, NULL);
-            is_made = is_enough(&best, &plain, has_goal);
+            is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO, wanted);
             is_divided = true;
         }
     }
@@ -457,7 +460,7 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
         status = settle(ctx, surface, options, false, &best);
     bool is_unsound = best.made.mesh.face_count == 0 || best.folded > 0 || best.has_crossings;
     if (status == QM_OK && has_goal && is_unsound) status = search_quads(ctx, surface, options, &best);
-    if (status == QM_OK && !has_goal && (best.is_poor || !is_whole(&best, &plain, WORTH_RATIO)))
+    if (status == QM_OK && !has_goal && !is_good(&best, &plain, WORTH_RATIO, wanted))
         status = try_quads(ctx, surface, options, wanted, QM_REMESH_BLOCKS_OF_QUADS, &best, NULL);
     plain_quads_reset(ctx, &plain);
     *out = best.made;
