@@ -1,7 +1,7 @@
 #!/bin/sh
 # Everything that `make test` runs, from a bare Debian 12 on: installs what is missing, builds, checks, counts.
 #
-#   1. clang-format and the borders between the folders
+#   1. clang-format, the borders between the folders, and whether the measurements still load what they share with tests
 #   2. unit tests under ASan and UBSan
 #   3. random cases against certified references, for a minute; `make prove` takes a quarter of an hour
 #   4. API and command-line tests against a real daemon under ASan and UBSan, those of the store with a shared one, too,
@@ -69,6 +69,7 @@ format_check() {
 
 check "format" format_check
 check "layers" make -s check-layers
+check "measurements load" sh -c 'python3 tests/bench/run.py --help >/dev/null'
 
 # cmocka prints a line for each test; only what failed and the sums are shown.
 outputs=$(mktemp -d)

@@ -10,7 +10,8 @@ import httpx
 import pytest
 
 import shapes
-from conftest import BUILD, PATIENCE, check_problem, claim_port
+from conftest import BUILD, PATIENCE, check_problem
+from ports import claim_port
 
 READ, WRITE, OTHER = "r" * 20, "w" * 20, "x" * 40
 

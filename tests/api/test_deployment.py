@@ -11,7 +11,8 @@ import pytest
 import yaml
 
 import shapes
-from conftest import BUILD, PATIENCE, ROOT, SLOW, check_problem, claim_port
+from conftest import BUILD, PATIENCE, ROOT, SLOW, check_problem
+from ports import claim_port
 
 TOKEN = "t" * 32
 
