@@ -384,15 +384,17 @@ static qm_status try_quads(qm_context *ctx, const qm_ref_surface *surface, const
     return status;
 }
 
-/** Makes more and more quads without a layout, until they are as near as was wanted. */
+/** Makes more and more quads without a layout, until they are as near as was wanted, or at the limit. */
 static qm_status search_quads(qm_context *ctx, const qm_ref_surface *surface,
                               const qm_remesh_options *options, trial *best)
 {
     qm_status status = QM_OK;
-    bool is_near = false;
+    bool is_near = false, is_last = false;
     double most = (double)options->quads.quads, quads = fmin(QM_REMESH_FIRST_QUADS, most);
-    for (; status == QM_OK && !is_near && quads <= most; quads *= GROWTH)
+    for (; status == QM_OK && !is_near && !is_last; quads = fmin(GROWTH * quads, most)) {
+        is_last = quads >= most;
         status = try_quads(ctx, surface, options, (size_t)quads, QM_REMESH_BLOCKS_OF_QUADS, best, &is_near);
+    }
     return status;
 }
 
