@@ -39,6 +39,15 @@ def make_database():
     return server.rpartition("/")[0] + "/" + name
 
 
+def is_ready(url):
+    """Whether a daemon answers so now."""
+    try:
+        # No certificates to load, which would take longer than the answer.
+        return httpx.get(url + "/readyz", timeout=PATIENCE, verify=False).status_code == 200
+    except httpx.TransportError:
+        return False
+
+
 class Daemon:
     """One process of quadmeshd over a data folder that may outlive it."""
     build = BUILD
@@ -74,11 +83,7 @@ class Daemon:
             return False
         self.port = int(text)
         self.url = f"http://127.0.0.1:{self.port}"
-        try:
-            # No certificates to load, which would take longer than the answer.
-            return httpx.get(self.url + "/readyz", timeout=PATIENCE, verify=False).status_code == 200
-        except httpx.TransportError:
-            return False
+        return is_ready(self.url)
 
     def log(self):
         return self.log_path.read_text(errors="replace")

@@ -5,10 +5,9 @@ import pathlib
 import signal
 import time
 
-import httpx
 
 import proxy
-from api_conftest import PATIENCE, Client, Daemon
+from api_conftest import PATIENCE, Client, Daemon, is_ready
 from postgres import NAME, Postgres
 
 
@@ -168,7 +167,7 @@ class Cluster:
 
     def wait_until_ready(self):
         for node in self.nodes:
-            self.wait_for(f"node {node.name}", lambda node=node: is_ready(node))
+            self.wait_for(f"node {node.name}", lambda node=node: is_ready(node.daemon.url))
 
     def mend(self):
         """All nodes and servers are up again and reach each other."""
@@ -202,10 +201,3 @@ class Cluster:
 
     def __exit__(self, *_):
         self.close()
-
-
-def is_ready(node):
-    try:
-        return httpx.get(node.daemon.url + "/readyz", timeout=PATIENCE, verify=False).status_code == 200
-    except httpx.TransportError:
-        return False

@@ -27,7 +27,7 @@ static void growing_blocks_take_no_more_than_a_few_times_the_last(void **state)
         for (int i = 0; i < 3; i++)
             assert_int_equal(block[i][first + 100 * round + (size_t)i - 1], i);
     }
-    /* Chunks of four sizes an octave, for three blocks each: their sum is no more than 4 times the last ones twice over. */
+    /* For each block chunks of four sizes an octave, in two octaves: 4 + 4 / 2 times the last one, which is rounded up by a quarter. */
     assert_true(memory.live_bytes <= 8 * 3 * (first + 100 * rounds));
     qm_arena_reset(&arena);
     assert_int_equal(memory.live_blocks, 0);
