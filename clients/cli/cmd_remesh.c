@@ -42,12 +42,12 @@ static void print_points(FILE *file, const qm_json *result)
 static void print_text(FILE *file, const qm_json *result)
 {
     char bound[CLI_BOUND_SIZE], patches[60] = "";
-    const char *blocks = qm_json_has(result, "blocks") ? qm_json_get_string(result, "blocks") : "";
+    const char *from = qm_json_has(result, "patches_from") ? qm_json_get_string(result, "patches_from") : "";
     if (qm_json_has(result, "patches"))
         snprintf(patches, sizeof patches, " in %.0f patches%s", qm_json_get_number(result, "patches"),
-                 strcmp(blocks, "division") == 0 ? " of divided quads"
-                 : strcmp(blocks, "quads") == 0  ? " without a layout"
-                                                 : "");
+                 strcmp(from, "division") == 0 ? " of divided quads"
+                 : strcmp(from, "quads") == 0  ? " without a layout"
+                                               : "");
     fprintf(
         file,
         "%.0f quads%s, %.0f irregular vertices, %.0f components, %.0f folded, least scaled Jacobian %.3g, "
@@ -123,7 +123,8 @@ static int run(int argc, char **argv)
         {.name = "semi-regular",
          .type = CLI_FLAG,
          .target = &request->remesh.is_semi_regular,
-         .help = "blocks of quads in rows and columns, by an automatic layout (see layout --auto)"},
+         .help = "patches of rows and columns, by an automatic layout where one gives good quads (see layout "
+                 "--auto)"},
         {.name = "crease-angle",
          .value = "DEG",
          .type = CLI_NUMBER,

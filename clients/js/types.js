@@ -154,7 +154,7 @@
  *   stopped_by: "steps" | "max_quads" | "edge_length" | "hausdorff" | "canceled", steps: StepRecord[], settled?: Settled,
  *   elapsed_ms: number }} StepResult */
 /** @typedef {{ mesh: string, quads: number, irregular_vertices: number, components: number, patches?: number,
- *   blocks?: "layout" | "division" | "quads", folded: number,
+ *   patches_from?: "layout" | "division" | "quads", folded: number,
  *   least_scaled_jacobian: number, hausdorff: LengthInterval, from_surface: LengthInterval, from_quads: LengthInterval,
  *   reached?: boolean, points?: SurfaceOfPoints, rounds: number, prepare_ms: number, elapsed_ms: number }} RemeshResult */
 /** @typedef {{ used: number, outliers: number, noise_relative: number, spacing_relative: number, normals: "given" | "estimated",

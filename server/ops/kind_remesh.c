@@ -83,7 +83,7 @@ static void write_result(qm_text *out, const qm_job_request *request, const qm_j
     qm_json_add_count(out, "components", result->made_facts.components);
     if (made->patches > 0) {
         qm_json_add_count(out, "patches", made->patches);
-        qm_json_add_string(out, "blocks", qm_remesh_blocks_names[made->blocks]);
+        qm_json_add_string(out, "patches_from", qm_remesh_origin_names[made->origin]);
     }
     qm_json_add_count(out, "folded", result->made_quality.folded);
     qm_json_add_number(out, "least_scaled_jacobian", result->made_quality.least_jacobian);

@@ -45,7 +45,7 @@ static qm_refine_goal goal_of(const qm_remesh_options *options)
 }
 
 const char *const qm_remesh_work_names[] = {"quads", "layout", "steps", "measure", "surface", NULL};
-const char *const qm_remesh_blocks_names[] = {"layout", "division", "quads", NULL};
+const char *const qm_remesh_origin_names[] = {"layout", "division", "quads", NULL};
 
 /** How many quads options mean that name no number. */
 static size_t usual_quads(const qm_remesh_options *options)
@@ -343,10 +343,10 @@ static qm_status try_layout(qm_context *ctx, const qm_ref_surface *surface, cons
 }
 
 /** Makes quads without a layout: of a quarter as many, each of which is divided into four, or of all. *out is the caller's, also after an error. */
-static qm_status make_blocks(qm_context *ctx, const qm_ref_surface *surface, const qm_quads_options *quads,
-                             qm_remesh_blocks blocks, qm_mesh *out)
+static qm_status make_without_layout(qm_context *ctx, const qm_ref_surface *surface,
+                                     const qm_quads_options *quads, qm_remesh_origin origin, qm_mesh *out)
 {
-    if (blocks == QM_REMESH_BLOCKS_OF_QUADS) return qm_quads_make(ctx, surface->bvh, quads, out, NULL);
+    if (origin == QM_REMESH_FROM_QUADS) return qm_quads_make(ctx, surface->bvh, quads, out, NULL);
     qm_quads_options fewer = *quads;
     qm_mesh coarse;
     fewer.quads = quads->quads > PARTS ? quads->quads / PARTS : 1;
@@ -358,20 +358,20 @@ static qm_status make_blocks(qm_context *ctx, const qm_ref_surface *surface, con
 
 /** Makes a mesh so, a second time where it has too many quads, and keeps the better one. is_near may be NULL. */
 static qm_status try_quads(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                           size_t most, qm_remesh_blocks blocks, trial *best, bool *is_near)
+                           size_t most, qm_remesh_origin origin, trial *best, bool *is_near)
 {
     qm_quads_options quads = options->quads;
     qm_patch_set set = {0};
-    trial now = {.made.blocks = blocks};
+    trial now = {.made.origin = origin};
     qm_mesh *mesh = &now.made.mesh;
     qm_status status = QM_OK;
     quads.quads = most;
     while (status == QM_OK && now.made.rounds < 2 && (mesh->face_count == 0 || mesh->face_count > most)) {
         if (mesh->face_count > most)
-            quads.quads = (size_t)(FEWER * (double)most / (double)mesh->face_count * (double)most);
+            quads.quads = (size_t)fmax(1.0, FEWER * (double)most * (double)most / (double)mesh->face_count);
         qm_mesh_reset(ctx, mesh);
         begin(options, QM_REMESH_QUADS, quads.quads, &best->made);
-        status = make_blocks(ctx, surface, &quads, blocks, mesh);
+        status = make_without_layout(ctx, surface, &quads, origin, mesh);
         now.made.rounds++;
     }
     if (status == QM_OK) status = qm_patch_set_find(ctx, mesh, &set);
@@ -393,7 +393,7 @@ static qm_status search_quads(qm_context *ctx, const qm_ref_surface *surface,
     double most = (double)options->quads.quads, quads = fmin(QM_REMESH_FIRST_QUADS, most);
     for (; status == QM_OK && !is_near && !is_last; quads = fmin(GROWTH * quads, most)) {
         is_last = quads >= most;
-        status = try_quads(ctx, surface, options, (size_t)quads, QM_REMESH_BLOCKS_OF_QUADS, best, &is_near);
+        status = try_quads(ctx, surface, options, (size_t)quads, QM_REMESH_FROM_QUADS, best, &is_near);
     }
     return status;
 }
@@ -453,8 +453,8 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
         is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO, wanted);
         if (status == QM_OK && !is_made && !is_divided &&
             (is_last || PARTS * MORE_PATCHES * patches >= wanted)) {
-            status = try_quads(ctx, surface, options, wanted, QM_REMESH_BLOCKS_OF_DIVISION, &best, NULL);
-            is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO, wanted);
+            status = try_quads(ctx, surface, options, wanted, QM_REMESH_FROM_DIVISION, &best, NULL);
+            is_made = is_good(&best, &plain, FILLED_RATIO, wanted);
             is_divided = true;
         }
     }
@@ -463,7 +463,7 @@ static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surfac
     bool is_unsound = best.made.mesh.face_count == 0 || best.folded > 0 || best.has_crossings;
     if (status == QM_OK && has_goal && is_unsound) status = search_quads(ctx, surface, options, &best);
     if (status == QM_OK && !has_goal && !is_good(&best, &plain, WORTH_RATIO, wanted))
-        status = try_quads(ctx, surface, options, wanted, QM_REMESH_BLOCKS_OF_QUADS, &best, NULL);
+        status = try_quads(ctx, surface, options, wanted, QM_REMESH_FROM_QUADS, &best, NULL);
     plain_quads_reset(ctx, &plain);
     *out = best.made;
     return status;

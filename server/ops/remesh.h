@@ -21,13 +21,13 @@ typedef enum qm_remesh_work {
 } qm_remesh_work;
 extern const char *const qm_remesh_work_names[];
 
-/** What the blocks of rows and columns of a semi-regular mesh come from. */
-typedef enum qm_remesh_blocks {
-    QM_REMESH_BLOCKS_OF_LAYOUT,   /* an automatic one: blocks meet along whole sides */
-    QM_REMESH_BLOCKS_OF_DIVISION, /* of each quad of a coarser mesh into four */
-    QM_REMESH_BLOCKS_OF_QUADS     /* that were made without a layout */
-} qm_remesh_blocks;
-extern const char *const qm_remesh_blocks_names[];
+/** Where the patches of a semi-regular mesh come from. */
+typedef enum qm_remesh_origin {
+    QM_REMESH_FROM_LAYOUT,   /* an automatic one: patches meet along whole sides */
+    QM_REMESH_FROM_DIVISION, /* of each quad of a coarser mesh into four */
+    QM_REMESH_FROM_QUADS     /* that were made without a layout */
+} qm_remesh_origin;
+extern const char *const qm_remesh_origin_names[];
 
 /** Where the work is. */
 typedef struct qm_remesh_stage {
@@ -40,8 +40,7 @@ typedef struct qm_remesh_options {
     qm_quads_options
         quads;       /* their number: wanted; with a distance the first; of a semi-regular mesh the limit */
     double distance; /* at most so far from the surface, in its unit; 0: any */
-    bool
-        is_semi_regular; /* by way of a layout, where one gives good quads: blocks of quads in rows and columns */
+    bool is_semi_regular; /* by way of a layout, where one gives good quads: patches of rows and columns */
     void (*on_stage)(void *user,
                      const qm_remesh_stage *stage); /* called as each begins; NULL: nobody is told */
     void *user;
@@ -54,7 +53,7 @@ typedef struct qm_remesh_result {
     double lower, upper;      /* the greater of both: the two-sided Hausdorff distance */
     size_t rounds;            /* meshes, or steps, that were made */
     size_t patches;           /* of a semi-regular mesh; else 0 */
-    qm_remesh_blocks blocks;  /* of a semi-regular mesh */
+    qm_remesh_origin origin;  /* of these */
 } qm_remesh_result;
 
 /**

@@ -73,8 +73,8 @@ def test_a_distance_is_reached_or_told_as_out_of_reach(client, surface):
     assert result["reached"] and result["hausdorff"]["upper_relative"] <= 0.004 and result["rounds"] > 1
     far = remesh(client, surface, quads=400, distance=1e-6, semi_regular=True)["result"]
     assert not far["reached"] and far["quads"] <= 400 and far["patches"] > 0
-    assert far["blocks"] == "layout"
-    check_blocks(client, far)
+    assert far["patches_from"] == "layout"
+    check_patches(client, far)
 
 
 def sieve(seed, holes, size):
@@ -97,7 +97,7 @@ def sieve(seed, holes, size):
     return [points[v] for v in used], [tuple(number[v] for v in face) for face in kept]
 
 
-def check_blocks(client, result):
+def check_patches(client, result):
     patches = client.get(f"/v1/meshes/{result['mesh']}/patches").json()
     assert patches["patch_count"] == result["patches"]
     assert sum(patch["rows"] * patch["columns"] for patch in patches["patches"]) == result["quads"]
@@ -105,11 +105,11 @@ def check_blocks(client, result):
 
 @pytest.mark.parametrize("seed, holes, size", [(2, 60, 0.15), (5, 60, 0.15), (6, 30, 0.25), (8, 40, 0.2)])
 def test_surfaces_that_have_no_good_layout(client, seed, holes, size):
-    """Holes near each other leave no room for blocks between them."""
+    """Holes near each other leave no room for patches between them."""
     mesh = client.upload(sieve(seed, holes, size))["id"]
     result = remesh(client, mesh, quads=1500, semi_regular=True)["result"]
-    assert result["folded"] == 0 and 1350 <= result["quads"] <= 1575 and result["blocks"] in ("layout", "division", "quads")
-    check_blocks(client, result)
+    assert result["folded"] == 0 and 1350 <= result["quads"] <= 1575 and result["patches_from"] in ("layout", "division", "quads")
+    check_patches(client, result)
     plain = remesh(client, mesh, quads=1500)["result"]
     assert result["hausdorff"]["upper"] <= 3 * plain["hausdorff"]["upper"]
 
@@ -119,7 +119,7 @@ def test_a_distance_from_a_surface_that_has_no_good_layout(client):
     result = remesh(client, mesh, distance=0.03, quads=500, semi_regular=True)["result"]
     assert result["reached"] and result["hausdorff"]["upper_relative"] <= 0.03 and result["folded"] == 0
     assert result["quads"] <= 500
-    check_blocks(client, result)
+    check_patches(client, result)
 
 
 def test_where_the_surface_was_moved_to(client, surface):

@@ -143,16 +143,19 @@ static qm_status route(layout_work *work, const qm_ref_surface *surface, qm_draw
                                                         : status;
 }
 
+static int most_rounds(bool may_cross, size_t crossings)
+{
+    if (may_cross) return ROUGH;
+    return crossings > 0 ? CROSSED : ROUNDS;
+}
+
 /** Draws the layout, and spreads the lengths where that fails, as long as it helps; keeps the drawing with the fewest faults. Where curves may
  * cross, one without folds has none. */
 static qm_status draw(layout_work *work, const qm_ref_surface *surface, bool may_cross, qm_drawing *out)
 {
     size_t least = SIZE_MAX, crossings = SIZE_MAX;
     int idle = 0;
-    for (int round = 0; least > 0 &&
-                        round < (may_cross       ? ROUGH
-                                 : crossings > 0 ? CROSSED
-                                                 : ROUNDS) &&
+    for (int round = 0; least > 0 && round < most_rounds(may_cross, crossings) &&
                         idle < (crossings > 0 ? UNCROSSED : PATIENCE);
          round++) {
         qm_tmesh_classes classes;
