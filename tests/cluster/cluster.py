@@ -5,7 +5,6 @@ import pathlib
 import signal
 import time
 
-
 import proxy
 from api_conftest import PATIENCE, Client, Daemon, is_ready
 from postgres import NAME, Postgres
