@@ -1,5 +1,5 @@
 /**
- * remesh.c: quads, or quads, a layout and its steps; and the distance of what comes out.
+ * remesh.c: quads, or quads, a layout and its grids; and the distance of the mesh that is made.
  */
 #include "remesh.h"
 
@@ -8,15 +8,19 @@
 #include "qm/patch.h"
 #include "qm/quad_layout.h"
 #include "qm/quality.h"
-#include "refine.h"
+#include "qm/reconstruct.h"
 #include "settle.h"
 
 #define GROWTH 1.5        /* of the number of quads from one mesh to the next */
 #define FIRST_SHARE 0.5   /* of the growth that is expected to be needed, for the second mesh */
+#define MOST_GROWTH 4.0   /* of that of semi-regular ones */
+#define FOLDED_GROWTH 4.0 /* of it, after one that is near enough, but has folded quads */
+#define FIRST_SEMI_REGULAR 500.0
+#define NEARER 0.67       /* times the distance of a plain mesh: semi-regular ones are seldom nearer */
 #define LAYOUT_QUADS 5000 /* of which a layout is made, or fewer where the limit is lower */
 /* Layouts are divided into about LAYOUT_PATCHES, then MORE_PATCHES times as many, up to MOST_PATCHES and one for each QUADS_A_PATCH
  * quads. Their grids are filled until a mesh is no farther than FILLED_RATIO times one of LAYOUT_QUADS quads without a layout, and no
- * quad is poor. With a wanted distance meshes are made by steps until one is as near as that, or no farther than PLAIN_RATIO times. */
+ * quad is poor, or, with a wanted distance, as near as that. */
 #define LAYOUT_PATCHES 250
 #define MORE_PATCHES 2
 #define MOST_PATCHES 2000
@@ -26,7 +30,6 @@
 #define FEWER 0.98 /* quads, besides the ratio, where there were too many */
 #define USED                                                                                                 \
     0.9 /* of the limit at least: where rows of a layout run through most of its patches, one more is too many */
-#define PLAIN_RATIO 2.0
 #define FILLED_RATIO 1.6
 #define WORTH_RATIO 3.0 /* of the distance, by which it may be greater for that */
 /* Of the plain mesh's distance: if parts of the surface are farther from the filled mesh before it is settled, its layout's grids
@@ -37,14 +40,7 @@
 #define CENTRED_START                                                                                        \
     2.5 /* instead of FILLED_START, for such meshes while finer layouts are left: centring draws vertices off tips */
 
-static qm_refine_goal goal_of(const qm_remesh_options *options)
-{
-    return (qm_refine_goal){.max_quads = options->quads.quads,
-                            .hausdorff = options->distance,
-                            .thread_count = options->quads.thread_count};
-}
-
-const char *const qm_remesh_work_names[] = {"quads", "layout", "steps", "measure", "surface", NULL};
+const char *const qm_remesh_work_names[] = {"quads", "layout", "fill", "measure", "surface", NULL};
 const char *const qm_remesh_origin_names[] = {"layout", "division", "quads", NULL};
 
 /** How many quads options mean that name no number. */
@@ -128,35 +124,41 @@ static qm_status make_quads(qm_context *ctx, const qm_ref_surface *surface, cons
     }
 }
 
-/** A semi-regular mesh, and what is known of it besides its distance. Where curves of its layout cross, its vertices started where
- * their quads were, and may be folded for want of room. */
+/** A semi-regular mesh, and what is known of it besides its distance. */
 typedef struct trial {
     qm_remesh_result made;
-    bool has_crossings;
     size_t folded; /* quads */
     bool is_poor;  /* a quad has a scaled Jacobian below QM_QUADS_POOR_SINE */
     bool is_quick; /* it was settled quickly */
     bool is_near;  /* as near as was wanted */
 } trial;
 
-/** Crossings count where a distance is wanted: then all meshes are made by steps along curves. Grids that are filled have none. */
-static bool is_better(const trial *now, const trial *best, bool has_goal)
+/** Which of two meshes of one wanted number is better. */
+static bool is_better(const trial *now, const trial *best)
 {
-    if (best->made.mesh.face_count == 0) return true;
     if (now->folded != best->folded) return now->folded < best->folded;
     if (now->is_near != best->is_near) return now->is_near;
-    if (has_goal && now->has_crossings != best->has_crossings) return best->has_crossings;
-    if (now->is_near) return now->made.mesh.face_count < best->made.mesh.face_count;
     if (now->is_poor != best->is_poor)
         return best->is_poor ? now->made.upper <= WORTH_RATIO * best->made.upper
                              : WORTH_RATIO * now->made.upper < best->made.upper;
     return now->made.upper < best->made.upper;
 }
 
-/** Takes over a trial if it is the better one, and frees the other. */
-static void keep_better(qm_context *ctx, trial *now, trial *best, bool has_goal)
+/** Which of two meshes of different numbers is better: where neither is near enough, the nearer one. */
+static bool is_better_for_goal(const trial *now, const trial *best)
 {
-    if (now->made.mesh.face_count > 0 && is_better(now, best, has_goal)) {
+    if (now->is_near != best->is_near) return now->is_near;
+    if (!now->is_near) return now->made.upper < best->made.upper;
+    if (now->folded != best->folded) return now->folded < best->folded;
+    return now->made.mesh.face_count < best->made.mesh.face_count;
+}
+
+/** Takes over a trial if it is the better one, and frees the other. */
+static void keep_better(qm_context *ctx, trial *now, trial *best,
+                        bool (*is_now_better)(const trial *, const trial *))
+{
+    bool is_first = best->made.mesh.face_count == 0;
+    if (now->made.mesh.face_count > 0 && (is_first || is_now_better(now, best))) {
         trial worse = *best;
         *best = *now;
         *now = worse;
@@ -165,95 +167,40 @@ static void keep_better(qm_context *ctx, trial *now, trial *best, bool has_goal)
     *now = (trial){0};
 }
 
-/** Counts the steps, and tells of each. */
-typedef struct step_counter {
-    const qm_remesh_options *options;
-    qm_remesh_result *out;
-} step_counter;
+/** These quads, as they are without a layout. */
+typedef struct plain_quads {
+    qm_mesh mesh;
+    size_t wanted;                  /* quads */
+    uint8_t *creases;               /* of each */
+    double distance;                /* from the surface, at most */
+    qm_quad_layout_lengths lengths; /* of the layouts that were made of them */
+    size_t patches; /* of the first layout that is tried: those with fewer made no good mesh */
+} plain_quads;
 
-static void count_step(void *user, const qm_refine_record *record)
+static void plain_quads_reset(qm_context *ctx, plain_quads *plain)
 {
-    step_counter *counter = user;
-    qm_remesh_result *out = counter->out;
-    out->rounds++;
-    if (record->is_measured) out->lower = record->lower, out->upper = record->upper;
-    begin(counter->options, QM_REMESH_STEPS, record->step.quads, out);
+    qm_context_free(ctx, plain->creases, plain->mesh.face_count, 1);
+    qm_quad_layout_lengths_reset(ctx, &plain->lengths);
+    qm_mesh_reset(ctx, &plain->mesh);
+    *plain = (plain_quads){0};
 }
 
-static bool has_many_poor(const trial *t)
-{
-    return (double)qm_quads_count_poor(&t->made.mesh) > FILLED_POOR * (double)t->made.mesh.face_count;
-}
+/** The search for a semi-regular mesh. */
+typedef struct semi_regular {
+    qm_context *ctx;
+    const qm_ref_surface *surface;
+    qm_remesh_options options; /* with the number of quads that are wanted at this moment */
+    plain_quads plain;
+    trial best;    /* of that number */
+    trial nearest; /* of the numbers before */
+    size_t rounds; /* meshes that were made */
+    bool is_last;  /* no greater number is tried */
+} semi_regular;
 
-/** Settles the mesh, measures it, and tells how good it is. */
-static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                        bool is_quick, trial *t)
+/** Tells that a stage begins, and the distance of the best mesh so far. */
+static void tell(const semi_regular *s, qm_remesh_work work, size_t quads)
 {
-    qm_settle_goal goal = settle_goal_of(options);
-    goal.is_quick = is_quick;
-    goal.centres = has_many_poor(t);
-    qm_settled settled;
-    begin(options, QM_REMESH_MEASURE, t->made.mesh.face_count, &t->made);
-    qm_status status = qm_settle(ctx, surface, &goal, &t->made.mesh, &settled);
-    if (status != QM_OK) return status;
-    take_distance(&t->made, &settled.distance);
-    t->folded = settled.quality.folded;
-    t->is_poor = settled.quality.least_jacobian < QM_QUADS_POOR_SINE;
-    t->is_quick = is_quick;
-    t->is_near = options->distance > 0.0 && t->made.upper <= options->distance;
-    return QM_OK;
-}
-
-/** How a mesh is made by a layout. */
-typedef enum trial_way {
-    FILL_QUICKLY, /* from its grids at once, settled once */
-    FILL,
-    TAKE_STEPS
-} trial_way;
-
-/** Makes the mesh from the grids at once; none if it misses parts of the surface. */
-static qm_status fill_grids(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                            const qm_layout *layout, const double *grids, double plain_distance,
-                            bool is_quick, trial *t)
-{
-    qm_reconstruction_options how = qm_reconstruction_options_default();
-    const qm_settle_goal goal = settle_goal_of(options);
-    qm_settle_distance start;
-    how.thread_count = options->quads.thread_count;
-    how.grids = grids;
-    begin(options, QM_REMESH_STEPS, layout->patch_count, &t->made);
-    qm_status status =
-        qm_reconstruction_fill_grids(ctx, surface, layout, &how, options->quads.quads, &t->made.mesh);
-    t->made.rounds = 1;
-    if (status == QM_OK) status = qm_settle_measure(ctx, surface, &goal, &t->made.mesh, &start);
-    double most = is_quick && has_many_poor(t) ? CENTRED_START : FILLED_START;
-    if (status == QM_OK && start.from_surface.upper > most * plain_distance) {
-        qm_mesh_reset(ctx, &t->made.mesh);
-        return QM_OK;
-    }
-    return status == QM_OK ? settle(ctx, surface, options, is_quick, t) : status;
-}
-
-/** Makes the mesh by steps, from the curves or from the grids. */
-static qm_status take_steps(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                            const qm_layout *layout, const double *grids, trial *t)
-{
-    qm_reconstruction_options how = qm_reconstruction_options_default();
-    how.thread_count = options->quads.thread_count;
-    how.grids = grids;
-    qm_reconstruction *r;
-    begin(options, QM_REMESH_STEPS, layout->patch_count, &t->made);
-    qm_status status = qm_reconstruction_create(ctx, surface, layout, &how, &r);
-    if (status != QM_OK) return status;
-    const qm_refine_goal goal = goal_of(options);
-    qm_refine_stop stop;
-    step_counter counter = {options, &t->made};
-    status = qm_refine(ctx, r, surface, &goal, count_step, &counter, &stop);
-    if (status == QM_OK && stop == QM_REFINE_CANCELED)
-        status = qm_context_fail(ctx, QM_E_CANCELED, "canceled");
-    if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &t->made.mesh);
-    qm_reconstruction_destroy(ctx, r);
-    return status == QM_OK ? settle(ctx, surface, options, false, t) : status;
+    begin(&s->options, work, quads, s->best.made.mesh.face_count > 0 ? &s->best.made : &s->nearest.made);
 }
 
 /** The quads of which a layout is made. */
@@ -265,39 +212,73 @@ static qm_quads_options quads_of_layout(const qm_remesh_options *options)
     return quads;
 }
 
-/** These quads, as they are without a layout. */
-typedef struct plain_quads {
-    qm_mesh mesh;
-    uint8_t *creases;               /* of each */
-    double distance;                /* from the surface, at most */
-    qm_quad_layout_lengths lengths; /* of the layouts that were made of them */
-} plain_quads;
-
-static void plain_quads_reset(qm_context *ctx, plain_quads *plain)
+/** Makes them, if they are not there; s->plain is the caller's, also after an error. */
+static qm_status make_plain(semi_regular *s)
 {
-    qm_context_free(ctx, plain->creases, plain->mesh.face_count, 1);
-    qm_quad_layout_lengths_reset(ctx, &plain->lengths);
-    qm_mesh_reset(ctx, &plain->mesh);
-}
-
-/** Makes them; *out is the caller's, also after an error. */
-static qm_status make_plain(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                            plain_quads *out)
-{
-    const qm_quads_options quads = quads_of_layout(options);
+    const qm_quads_options quads = quads_of_layout(&s->options);
     const qm_settle_goal goal = {.quads = quads};
-    const qm_remesh_result none = {0};
     qm_settle_distance distance = {0};
-    begin(options, QM_REMESH_QUADS, quads.quads, &none);
-    qm_status status = qm_quads_make_with_creases(ctx, surface->bvh, &quads, &out->mesh, &out->creases, NULL);
+    plain_quads *plain = &s->plain;
+    if (plain->wanted == quads.quads) return QM_OK;
+    plain_quads_reset(s->ctx, plain);
+    plain->patches = LAYOUT_PATCHES;
+    tell(s, QM_REMESH_QUADS, quads.quads);
+    qm_status status =
+        qm_quads_make_with_creases(s->ctx, s->surface->bvh, &quads, &plain->mesh, &plain->creases, NULL);
     if (status != QM_OK) return status;
-    begin(options, QM_REMESH_MEASURE, out->mesh.face_count, &none);
-    status = qm_settle_measure(ctx, surface, &goal, &out->mesh, &distance);
-    out->distance = qm_settle_two_sided(&distance).upper;
+    tell(s, QM_REMESH_MEASURE, plain->mesh.face_count);
+    status = qm_settle_measure(s->ctx, s->surface, &goal, &plain->mesh, &distance);
+    plain->distance = qm_settle_two_sided(&distance).upper;
+    plain->wanted = quads.quads;
     return status;
 }
 
-/** A layout, its crossings and its grids. */
+static bool has_many_poor(const trial *t)
+{
+    return (double)qm_quads_count_poor(&t->made.mesh) > FILLED_POOR * (double)t->made.mesh.face_count;
+}
+
+/** Settles the mesh, measures it, and tells how good it is. */
+static qm_status settle(const semi_regular *s, bool is_quick, trial *t)
+{
+    qm_settle_goal goal = settle_goal_of(&s->options);
+    goal.is_quick = is_quick;
+    goal.centres = has_many_poor(t);
+    qm_settled settled;
+    tell(s, QM_REMESH_MEASURE, t->made.mesh.face_count);
+    qm_status status = qm_settle(s->ctx, s->surface, &goal, &t->made.mesh, &settled);
+    if (status != QM_OK) return status;
+    take_distance(&t->made, &settled.distance);
+    t->folded = settled.quality.folded;
+    t->is_poor = settled.quality.least_jacobian < QM_QUADS_POOR_SINE;
+    t->is_quick = is_quick;
+    t->is_near = s->options.distance > 0.0 && t->made.upper <= s->options.distance;
+    return QM_OK;
+}
+
+/** Makes the mesh from the grids of a layout at once; none if it misses parts of the surface. */
+static qm_status fill_grids(semi_regular *s, const qm_layout *layout, const double *grids, bool is_quick,
+                            trial *t)
+{
+    qm_reconstruction_options how = qm_reconstruction_options_default();
+    const qm_settle_goal goal = settle_goal_of(&s->options);
+    qm_settle_distance start;
+    how.thread_count = s->options.quads.thread_count;
+    how.grids = grids;
+    tell(s, QM_REMESH_FILL, layout->patch_count);
+    qm_status status =
+        qm_reconstruction_fill_grids(s->ctx, s->surface, layout, &how, s->options.quads.quads, &t->made.mesh);
+    s->rounds++;
+    if (status == QM_OK) status = qm_settle_measure(s->ctx, s->surface, &goal, &t->made.mesh, &start);
+    double most = is_quick && has_many_poor(t) ? CENTRED_START : FILLED_START;
+    if (status == QM_OK && start.from_surface.upper > most * s->plain.distance) {
+        qm_mesh_reset(s->ctx, &t->made.mesh);
+        return QM_OK;
+    }
+    return status == QM_OK ? settle(s, is_quick, t) : status;
+}
+
+/** A layout and its grids. */
 typedef struct drawn_layout {
     qm_layout layout;
     qm_layout_issues issues;
@@ -312,33 +293,28 @@ static void drawn_layout_reset(qm_context *ctx, drawn_layout *drawn)
     *drawn = (drawn_layout){0};
 }
 
-/** Draws a layout of about so many patches. */
-static qm_status draw_layout(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                             plain_quads *plain, size_t patches, const trial *best, drawn_layout *out)
+/** Draws a layout of about so many patches. Its curves may cross: only its grids are used. */
+static qm_status draw_layout(semi_regular *s, size_t patches, drawn_layout *out)
 {
-    const qm_quads_options quads = quads_of_layout(options);
+    const qm_quads_options quads = quads_of_layout(&s->options);
     qm_quad_layout_options how = qm_quad_layout_options_default();
     how.patches = patches;
-    how.creases = plain->creases;
-    how.lengths = &plain->lengths;
-    how.may_cross = !(options->distance > 0.0); /* grids do not need curves that do not, steps do */
-    begin(options, QM_REMESH_LAYOUT, quads.quads, &best->made);
-    return qm_quad_layout_make_of_surface(ctx, surface, &quads, &plain->mesh, &how, &out->layout,
+    how.creases = s->plain.creases;
+    how.lengths = &s->plain.lengths;
+    how.may_cross = true;
+    tell(s, QM_REMESH_LAYOUT, quads.quads);
+    return qm_quad_layout_make_of_surface(s->ctx, s->surface, &quads, &s->plain.mesh, &how, &out->layout,
                                           &out->issues, NULL, &out->grids);
 }
 
-/** Makes a mesh by a layout, from its grids at once or by steps, and keeps the better one. A layout of more patches than quads makes none. */
-static qm_status try_layout(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                            const drawn_layout *drawn, const plain_quads *plain, trial_way way, trial *best)
+/** Makes a mesh by a layout, and keeps the better one. A layout of more patches than quads makes none. */
+static qm_status try_layout(semi_regular *s, const drawn_layout *drawn, bool is_quick)
 {
-    trial now = {.has_crossings = drawn->issues.count > 0, .made.patches = drawn->layout.patch_count};
-    if (drawn->layout.patch_count > options->quads.quads) return QM_OK;
-    qm_status status = way == TAKE_STEPS ? take_steps(ctx, surface, options, &drawn->layout,
-                                                      now.has_crossings ? drawn->grids : NULL, &now)
-                                         : fill_grids(ctx, surface, options, &drawn->layout, drawn->grids,
-                                                      plain->distance, way == FILL_QUICKLY, &now);
-    if (status == QM_OK) keep_better(ctx, &now, best, options->distance > 0.0);
-    qm_mesh_reset(ctx, &now.made.mesh);
+    trial now = {.made.patches = drawn->layout.patch_count};
+    if (drawn->layout.patch_count > s->options.quads.quads) return QM_OK;
+    qm_status status = fill_grids(s, &drawn->layout, drawn->grids, is_quick, &now);
+    if (status == QM_OK) keep_better(s->ctx, &now, &s->best, is_better);
+    qm_mesh_reset(s->ctx, &now.made.mesh);
     return status;
 }
 
@@ -356,116 +332,127 @@ static qm_status make_without_layout(qm_context *ctx, const qm_ref_surface *surf
     return status;
 }
 
-/** Makes a mesh so, a second time where it has too many quads, and keeps the better one. is_near may be NULL. */
-static qm_status try_quads(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
-                           size_t most, qm_remesh_origin origin, trial *best, bool *is_near)
+/** Makes a mesh so, a second time where it has too many quads, and keeps the better one, if it is no farther than that. */
+static qm_status try_quads(semi_regular *s, qm_remesh_origin origin, double most_distance)
 {
-    qm_quads_options quads = options->quads;
+    qm_quads_options quads = s->options.quads;
     qm_patch_set set = {0};
     trial now = {.made.origin = origin};
     qm_mesh *mesh = &now.made.mesh;
     qm_status status = QM_OK;
-    quads.quads = most;
-    while (status == QM_OK && now.made.rounds < 2 && (mesh->face_count == 0 || mesh->face_count > most)) {
-        if (mesh->face_count > most)
+    const size_t most = quads.quads;
+    for (int k = 0; status == QM_OK && k < 2 && (k == 0 || mesh->face_count > most); k++) {
+        if (k > 0)
             quads.quads = (size_t)fmax(1.0, FEWER * (double)most * (double)most / (double)mesh->face_count);
-        qm_mesh_reset(ctx, mesh);
-        begin(options, QM_REMESH_QUADS, quads.quads, &best->made);
-        status = make_without_layout(ctx, surface, &quads, origin, mesh);
-        now.made.rounds++;
+        qm_mesh_reset(s->ctx, mesh);
+        tell(s, QM_REMESH_QUADS, quads.quads);
+        status = make_without_layout(s->ctx, s->surface, &quads, origin, mesh);
+        s->rounds++;
     }
-    if (status == QM_OK) status = qm_patch_set_find(ctx, mesh, &set);
+    if (status == QM_OK) status = qm_patch_set_find(s->ctx, mesh, &set);
     now.made.patches = set.patch_count;
-    if (status == QM_OK) status = settle(ctx, surface, options, false, &now);
-    if (is_near) *is_near = now.is_near;
-    if (status == QM_OK) keep_better(ctx, &now, best, options->distance > 0.0);
-    qm_patch_set_reset(ctx, &set);
-    qm_mesh_reset(ctx, mesh);
+    if (status == QM_OK) status = settle(s, false, &now);
+    if (status == QM_OK && now.made.upper <= most_distance) keep_better(s->ctx, &now, &s->best, is_better);
+    qm_patch_set_reset(s->ctx, &set);
+    qm_mesh_reset(s->ctx, mesh);
     return status;
 }
 
-/** Makes more and more quads without a layout, until they are as near as was wanted, or at the limit. */
-static qm_status search_quads(qm_context *ctx, const qm_ref_surface *surface,
-                              const qm_remesh_options *options, trial *best)
+/** True if a mesh has no bad quads and not many fewer than wanted, and is no farther than so many times the plain one. With a wanted distance, also if
+ * it is as near as that. */
+static bool is_good(const semi_regular *s, double ratio)
 {
-    qm_status status = QM_OK;
-    bool is_near = false, is_last = false;
-    double most = (double)options->quads.quads, quads = fmin(QM_REMESH_FIRST_QUADS, most);
-    for (; status == QM_OK && !is_near && !is_last; quads = fmin(GROWTH * quads, most)) {
-        is_last = quads >= most;
-        status = try_quads(ctx, surface, options, (size_t)quads, QM_REMESH_FROM_QUADS, best, &is_near);
-    }
-    return status;
-}
-
-/** True if a mesh without folds is as near as was wanted, or near enough. */
-static bool is_usable(const trial *best, const plain_quads *plain)
-{
-    return best->made.mesh.face_count > 0 && !best->has_crossings && best->folded == 0 &&
-           (best->is_near || best->made.upper <= PLAIN_RATIO * plain->distance);
-}
-
-/** True if a mesh without folds is no farther than so many times the plain one. */
-static bool is_whole(const trial *best, const plain_quads *plain, double ratio)
-{
-    return best->made.mesh.face_count > 0 && best->folded == 0 && best->made.upper <= ratio * plain->distance;
-}
-
-/** True if it has no poor quads, either, and not many fewer than wanted. */
-static bool is_good(const trial *best, const plain_quads *plain, double ratio, size_t wanted)
-{
-    return is_whole(best, plain, ratio) && !best->is_poor &&
-           (double)best->made.mesh.face_count >= USED * (double)wanted;
+    const trial *best = &s->best;
+    if (best->made.mesh.face_count == 0 || best->folded > 0 || best->is_poor) return false;
+    return best->is_near || (best->made.upper <= ratio * s->plain.distance &&
+                             (double)best->made.mesh.face_count >= USED * (double)s->options.quads.quads);
 }
 
 /**
  * Tries layouts of more and more patches, whose grids are filled at once, until the mesh is about as near as one without a layout. Once patches
  * would have no more quads than that, quads of a coarser mesh that are divided into four take their place. Where both are poor, far from the
- * surface or few, the quads stay without a layout.
- * With a wanted distance, meshes are made by steps along the curves of layouts, which takes long, or of more and more quads without one where all
- * layouts leave folds or crossings.
+ * surface or few, the quads stay without a layout, and at the limit of quads, if only they are as near as was wanted.
  */
-static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surface,
-                                   const qm_remesh_options *options, qm_remesh_result *out)
+static qm_status make_number(semi_regular *s)
 {
-    plain_quads plain = {0};
-    qm_status status = make_plain(ctx, surface, options, &plain);
-    size_t wanted = options->quads.quads, most = wanted / QUADS_A_PATCH;
-    bool has_goal = options->distance > 0.0, is_made = false, is_last = false, is_divided = has_goal;
-    trial best = {0};
+    const size_t wanted = s->options.quads.quads, most = wanted / QUADS_A_PATCH;
+    bool is_made = false, is_last = false, is_divided = false;
+    qm_status status = QM_OK;
     int count = 0;
-    for (size_t patches = LAYOUT_PATCHES; status == QM_OK && !is_made && !is_last; patches *= MORE_PATCHES) {
+    for (size_t patches = s->plain.patches; status == QM_OK && !is_made && !is_last;
+         patches *= MORE_PATCHES) {
         drawn_layout drawn = {0};
-        status = draw_layout(ctx, surface, options, &plain, patches < most ? patches : most, &best, &drawn);
+        status = draw_layout(s, patches < most ? patches : most, &drawn);
         if (status == QM_OK) count++;
         /* A layout that cannot have fewer patches is the same for all smaller numbers. */
         while (patches * MORE_PATCHES <= drawn.layout.patch_count)
             patches *= MORE_PATCHES;
         is_last = patches >= most || patches >= MOST_PATCHES || count == LAYOUTS;
-        if (status == QM_OK)
-            status = try_layout(ctx, surface, options, &drawn, &plain,
-                                has_goal  ? TAKE_STEPS
-                                : is_last ? FILL
-                                          : FILL_QUICKLY,
-                                &best);
+        if (status == QM_OK) status = try_layout(s, &drawn, !is_last);
         if (status == QM_E_LAYOUT) status = QM_OK;
-        drawn_layout_reset(ctx, &drawn);
-        is_made = has_goal ? is_usable(&best, &plain) : is_good(&best, &plain, FILLED_RATIO, wanted);
+        drawn_layout_reset(s->ctx, &drawn);
+        is_made = is_good(s, FILLED_RATIO);
+        if (is_made || is_last) s->plain.patches = patches;
         if (status == QM_OK && !is_made && !is_divided &&
             (is_last || PARTS * MORE_PATCHES * patches >= wanted)) {
-            status = try_quads(ctx, surface, options, wanted, QM_REMESH_FROM_DIVISION, &best, NULL);
-            is_made = is_good(&best, &plain, FILLED_RATIO, wanted);
+            status = try_quads(s, QM_REMESH_FROM_DIVISION, INFINITY);
+            is_made = is_good(s, FILLED_RATIO);
             is_divided = true;
         }
     }
-    if (status == QM_OK && best.is_quick && best.is_poor)
-        status = settle(ctx, surface, options, false, &best);
-    bool is_unsound = best.made.mesh.face_count == 0 || best.folded > 0 || best.has_crossings;
-    if (status == QM_OK && has_goal && is_unsound) status = search_quads(ctx, surface, options, &best);
-    if (status == QM_OK && !has_goal && !is_good(&best, &plain, WORTH_RATIO, wanted))
-        status = try_quads(ctx, surface, options, wanted, QM_REMESH_FROM_QUADS, &best, NULL);
-    plain_quads_reset(ctx, &plain);
-    *out = best.made;
+    if (status == QM_OK && s->best.is_quick && s->best.is_poor) status = settle(s, false, &s->best);
+    bool is_missed = s->is_last && s->options.distance > 0.0 && !s->best.is_near;
+    double most_distance = is_good(s, WORTH_RATIO) ? s->options.distance : INFINITY;
+    if (status == QM_OK && (is_missed || !is_good(s, WORTH_RATIO)))
+        status = try_quads(s, QM_REMESH_FROM_QUADS, most_distance);
+    return status;
+}
+
+/** How far a mesh of the wanted number will be at least, about: no nearer than the plain one has it, and that falls no faster than the number grows. */
+static double least_distance(const semi_regular *s)
+{
+    return NEARER * s->plain.distance * (double)s->plain.wanted / (double)s->options.quads.quads;
+}
+
+/** Makes meshes of more and more quads, until one is as near as was wanted, or at the limit; where that one has folded quads, up to FOLDED_GROWTH times as many. */
+static qm_status search_number(semi_regular *s)
+{
+    const double goal = s->options.distance, limit = (double)s->options.quads.quads;
+    double quads = fmin(FIRST_SEMI_REGULAR, limit), most = limit;
+    qm_status status = QM_OK;
+    while (status == QM_OK && !s->is_last) {
+        s->options.quads.quads = (size_t)quads;
+        s->is_last = quads >= most;
+        status = make_plain(s);
+        double distance = least_distance(s);
+        if (status == QM_OK && (s->is_last || distance <= goal)) {
+            status = make_number(s);
+            distance = s->best.made.upper;
+            if (s->best.is_near && s->best.folded == 0) s->is_last = true;
+            if (s->best.is_near && most == limit) most = fmin(limit, FOLDED_GROWTH * quads);
+            if (status == QM_OK) keep_better(s->ctx, &s->best, &s->nearest, is_better_for_goal);
+        }
+        quads = fmin(most, quads * fmin(fmax(GROWTH, distance / goal), MOST_GROWTH));
+    }
+    qm_mesh_reset(s->ctx, &s->best.made.mesh);
+    s->best = s->nearest;
+    return status;
+}
+
+static qm_status make_semi_regular(qm_context *ctx, const qm_ref_surface *surface,
+                                   const qm_remesh_options *options, qm_remesh_result *out)
+{
+    semi_regular s = {.ctx = ctx, .surface = surface, .options = *options};
+    qm_status status = QM_OK;
+    if (options->distance > 0.0) {
+        status = search_number(&s);
+    } else {
+        status = make_plain(&s);
+        if (status == QM_OK) status = make_number(&s);
+    }
+    plain_quads_reset(ctx, &s.plain);
+    *out = s.best.made;
+    out->rounds = s.rounds;
     return status;
 }
 

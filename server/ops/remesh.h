@@ -11,11 +11,11 @@
 #define QM_REMESH_FIRST_QUADS 1000 /* that a search for a distance starts with */
 #define QM_REMESH_MOST_QUADS 1000000
 
-/** What is done at a moment: quads are made, a layout, a step of refinement, the distance is measured, or a surface is made of points. */
+/** What is done at a moment: quads are made, a layout, its grids are filled, the distance is measured, or a surface is made of points. */
 typedef enum qm_remesh_work {
     QM_REMESH_QUADS,
     QM_REMESH_LAYOUT,
-    QM_REMESH_STEPS,
+    QM_REMESH_FILL,
     QM_REMESH_MEASURE,
     QM_REMESH_SURFACE /* by the caller: of points, before the quads */
 } qm_remesh_work;
@@ -51,7 +51,7 @@ typedef struct qm_remesh_result {
     qm_interval from_surface; /* greatest distance of a point of the surface from the quads, in its unit */
     qm_interval from_quads;   /* and of a point of the quads, read as two triangles, from the surface */
     double lower, upper;      /* the greater of both: the two-sided Hausdorff distance */
-    size_t rounds;            /* meshes, or steps, that were made */
+    size_t rounds;            /* meshes that were made */
     size_t patches;           /* of a semi-regular mesh; else 0 */
     qm_remesh_origin origin;  /* of these */
 } qm_remesh_result;

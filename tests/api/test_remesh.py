@@ -71,10 +71,19 @@ def test_the_same_request_makes_the_same_mesh(client, surface):
 def test_a_distance_is_reached_or_told_as_out_of_reach(client, surface):
     result = remesh(client, surface, quads=300, distance=0.004)["result"]
     assert result["reached"] and result["hausdorff"]["upper_relative"] <= 0.004 and result["rounds"] > 1
-    far = remesh(client, surface, quads=400, distance=1e-6, semi_regular=True)["result"]
-    assert not far["reached"] and far["quads"] <= 400 and far["patches"] > 0
+    far = remesh(client, surface, quads=2000, distance=1e-6, semi_regular=True)["result"]
+    assert not far["reached"] and far["quads"] <= 2000 and far["patches"] > 0
     assert far["patches_from"] == "layout"
     check_patches(client, far)
+
+
+def test_a_distance_takes_few_quads_in_patches_too(client, surface):
+    for distance in (0.02, 0.004):
+        plain = remesh(client, surface, distance=distance)["result"]
+        result = remesh(client, surface, distance=distance, semi_regular=True)["result"]
+        assert result["reached"] and result["hausdorff"]["upper_relative"] <= distance and result["folded"] == 0
+        assert result["quads"] <= 2 * plain["quads"]
+        check_patches(client, result)
 
 
 def sieve(seed, holes, size):
@@ -134,7 +143,7 @@ def test_stages_are_streamed(client, surface):
     events = ndjson(client.post("/v1/jobs", json=request, headers={"Accept": "application/x-ndjson"}).text)
     assert [event["seq"] for event in events] == list(range(1, len(events) + 1))
     stages = [event["stage"] for event in events[:-1]]
-    assert stages[:3] == ["quads", "measure", "layout"] and stages[-1] == "measure" and "steps" in stages
+    assert stages[:3] == ["quads", "measure", "layout"] and stages[-1] == "measure" and "fill" in stages
     assert all(event["event"] == "stage" and event["quads"] > 0 for event in events[:-1])
     times = [event["elapsed_ms"] for event in events[:-1]]
     assert times == sorted(times)
