@@ -11,7 +11,7 @@ import { Search } from "../core/search.js";
 /** @import { RemeshRequest, RemeshResult, StageEvent, SurfaceOfPoints } from "../../js/types.js" */
 /** @import { Found } from "../core/search.js" */
 
-const STAGES = { surface: "Making a surface of the points", quads: "Making quads", layout: "Making a layout", steps: "Refining", measure: "Measuring the distance" };
+const STAGES = { surface: "Making a surface of the points", quads: "Making quads", layout: "Making a layout", fill: "Filling the layout", measure: "Measuring the distance" };
 
 /** Follows such a job by its stages. */
 class Work extends Search {
