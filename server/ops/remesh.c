@@ -293,7 +293,7 @@ static void drawn_layout_reset(qm_context *ctx, drawn_layout *drawn)
     *drawn = (drawn_layout){0};
 }
 
-/** Draws a layout of about so many patches. Its curves may cross: only its grids are used. */
+/** Draws a layout of about so many patches, but none of more than quads. Its curves may cross: only its grids are used. */
 static qm_status draw_layout(semi_regular *s, size_t patches, drawn_layout *out)
 {
     const qm_quads_options quads = quads_of_layout(&s->options);
@@ -302,16 +302,16 @@ static qm_status draw_layout(semi_regular *s, size_t patches, drawn_layout *out)
     how.creases = s->plain.creases;
     how.lengths = &s->plain.lengths;
     how.may_cross = true;
+    how.most_patches = s->options.quads.quads;
     tell(s, QM_REMESH_LAYOUT, quads.quads);
     return qm_quad_layout_make_of_surface(s->ctx, s->surface, &quads, &s->plain.mesh, &how, &out->layout,
                                           &out->issues, NULL, &out->grids);
 }
 
-/** Makes a mesh by a layout, and keeps the better one. A layout of more patches than quads makes none. */
+/** Makes a mesh by a layout, and keeps the better one. */
 static qm_status try_layout(semi_regular *s, const drawn_layout *drawn, bool is_quick)
 {
     trial now = {.made.patches = drawn->layout.patch_count};
-    if (drawn->layout.patch_count > s->options.quads.quads) return QM_OK;
     qm_status status = fill_grids(s, &drawn->layout, drawn->grids, is_quick, &now);
     if (status == QM_OK) keep_better(s->ctx, &now, &s->best, is_better);
     qm_mesh_reset(s->ctx, &now.made.mesh);

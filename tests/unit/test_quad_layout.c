@@ -282,6 +282,45 @@ static void shapes_of_any_genus_keep_their_counts(void **state)
     check_layout("corner", boundary_of(&set, 2), 0, true);
 }
 
+/** A layout for its grids alone is refused where it has too many patches, or is folded nearly everywhere. */
+static void hopeless_layouts_are_refused(void **state)
+{
+    (void)state;
+    voxels cube = {0};
+    fill(&cube, 0, 0, 0, 2, 2, 2, true);
+    qm_mesh ball = boundary_of(&cube, 4);
+    make_round(&ball, 1.0);
+    qm_ground round, ring;
+    qm_ground_make(&round, ball);
+    qm_ground_make(&ring, qm_shape_torus(24, 12, 1, 0.4));
+    const struct {
+        const qm_mesh *quads;
+        size_t most_patches;
+        bool may_cross;
+        qm_status expected;
+    } cases[] = {{&round.mesh, 0, true, QM_OK},       {&round.mesh, 6, true, QM_OK},
+                 {&round.mesh, 5, true, QM_E_LAYOUT}, {&round.mesh, 5, false, QM_E_LAYOUT},
+                 {&ring.mesh, 0, true, QM_E_LAYOUT}, /* half of a torus is upside down on a ball */
+                 {&ring.mesh, 0, false, QM_OK}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        qm_quad_layout_options options = qm_quad_layout_options_default();
+        qm_layout layout;
+        qm_layout_issues issues;
+        options.effort = 300;
+        options.most_patches = cases[i].most_patches;
+        options.may_cross = cases[i].may_cross;
+        qm_status status =
+            qm_quad_layout_make(&round.ctx, cases[i].quads, &round.source, &options, &layout, &issues, NULL);
+        QM_CHECK(status == cases[i].expected, "case %zu: %d %s", i, (int)status, round.ctx.message);
+        QM_CHECK((layout.patch_count > 0) == (status == QM_OK), "case %zu: %zu patches", i,
+                 layout.patch_count);
+        qm_layout_reset(&round.ctx, &layout);
+        qm_layout_issues_reset(&round.ctx, &issues);
+    }
+    qm_ground_free(&round);
+    qm_ground_free(&ring);
+}
+
 /** A random set of voxels that hang together by their sides. */
 static voxels random_voxels(qm_random *random, int count)
 {
@@ -1162,6 +1201,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(simple_shapes_have_the_fewest_patches),
         cmocka_unit_test(shapes_of_any_genus_keep_their_counts),
+        cmocka_unit_test(hopeless_layouts_are_refused),
         cmocka_unit_test(random_meshes_keep_their_counts),
         cmocka_unit_test(creases_become_curves),
         cmocka_unit_test(a_surface_alone_has_its_creases_as_curves),

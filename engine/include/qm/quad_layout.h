@@ -27,14 +27,16 @@ typedef struct qm_quad_layout_options {
     const uint8_t
         *creases; /* NULL: by the angle; else, where all faces are quads, a byte for each: bit k for the side
                                from its corner k to the next one */
-    size_t patches; /* the layout is divided until it has nearly so many; 0: as few as are found */
-    size_t effort;  /* trials to find fewer patches */
+    size_t patches;      /* the layout is divided until it has nearly so many; 0: as few as are found */
+    size_t most_patches; /* a layout of more is refused before it is drawn; 0: any number */
+    size_t effort;       /* trials to find fewer patches */
     bool
         merges_doublets; /* two quads with a vertex inside the mesh that no other quad has become one, unless a crease
                              between them has a corner there: in a finer mesh they would have corners of 180 degrees. The
                              layout has no node at it then. Not where some faces are triangles */
-    bool may_cross; /* curves that cross are told, but not drawn anew, nor are other quads tried: the grids do
-                       without, and come several times faster */
+    bool
+        may_cross; /* curves that cross may remain, and no other quads are tried: the grids do without, and come several
+                       times faster. A layout that is folded in too many places is refused then */
     qm_quad_layout_lengths *
         lengths; /* NULL, or all zero, or from a layout of the same quads with the same options but for fewer patches, which
                      is as if made without them; receives those of this layout, for their reset */
@@ -42,7 +44,7 @@ typedef struct qm_quad_layout_options {
 
 void qm_quad_layout_lengths_reset(qm_context *ctx, qm_quad_layout_lengths *lengths);
 
-/** 0, NULL, 0, 4000, false, false, NULL. */
+/** 0, NULL, 0, 0, 4000, false, false, NULL. */
 qm_quad_layout_options qm_quad_layout_options_default(void);
 
 /** Counts of the quads and of what was made of them. */
@@ -64,7 +66,7 @@ typedef struct qm_quad_layout_facts {
  * Ownership: *out and *issues are the caller's, for their resets; empty after an error. Issues name curves that cross
  *            each other on the surface.
  * Returns:   QM_OK; QM_E_EMPTY (no faces); QM_E_ARGUMENT (an option; fewer quads than other faces); QM_E_LAYOUT (the quads
- *            bound no patches: some share two opposite corners); QM_E_TOO_LARGE; QM_E_NO_MEMORY; QM_E_CANCELED.
+ *            bound no patches: some share two opposite corners; or the layout was refused, see the options); QM_E_TOO_LARGE; QM_E_NO_MEMORY; QM_E_CANCELED.
  */
 qm_status qm_quad_layout_make(qm_context *ctx, const qm_mesh *quads, const qm_ref_surface *surface,
                               const qm_quad_layout_options *options, qm_layout *out, qm_layout_issues *issues,

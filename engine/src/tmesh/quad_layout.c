@@ -7,13 +7,13 @@
 #include "tmesh/tmesh.h"
 #include "tmesh/tmesh_route.h"
 
-#define ROUNDS 32           /* drawings without crossings */
-#define CROSSED 6           /* drawings with crossings: after that curves are laid */
-#define ROUGH 2             /* drawings where curves may cross */
-#define PATIENCE 6          /* drawings that are no better than the best */
-#define UNCROSSED 2         /* of these with crossings */
-#define HOPELESS 32         /* crossings that two trials leave, or a rough drawing: there is no other */
-#define MOST_PATCHES 5      /* for each required vertex, where fewer do */
+#define ROUNDS 32      /* drawings without crossings */
+#define CROSSED 6      /* drawings with crossings: after that curves are laid */
+#define ROUGH 2        /* drawings where curves may cross */
+#define PATIENCE 6     /* drawings that are no better than the best */
+#define UNCROSSED 2    /* of these with crossings */
+#define HOPELESS 32    /* crossings that two trials leave, or folds of a rough drawing: there is no other */
+#define MOST_PATCHES 5 /* for each required vertex, where fewer do */
 #define FOLDS_A_CROSSING 64 /* crossings count more than folds: a reconstruction refuses them */
 
 /* Of the quads that are wanted, those of each trial to make a layout of a surface without crossings: a few quads more or
@@ -143,32 +143,66 @@ static qm_status route(layout_work *work, const qm_ref_surface *surface, qm_draw
                                                         : status;
 }
 
-static int most_rounds(bool may_cross, size_t crossings)
+/** Draws the layout once, with the lengths as they are. *drawing is the caller's, also after an error. */
+static qm_status draw_once(layout_work *work, const qm_ref_surface *surface,
+                           const qm_quad_layout_options *options, qm_tmesh_classes *classes,
+                           qm_drawing *drawing, qm_tmesh_faults *faults)
 {
-    if (may_cross) return ROUGH;
-    return crossings > 0 ? CROSSED : ROUNDS;
+    const size_t most = options->most_patches;
+    *drawing = (qm_drawing){0};
+    *faults = (qm_tmesh_faults){0};
+    qm_arena_rewind(&work->scratch);
+    qm_status status =
+        qm_tmesh_classes_find(&work->scratch, &work->quads, &work->tmesh, work->length, 1, classes);
+    if (status != QM_OK) return status;
+    if (most > 0 && classes->face_count > most)
+        return qm_context_fail(work->ctx, QM_E_LAYOUT, "the layout has %zu patches, the limit is %zu",
+                               classes->face_count, most);
+    return qm_tmesh_draw_curves(&work->scratch, &work->quads, &work->set, &work->tmesh, work->length, classes,
+                                surface, &work->source, options->may_cross, &work->triangles, drawing,
+                                faults);
 }
 
-/** Draws the layout, and spreads the lengths where that fails, as long as it helps; keeps the drawing with the fewest faults. Where curves may
- * cross, one without folds has none. */
-static qm_status draw(layout_work *work, const qm_ref_surface *surface, bool may_cross, qm_drawing *out)
+/** Draws a layout whose grids alone are used, once more with other lengths where cells stay folded; keeps the drawing with the fewest. */
+static qm_status draw_rough(layout_work *work, const qm_ref_surface *surface,
+                            const qm_quad_layout_options *options, qm_drawing *out)
+{
+    size_t least = SIZE_MAX;
+    bool changed = true;
+    qm_status status = QM_OK;
+    for (int round = 0; status == QM_OK && round < ROUGH && changed && least > 0; round++) {
+        qm_tmesh_classes classes;
+        qm_tmesh_faults faults;
+        qm_drawing drawing;
+        status = draw_once(work, surface, options, &classes, &drawing, &faults);
+        if (status == QM_OK && !faults.is_refused && faults.folds < least) {
+            swap(out, &drawing);
+            least = faults.folds;
+        }
+        free_drawing(work->ctx, &drawing);
+        changed = false;
+        if (status == QM_OK && !faults.is_refused && faults.folds > 0 && faults.folds <= HOPELESS)
+            status = qm_tmesh_spread_lengths(work->ctx, &work->quads, &work->tmesh, &classes,
+                                             faults.class_fault, work->is_held, work->length, &changed);
+    }
+    if (status == QM_E_LAYOUT && least < SIZE_MAX) return QM_OK;
+    if (status != QM_OK || least < SIZE_MAX) return status;
+    return qm_context_fail(work->ctx, QM_E_LAYOUT, "the layout is folded in too many places");
+}
+
+/** Draws the layout, and spreads the lengths where that fails, as long as it helps; keeps the drawing with the fewest faults. */
+static qm_status draw(layout_work *work, const qm_ref_surface *surface, const qm_quad_layout_options *options,
+                      qm_drawing *out)
 {
     size_t least = SIZE_MAX, crossings = SIZE_MAX;
     int idle = 0;
-    for (int round = 0; least > 0 && round < most_rounds(may_cross, crossings) &&
+    for (int round = 0; least > 0 && round < (crossings > 0 ? CROSSED : ROUNDS) &&
                         idle < (crossings > 0 ? UNCROSSED : PATIENCE);
          round++) {
         qm_tmesh_classes classes;
         qm_tmesh_faults faults;
-        qm_drawing drawing = {0};
-        qm_arena_rewind(&work->scratch);
-        qm_status status =
-            qm_tmesh_classes_find(&work->scratch, &work->quads, &work->tmesh, work->length, 1, &classes);
-        if (status == QM_OK)
-            status =
-                qm_tmesh_draw_curves(&work->scratch, &work->quads, &work->set, &work->tmesh, work->length,
-                                     &classes, surface, &work->source, &work->triangles, &drawing, &faults);
-        if (may_cross && faults.folds == 0) faults.crossings = 0;
+        qm_drawing drawing;
+        qm_status status = draw_once(work, surface, options, &classes, &drawing, &faults);
         size_t count = status == QM_OK ? faults.folds + FOLDS_A_CROSSING * faults.crossings : SIZE_MAX;
         /* More patches are worth less crossings, but not less folds when they are many. */
         bool is_good = crossings == 0 && classes.face_count > MOST_PATCHES * work->quads.required_count;
@@ -183,8 +217,9 @@ static qm_status draw(layout_work *work, const qm_ref_surface *surface, bool may
         if (status == QM_OK && least > 0)
             status = qm_tmesh_spread_lengths(work->ctx, &work->quads, &work->tmesh, &classes,
                                              faults.class_fault, work->is_held, work->length, &changed);
+        if (status == QM_E_LAYOUT && least < SIZE_MAX) return QM_OK;
         if (status != QM_OK) return status;
-        if (!changed || is_good || (may_cross && crossings > HOPELESS)) break;
+        if (!changed || is_good) break;
     }
     return QM_OK;
 }
@@ -253,7 +288,7 @@ static qm_status make(layout_work *work, const qm_mesh *mesh, const qm_ref_surfa
     if (status == QM_OK)
         status = qm_tmesh_source_of_quads(&work->lasting, &work->quads, &work->set, &work->tmesh, surface,
                                           &work->source);
-    if (status == QM_OK) status = draw(work, surface, options->may_cross, out);
+    if (status == QM_OK) status = (options->may_cross ? draw_rough : draw)(work, surface, options, out);
     if (status == QM_OK && out->issues.count > 0 && !surface->is_cloud && !options->may_cross)
         status = route(work, surface, out);
     return status == QM_OK ? settle_curves(work->ctx, surface, out) : status;

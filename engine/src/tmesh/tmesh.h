@@ -260,6 +260,7 @@ typedef struct qm_drawing {
 
 /** Where a drawing failed. */
 typedef struct qm_tmesh_faults {
+    bool is_refused;         /* there is no layout: too many cells were folded */
     size_t folds, crossings; /* cells of the lattices; pairs of curves */
     uint8_t *
         class_fault; /* by lowest point of a class of points: 2 at the end of a crossed curve, 1 at a corner of a
@@ -270,6 +271,7 @@ typedef struct qm_tmesh_faults {
  * Draws the layout of lengths on a surface: each face is a lattice of cells, which starts where the source
  * is, and relaxes on the surface where it folds; points of features slide along them.
  *
+ * is_rough   for the grids alone: crossings are not sought while cells are folded, and where very many are at first, it is refused
  * triangles  of the surface, or all zero: they are made when something folds; the caller's, for their reset
  * out        empty; the caller's, also after an error
  *
@@ -277,7 +279,7 @@ typedef struct qm_tmesh_faults {
  */
 qm_status qm_tmesh_draw_curves(qm_arena *arena, const qm_tmesh_quads *quads, const qm_patch_set *set,
                                const qm_tmesh *tmesh, const uint32_t *length, const qm_tmesh_classes *classes,
-                               const qm_ref_surface *surface, const qm_tmesh_source *source,
+                               const qm_ref_surface *surface, const qm_tmesh_source *source, bool is_rough,
                                qm_tmesh_triangles *triangles, qm_drawing *out, qm_tmesh_faults *faults);
 
 #endif
