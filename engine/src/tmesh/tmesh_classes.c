@@ -28,6 +28,7 @@ typedef struct classes_maker {
     int32_t *segment_euler;
     uint32_t *segment_patch; /* by lowest segment: a patch without width in the class */
     size_t fault_limit, fault_capacity, fault_used;
+    uint32_t *fault_of; /* by arc: the last fault that it is in, from 1 on; 0: none */
     /* for paths */
     uint32_t *adjacent_first, *adjacent, *reached_by, *queue;
 } classes_maker;
@@ -192,8 +193,8 @@ static bool count_euler(classes_maker *maker)
 static bool add_fault_arc(classes_maker *maker, uint32_t arc)
 {
     qm_tmesh_classes *out = maker->out;
-    for (size_t i = out->fault_first[out->fault_count]; i < maker->fault_used; i++)
-        if (out->fault_arcs[i] == arc) return true;
+    if (maker->fault_of[arc] == out->fault_count + 1) return true;
+    maker->fault_of[arc] = (uint32_t)out->fault_count + 1;
     if (maker->fault_used == maker->fault_capacity) {
         size_t capacity = 2 * maker->fault_capacity + 64;
         uint32_t *grown = qm_arena_alloc(maker->arena, capacity, sizeof *grown);
@@ -396,9 +397,10 @@ qm_status qm_tmesh_classes_find(qm_arena *arena, const qm_tmesh_quads *quads, co
                            .out = out,
                            .fault_limit = fault_limit};
     out->fault_first = qm_arena_zeroed(arena, fault_limit + 2, sizeof *out->fault_first);
-    bool has_memory = out->fault_first && number_points(&maker) && list_sides(&maker) && link_all(&maker) &&
-                      count_euler(&maker) && find_meetings(&maker) && find_rings(&maker) &&
-                      find_degenerate_faces(&maker);
+    maker.fault_of = qm_arena_zeroed(arena, tmesh->arc_count, sizeof *maker.fault_of);
+    bool has_memory = out->fault_first && maker.fault_of && number_points(&maker) && list_sides(&maker) &&
+                      link_all(&maker) && count_euler(&maker) && find_meetings(&maker) &&
+                      find_rings(&maker) && find_degenerate_faces(&maker);
     if (has_memory) return QM_OK;
     return qm_context_fail(arena->ctx, QM_E_NO_MEMORY, "out of memory for a layout of %zu arcs",
                            tmesh->arc_count);

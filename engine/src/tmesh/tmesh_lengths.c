@@ -44,6 +44,7 @@
 /* Faults that are looked at together, and the part of them that is mended then: a walk often mends several. */
 #define FAULTS_AT_ONCE 64
 #define MENDED_PART 16
+#define STALLED_REPAIRS 200 /* rounds without fewer faults, after which arcs would grow without end */
 /* Trials times arcs: a limit of time for meshes with thousands of irregular vertices. */
 #define MOST_WORK 2000000
 
@@ -278,14 +279,16 @@ static double worth(const lengths_finder *finder, const qm_tmesh_classes *classe
 }
 
 /**
- * Lengthens arcs until there is no fault, or the layout is worth more than the limit.
+ * Lengthens arcs until there is no fault, the layout is worth more than the limit, or faults stay.
  *
  * Returns QM_OK with *found, or an error.
  */
 static qm_status repair(lengths_finder *finder, double limit, size_t rounds, bool *found, double *value)
 {
     *found = false;
-    for (size_t round = 0; round < rounds; round++) {
+    size_t least = SIZE_MAX;
+    int stalled = 0;
+    for (size_t round = 0; round < rounds && stalled < STALLED_REPAIRS; round++) {
         if (qm_context_canceled(finder->ctx)) return qm_context_fail(finder->ctx, QM_E_CANCELED, "canceled");
         qm_tmesh_classes classes;
         qm_arena_rewind(&finder->scratch);
@@ -299,6 +302,8 @@ static qm_status repair(lengths_finder *finder, double limit, size_t rounds, boo
             *found = true;
             return QM_OK;
         }
+        stalled = classes.fault_count < least ? 0 : stalled + 1;
+        if (stalled == 0) least = classes.fault_count;
         size_t mended = 1 + classes.fault_count / MENDED_PART;
         for (size_t i = 0; i < mended; i++) {
             size_t fault = i * classes.fault_count / mended;
@@ -434,6 +439,10 @@ static qm_status find(lengths_finder *finder, size_t effort)
     for (int start = 0; start < (effort >= FEWEST_TRIALS ? STARTS : 1) && status == QM_OK; start++) {
         finder->seed = start > 0 ? 1 + next_random(finder) : 0;
         status = construct(finder, &value);
+        if (status == QM_E_LAYOUT && best < INFINITY) {
+            status = QM_OK;
+            continue;
+        }
         if (status == QM_OK) status = try_shorter(finder, effort / START_SHARE, &value);
         if (status != QM_OK || value >= best) continue;
         best = value;
