@@ -412,7 +412,7 @@ static qm_status make(qm_context *ctx, const qm_bvh *bvh, qm_quads_triangles *t,
     qm_context_free(ctx, parts, t->component_count, sizeof *parts);
     size_t opened;
     if (status == QM_OK) status = qm_quads_open_lone(ctx, r, &opened);
-    if (status == QM_OK) status = qm_quads_polish(ctx, r, bvh, false, options->thread_count);
+    if (status == QM_OK) status = qm_quads_polish(ctx, r, bvh, options->thread_count);
     size_t moves = qm_quads_untangle_moves(r);
     if (status == QM_OK) status = qm_quads_untangle(ctx, r, bvh, false, &moves, options->thread_count);
     /* contractions may have left more of them */

@@ -250,8 +250,12 @@ qm_status qm_quads_tidy(qm_context *ctx, qm_quads_result *r, size_t *irregular);
  * QM_OK; QM_E_NO_MEMORY. */
 qm_status qm_quads_open_lone(qm_context *ctx, qm_quads_result *r, size_t *opened);
 
-/** Moves vertices along the surface, those of features along these; spreads them where the surface bends, if wanted. */
-qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool spreads,
+/** Centres vertices along the surface, those of features along these. */
+qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
+
+/** Spreads vertices along the surface, more where it bends, those of features along these. Vertices stay where a quad would become poor, but, if
+ * frees_folded, not round quads that are folded at first: to come into order they may pass through worse states. */
+qm_status qm_quads_spread(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool frees_folded,
                           int thread_count);
 
 /** Centres the vertices that are marked among their neighbours, with equal weights, in some rounds; the others stay. */

@@ -2,8 +2,10 @@
  * quads_polish.c: vertices of quads are centred among their neighbours and projected, those of features onto the features.
  *
  * Spreading them gives neighbours weights: the height of the surface over the side to them, which goes as its length times the angle
- * between the normals at its ends, and a term in the square of its length, so that flat parts get vertices too. Heights become
- * equal all over then, and vertices are drawn to tips, off which equal weights draw them.
+ * between the normals at its ends, and terms that are the same for all sides and in the square of its length, so that flat parts get vertices
+ * too, in even rows. Heights become more equal, and vertices are drawn to tips, off which equal weights draw them. Moves go on with a part of the
+ * last one (Polyak 1964), and vertices stay for a round where a quad would become poor, but not round quads that are folded from the start:
+ * they cannot come into order otherwise.
  */
 #include "quads/quads_internal.h"
 
@@ -14,13 +16,17 @@
 #define ROUNDS 5 /* more would draw vertices off tips */
 #define LINE_ROUNDS                                                                                          \
     20 /* before that, of vertices of features alone, whose sides may be twice as long as others */
-/* The weights go as squares of lengths, so that a vertex that comes nearer to one neighbour is drawn back three times as much as with
- * equal ones: moves of more than a third of the way to the mean would not settle. */
+/* Where weights go as squares of lengths, a vertex that comes nearer to one neighbour is drawn back three times as much as with
+ * equal ones: moves of more than a third of the way to the mean would not settle. With MOMENTUM of the last move they settle in a tenth of the
+ * rounds. */
 #define SPREAD_ROUNDS 120
-#define SPREAD_STEP 0.25
+#define SPREAD_STEP 0.3
+#define MOMENTUM 0.9
+#define FREE_RINGS 2 /* of vertices round quads that are folded from the start */
 #define MOST_MOVED                                                                                           \
     0.1 /* of a side, before a vertex is projected: moves along the surface leave it by their squares only */
-#define FLAT_TURN 20.0 /* curvature that flat parts are given: radians along the diagonal */
+#define FLAT_TURN 40.0 /* curvature that flat parts are given: radians along the diagonal */
+#define EVEN 4.0       /* squares of the side of a quad, to which the square of a length is added for that */
 
 typedef struct polish {
     qm_context *ctx;
@@ -32,12 +38,16 @@ typedef struct polish {
     double *target, *nearest;
     double *moved;                  /* of each vertex: how far since it was projected */
     qm_vec *goal, *normal, *toward; /* of each vertex */
+    qm_vec *last;                   /* move of each vertex, where they are spread */
     uint8_t *is_sure;               /* its normal tells which wall it is on */
+    uint8_t *stays;                 /* for this round */
+    uint8_t *is_free;               /* it is near a quad that was folded from the start: it never stays */
     uint32_t *active;               /* the vertices that may move */
     size_t active_count;
-    int rounds;
-    bool spreads;
+    int line_rounds, rounds;
+    bool spreads, frees_folded;
     double flat; /* curvature that is added everywhere */
+    double even; /* squared length that is added to those of sides for it */
     double side; /* of a quad */
     int thread_count;
 } polish;
@@ -120,7 +130,8 @@ static double weight_of(const polish *p, uint32_t v, uint32_t other)
 {
     if (!p->spreads) return 1.0;
     double length2 = qm_vec_norm2(qm_vec_sub(at(p, other), at(p, v)));
-    return p->flat * length2 + sqrt(length2 * qm_vec_norm2(qm_vec_sub(p->normal[other], p->normal[v])));
+    return p->flat * (length2 + p->even) +
+           sqrt(length2 * qm_vec_norm2(qm_vec_sub(p->normal[other], p->normal[v])));
 }
 
 /** Where a vertex would lie best: the mean of its neighbours, without the part along the normal. */
@@ -145,9 +156,47 @@ static qm_vec centred(const polish *p, uint32_t v)
     }
     if (!(weights > 0.0)) return here;
     qm_vec move = qm_vec_sub(qm_vec_scale(1.0 / weights, sum), here);
-    if (p->spreads) move = qm_vec_scale(SPREAD_STEP, move);
+    if (p->spreads) move = qm_vec_axpy(qm_vec_scale(SPREAD_STEP, move), MOMENTUM, p->last[v]);
     qm_vec normal = p->normal[v];
     return qm_vec_add(here, qm_vec_axpy(move, -qm_vec_dot(move, normal), normal));
+}
+
+/** Marks the vertices of quads that are folded, and of some rings round them, if these shall be free. */
+static void free_folded(polish *p)
+{
+    const qm_mesh *m = &p->r->mesh;
+    memset(p->is_free, 0, m->vertex_count);
+    for (uint8_t ring = 0; ring <= FREE_RINGS && p->frees_folded; ring++)
+        for (uint32_t f = 0; f < m->face_count; f++) {
+            qm_vec corner[4];
+            face_corners(p, f, corner);
+            bool is_marked = ring == 0 && !(qm_quad_min_sine(corner) > 0.0);
+            for (uint32_t k = 0; k < 4 && ring > 0 && !is_marked; k++)
+                is_marked = p->is_free[corner_vertex(p, f, k)] == ring;
+            for (uint32_t k = 0; k < 4 && is_marked; k++)
+                if (!p->is_free[corner_vertex(p, f, k)]) p->is_free[corner_vertex(p, f, k)] = ring + 1;
+        }
+}
+
+/** The vertices of quads that would become poor, or worse, stay. */
+static void hold_poor(polish *p)
+{
+    const qm_mesh *m = &p->r->mesh;
+    memset(p->stays, 0, m->vertex_count);
+    for (uint32_t f = 0; f < m->face_count; f++) {
+        qm_vec before[4], after[4];
+        face_corners(p, f, before);
+        for (uint32_t k = 0; k < 4; k++)
+            after[k] = p->goal[corner_vertex(p, f, k)];
+        double sine = qm_quad_min_sine(after);
+        if (sine >= QM_QUADS_POOR_SINE || sine >= qm_quad_min_sine(before)) continue;
+        for (uint32_t k = 0; k < 4; k++)
+            p->stays[corner_vertex(p, f, k)] = 1;
+    }
+    for (uint32_t v = 0; v < m->vertex_count; v++) {
+        if (p->stays[v] && !p->is_free[v]) p->goal[v] = at(p, v);
+        p->last[v] = qm_vec_sub(p->goal[v], at(p, v));
+    }
 }
 
 /** Moves the active vertices of a kind to their goals, and projects those that have moved by limit or more since they were. */
@@ -184,6 +233,7 @@ static qm_status centre_all(polish *p, double limit)
     }
     for (size_t k = 0; k < p->active_count; k++)
         p->goal[p->active[k]] = centred(p, p->active[k]);
+    if (p->spreads) hold_poor(p);
     qm_status status = move_kind(p, QM_TRIMESH_FREE, &p->surface, limit);
     return status == QM_OK ? move_kind(p, QM_TRIMESH_ON_LINE, &p->features, 0.0) : status;
 }
@@ -207,40 +257,41 @@ static double mean_side(const polish *p)
     return sqrt(qm_quads_mesh_area(m) / qm_max((double)m->face_count, 1.0));
 }
 
-static qm_status run(polish *p, const uint8_t *moves, int line_rounds)
+static qm_status run(polish *p, const uint8_t *moves)
 {
     list_corners(p);
     p->side = mean_side(p);
     find_kinds(p);
     memset(p->moved, 0, p->r->mesh.vertex_count * sizeof *p->moved);
+    memset(p->last, 0, p->r->mesh.vertex_count * sizeof *p->last);
     const qm_box box = qm_mesh_bounding_box(&p->r->mesh);
+    p->even = EVEN * p->side * p->side;
     p->flat = FLAT_TURN / qm_max(qm_mesh_box_diagonal(&box), QM_MIN_LENGTH);
     for (uint32_t v = 0; v < p->r->mesh.vertex_count; v++)
         if (!moves || moves[v]) p->active[p->active_count++] = v;
     qm_status status = QM_OK;
-    for (int round = 0; round < line_rounds && status == QM_OK; round++)
+    if (p->spreads) free_folded(p);
+    for (int round = 0; round < p->line_rounds && status == QM_OK; round++)
         status = centre_lines(p);
     for (int round = 0; round < p->rounds && status == QM_OK; round++)
         status = centre_all(p, p->spreads && round + 1 < p->rounds ? MOST_MOVED * p->side : 0.0);
     return status;
 }
 
-/** Moves the vertices that are marked, or all. */
+/** Moves the vertices that are marked, or all, by the rules of how. */
 static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, const uint8_t *moves,
-                             bool spreads, int line_rounds, int rounds, int thread_count)
+                             const polish *how)
 {
     size_t vertices = r->mesh.vertex_count, corners = 4 * r->mesh.face_count;
     qm_bvh *features = NULL;
     qm_status status = QM_OK;
     if (r->features.face_count > 0)
-        status = qm_bvh_build(ctx, &r->features, QM_BVH_TARGET, thread_count, &features);
-    polish p = {.ctx = ctx,
-                .r = r,
-                .surface = {surface, NULL},
-                .features = {features, r->feature_normal},
-                .rounds = rounds,
-                .spreads = spreads,
-                .thread_count = thread_count};
+        status = qm_bvh_build(ctx, &r->features, QM_BVH_TARGET, how->thread_count, &features);
+    polish p = *how;
+    p.ctx = ctx;
+    p.r = r;
+    p.surface = (qm_quads_target){surface, NULL};
+    p.features = (qm_quads_target){features, r->feature_normal};
     p.start = qm_context_alloc(ctx, vertices + 1, sizeof *p.start);
     p.corner = qm_context_alloc(ctx, corners, sizeof *p.corner);
     p.kind = qm_context_alloc(ctx, vertices, 1);
@@ -249,13 +300,16 @@ static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *
     p.nearest = qm_context_alloc(ctx, vertices, 3 * sizeof *p.nearest);
     p.moved = qm_context_alloc(ctx, vertices, sizeof *p.moved);
     p.goal = qm_context_alloc(ctx, vertices, sizeof *p.goal);
+    p.last = qm_context_alloc(ctx, vertices, sizeof *p.last);
     p.normal = qm_context_alloc(ctx, vertices, sizeof *p.normal);
     p.toward = qm_context_alloc(ctx, vertices, sizeof *p.toward);
     p.is_sure = qm_context_alloc(ctx, vertices, 1);
+    p.stays = qm_context_alloc(ctx, vertices, 1);
+    p.is_free = qm_context_alloc(ctx, vertices, 1);
     p.active = qm_context_alloc(ctx, vertices, sizeof *p.active);
     bool has_memory = p.start && p.corner && p.kind && p.line && p.target && p.nearest && p.moved && p.goal &&
-                      p.normal && p.toward && p.is_sure && p.active;
-    if (status == QM_OK) status = has_memory ? run(&p, moves, line_rounds) : QM_E_NO_MEMORY;
+                      p.last && p.stays && p.is_free && p.normal && p.toward && p.is_sure && p.active;
+    if (status == QM_OK) status = has_memory ? run(&p, moves) : QM_E_NO_MEMORY;
     qm_context_free(ctx, p.start, vertices + 1, sizeof *p.start);
     qm_context_free(ctx, p.corner, corners, sizeof *p.corner);
     qm_context_free(ctx, p.kind, vertices, 1);
@@ -264,23 +318,34 @@ static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *
     qm_context_free(ctx, p.nearest, vertices, 3 * sizeof *p.nearest);
     qm_context_free(ctx, p.moved, vertices, sizeof *p.moved);
     qm_context_free(ctx, p.goal, vertices, sizeof *p.goal);
+    qm_context_free(ctx, p.last, vertices, sizeof *p.last);
     qm_context_free(ctx, p.normal, vertices, sizeof *p.normal);
     qm_context_free(ctx, p.toward, vertices, sizeof *p.toward);
     qm_context_free(ctx, p.is_sure, vertices, 1);
+    qm_context_free(ctx, p.stays, vertices, 1);
+    qm_context_free(ctx, p.is_free, vertices, 1);
     qm_context_free(ctx, p.active, vertices, sizeof *p.active);
     qm_bvh_destroy(ctx, features);
     return status;
 }
 
-qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool spreads,
+qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count)
+{
+    const polish how = {.rounds = ROUNDS, .line_rounds = LINE_ROUNDS, .thread_count = thread_count};
+    return polish_some(ctx, r, surface, NULL, &how);
+}
+
+qm_status qm_quads_spread(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool frees_folded,
                           int thread_count)
 {
-    return polish_some(ctx, r, surface, NULL, spreads, spreads ? 0 : LINE_ROUNDS,
-                       spreads ? SPREAD_ROUNDS : ROUNDS, thread_count);
+    const polish how = {
+        .rounds = SPREAD_ROUNDS, .spreads = true, .frees_folded = frees_folded, .thread_count = thread_count};
+    return polish_some(ctx, r, surface, NULL, &how);
 }
 
 qm_status qm_quads_centre(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, const uint8_t *moves,
                           int rounds, int thread_count)
 {
-    return polish_some(ctx, r, surface, moves, false, 0, rounds, thread_count);
+    const polish how = {.rounds = rounds, .thread_count = thread_count};
+    return polish_some(ctx, r, surface, moves, &how);
 }

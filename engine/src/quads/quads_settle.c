@@ -381,9 +381,10 @@ static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *
 {
     int threads = w->options->thread_count;
     qm_status status = QM_OK;
-    if (how != QM_QUADS_STAY)
-        status = qm_quads_polish(w->ctx, &w->r, w->surface,
-                                 how == QM_QUADS_SPREAD_ONCE || how == QM_QUADS_SPREAD, threads);
+    if (how == QM_QUADS_SPREAD_ONCE || how == QM_QUADS_SPREAD)
+        status = qm_quads_spread(w->ctx, &w->r, w->surface, how == QM_QUADS_SPREAD, threads);
+    else if (how != QM_QUADS_STAY)
+        status = qm_quads_polish(w->ctx, &w->r, w->surface, threads);
     size_t moves = qm_quads_untangle_moves(&w->r), moves_again = moves / 2; /* of all rounds together */
     size_t later = how == QM_QUADS_SPREAD_ONCE ? moves / ONCE_PART : 0;
     moves -= later;
