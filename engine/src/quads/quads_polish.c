@@ -22,6 +22,9 @@
 #define SPREAD_ROUNDS 120
 #define SPREAD_STEP 0.3
 #define MOMENTUM 0.9
+#define HEIGHT_ROUNDS 30 /* after which heights over quads are found again */
+#define BEND_OF_HEIGHT                                                                                       \
+    4.0 /* of an arc: length times turn; a quad bends both ways, each of which gives it an eighth of that as height */
 #define FREE_RINGS 2 /* of vertices round quads that are folded from the start */
 #define MOST_MOVED                                                                                           \
     0.1 /* of a side, before a vertex is projected: moves along the surface leave it by their squares only */
@@ -46,9 +49,10 @@ typedef struct polish {
     size_t active_count;
     int line_rounds, rounds;
     bool spreads, frees_folded;
-    double flat; /* curvature that is added everywhere */
-    double even; /* squared length that is added to those of sides for it */
-    double side; /* of a quad */
+    double flat;    /* curvature that is added everywhere */
+    double even;    /* squared length that is added to those of sides for it */
+    double *height; /* of each vertex: of the surface over the middles of its quads, at most */
+    double side;    /* of a quad */
     int thread_count;
 } polish;
 
@@ -130,8 +134,9 @@ static double weight_of(const polish *p, uint32_t v, uint32_t other)
 {
     if (!p->spreads) return 1.0;
     double length2 = qm_vec_norm2(qm_vec_sub(at(p, other), at(p, v)));
+    double bend = sqrt(length2 * qm_vec_norm2(qm_vec_sub(p->normal[other], p->normal[v])));
     return p->flat * (length2 + p->even) +
-           sqrt(length2 * qm_vec_norm2(qm_vec_sub(p->normal[other], p->normal[v])));
+           qm_max(bend, BEND_OF_HEIGHT * qm_max(p->height[v], p->height[other]));
 }
 
 /** Where a vertex would lie best: the mean of its neighbours, without the part along the normal. */
@@ -225,6 +230,32 @@ static qm_status move_kind(polish *p, uint8_t kind, const qm_quads_target *on, d
     return status;
 }
 
+/** Finds how far the surface is from the middles of the quads at each vertex: normals at corners do not tell of a crevice under a quad. */
+static qm_status find_heights(polish *p)
+{
+    const qm_mesh *m = &p->r->mesh;
+    qm_status status = QM_OK;
+    memset(p->height, 0, m->vertex_count * sizeof *p->height);
+    for (size_t first = 0; first < m->face_count && status == QM_OK; first += m->vertex_count) {
+        size_t count = m->face_count - first < m->vertex_count ? m->face_count - first : m->vertex_count;
+        for (size_t i = 0; i < count; i++) {
+            qm_vec c[4];
+            face_corners(p, (uint32_t)(first + i), c);
+            qm_vec_store(p->target + 3 * i,
+                         qm_vec_scale(0.25, qm_vec_add(qm_vec_add(c[0], c[1]), qm_vec_add(c[2], c[3]))));
+            p->toward[i] = (qm_vec){0, 0, 0};
+        }
+        status = qm_quads_project(p->ctx, &p->surface, p->target, p->toward, p->side, count, p->thread_count,
+                                  p->nearest);
+        for (size_t i = 0; i < 4 * count && status == QM_OK; i++) {
+            double *height = &p->height[m->faces[4 * first + i]];
+            const double *a = p->target + 3 * (i / 4), *b = p->nearest + 3 * (i / 4);
+            *height = qm_max(*height, qm_vec_distance(qm_vec_load(a), qm_vec_load(b)));
+        }
+    }
+    return status;
+}
+
 static qm_status centre_all(polish *p, double limit)
 {
     for (size_t k = 0; k < p->active_count; k++) {
@@ -273,8 +304,11 @@ static qm_status run(polish *p, const uint8_t *moves)
     if (p->spreads) free_folded(p);
     for (int round = 0; round < p->line_rounds && status == QM_OK; round++)
         status = centre_lines(p);
-    for (int round = 0; round < p->rounds && status == QM_OK; round++)
-        status = centre_all(p, p->spreads && round + 1 < p->rounds ? MOST_MOVED * p->side : 0.0);
+    for (int round = 0; round < p->rounds && status == QM_OK; round++) {
+        if (p->spreads && round % HEIGHT_ROUNDS == 0) status = find_heights(p);
+        if (status == QM_OK)
+            status = centre_all(p, p->spreads && round + 1 < p->rounds ? MOST_MOVED * p->side : 0.0);
+    }
     return status;
 }
 
@@ -301,6 +335,7 @@ static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *
     p.moved = qm_context_alloc(ctx, vertices, sizeof *p.moved);
     p.goal = qm_context_alloc(ctx, vertices, sizeof *p.goal);
     p.last = qm_context_alloc(ctx, vertices, sizeof *p.last);
+    p.height = qm_context_alloc(ctx, vertices, sizeof *p.height);
     p.normal = qm_context_alloc(ctx, vertices, sizeof *p.normal);
     p.toward = qm_context_alloc(ctx, vertices, sizeof *p.toward);
     p.is_sure = qm_context_alloc(ctx, vertices, 1);
@@ -308,7 +343,8 @@ static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *
     p.is_free = qm_context_alloc(ctx, vertices, 1);
     p.active = qm_context_alloc(ctx, vertices, sizeof *p.active);
     bool has_memory = p.start && p.corner && p.kind && p.line && p.target && p.nearest && p.moved && p.goal &&
-                      p.last && p.stays && p.is_free && p.normal && p.toward && p.is_sure && p.active;
+                      p.last && p.height && p.stays && p.is_free && p.normal && p.toward && p.is_sure &&
+                      p.active;
     if (status == QM_OK) status = has_memory ? run(&p, moves) : QM_E_NO_MEMORY;
     qm_context_free(ctx, p.start, vertices + 1, sizeof *p.start);
     qm_context_free(ctx, p.corner, corners, sizeof *p.corner);
@@ -319,6 +355,7 @@ static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *
     qm_context_free(ctx, p.moved, vertices, sizeof *p.moved);
     qm_context_free(ctx, p.goal, vertices, sizeof *p.goal);
     qm_context_free(ctx, p.last, vertices, sizeof *p.last);
+    qm_context_free(ctx, p.height, vertices, sizeof *p.height);
     qm_context_free(ctx, p.normal, vertices, sizeof *p.normal);
     qm_context_free(ctx, p.toward, vertices, sizeof *p.toward);
     qm_context_free(ctx, p.is_sure, vertices, 1);
