@@ -100,7 +100,7 @@ def test_features_become_sharp_curves(quadmesh, tmp_path):
     assert run.returncode == 0, run.stderr
     for line in mesh.read_text().splitlines():
         if line.startswith("v "):
-            assert any(abs(float(x) - end) < 1e-9 for x in line.split()[1:] for end in (0, 1))
+            assert any(abs(float(x) - end) < 1e-12 for x in line.split()[1:] for end in (0, 1))
     run = quadmesh("layout", surface, "--features", "--shortest", "50", "-o", out)
     assert run.returncode == 0 and "0 curves along features" in run.stdout
     for wrong in (["--features", "--auto"], ["--features", "--surface", "box.obj"], ["--features", "--patches", "9"],

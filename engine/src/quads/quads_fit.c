@@ -25,6 +25,7 @@
 #define FAR_SHARE 16.0
 #define MOST_SHARES 8.0
 #define NEAR_SHARE 1e-2 /* of the root mean square: a shorter way has no direction */
+#define ROUNDING 1e-12  /* of the diagonal: a way that is no longer comes from rounding */
 #define SEEK_ROUNDS                                                                                          \
     6 /* where nearest points are followed, they are sought in all quads once in so many rounds */
 #define MOST_WALK 8       /* faces that a nearest point is followed over in a round */
@@ -52,6 +53,7 @@ typedef struct fit {
     qm_vec *move; /* of each vertex */
     qm_vec *pull; /* of each vertex: sum of weights times what is left of its ways */
     double *weight;
+    double rounding; /* the length of a way that comes from it */
     int thread_count;
 } fit;
 
@@ -275,7 +277,8 @@ static void follow_feet(fit *w)
     for (size_t i = 0; i < 3 * w->sides.vertex_count; i += 3) {
         qm_vec way = step_from(w->from + i, w->foot + i), move = step_from(w->from + i, positions + i);
         double length2 = qm_vec_norm2(way);
-        if (length2 > 0.0) move = qm_vec_axpy(move, -qm_vec_dot(move, way) / length2, way);
+        if (length2 > w->rounding * w->rounding)
+            move = qm_vec_axpy(move, -qm_vec_dot(move, way) / length2, way);
         qm_vec_store(w->foot + i, qm_vec_add(qm_vec_load(w->foot + i), move));
         memcpy(w->from + i, positions + i, 3 * sizeof *positions);
     }
@@ -293,10 +296,11 @@ static qm_vec normal_of(const qm_quads_sides *t, uint32_t face)
 }
 
 /** A way: along the normal where it is too short to have a direction of its own. */
-static fit_way make_way(qm_vec step, qm_vec normal, double mean)
+static fit_way make_way(const fit *w, qm_vec step, qm_vec normal, double mean)
 {
     double length = qm_vec_norm(step);
-    if (length <= NEAR_SHARE * sqrt(mean)) return (fit_way){normal, qm_vec_dot(step, normal), 0.0};
+    if (length <= qm_max(NEAR_SHARE * sqrt(mean), w->rounding))
+        return (fit_way){normal, qm_vec_dot(step, normal), 0.0};
     double far_weight = FAR_WEIGHT * qm_min(length * length / (FAR_SHARE * mean), MOST_SHARES);
     return (fit_way){qm_vec_scale(1.0 / length, step), length, far_weight};
 }
@@ -312,13 +316,13 @@ static void find_ways(fit *w)
         w->facing[f] = normal_of(t, f);
     for (size_t i = 0; i < w->count; i++) {
         qm_vec normal = w->facing[w->face[i]];
-        w->way[i] = make_way(step_from(w->nearest + 3 * i, w->point + 3 * i), normal, mean);
+        w->way[i] = make_way(w, step_from(w->nearest + 3 * i, w->point + 3 * i), normal, mean);
         w->way[i].weight += 1.0;
         if (qm_vec_dot(normal, w->normal[i]) < 0.0) w->way[i].weight = 0.0; /* other side of a thin part */
     }
     for (size_t v = 0; v < t->vertex_count; v++)
         w->way[w->count + v] =
-            make_way(step_from(t->r->mesh.positions + 3 * v, w->foot + 3 * v), (qm_vec){0, 0, 0}, mean);
+            make_way(w, step_from(t->r->mesh.positions + 3 * v, w->foot + 3 * v), (qm_vec){0, 0, 0}, mean);
 }
 
 /** The vertices that a way moves, those of a triangle or one, and their shares; returns their number. */
@@ -489,6 +493,8 @@ qm_status qm_quads_fit(qm_context *ctx, qm_quads_result *r, const qm_bvh *surfac
                        int thread_count)
 {
     fit w = {.ctx = ctx, .bvh = surface, .surface = qm_bvh_mesh(surface), .thread_count = thread_count};
+    const qm_box box = qm_mesh_bounding_box(w.surface);
+    w.rounding = ROUNDING * qm_mesh_box_diagonal(&box);
     qm_status status = qm_quads_sides_build(ctx, r, &w.sides);
     size_t vertices = w.sides.vertex_count;
     if (status == QM_OK) status = choose_points(&w);
