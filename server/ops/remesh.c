@@ -11,13 +11,13 @@
 #include "qm/reconstruct.h"
 #include "settle.h"
 
-#define GROWTH 1.5        /* of the number of quads from one mesh to the next */
-#define FIRST_SHARE 0.5   /* of the growth that is expected to be needed, for the second mesh */
-#define MOST_GROWTH 4.0   /* of that of semi-regular ones */
-#define FOLDED_GROWTH 4.0 /* of it, after one that is near enough, but has folded quads */
-#define FIRST_SEMI_REGULAR 500.0
-#define NEARER 0.67       /* times the distance of a plain mesh: semi-regular ones are seldom nearer */
-#define LAYOUT_QUADS 5000 /* of which a layout is made, or fewer where the limit is lower */
+#define GROWTH 1.5               /* of the number of quads from one mesh to the next */
+#define FIRST_SHARE 0.5          /* of the growth that is expected to be needed, for the second mesh */
+#define MOST_GROWTH 4.0          /* of that of semi-regular ones */
+#define FOLDED_GROWTH 4.0        /* of it, after one that is near enough, but has folded quads */
+#define FIRST_SEMI_REGULAR 500.0 /* quads, that a search for a distance starts with */
+#define NEARER 0.67              /* times the distance of a plain mesh: semi-regular ones are seldom nearer */
+#define LAYOUT_QUADS 5000        /* of which a layout is made, or fewer where the limit is lower */
 /* Layouts are divided into about LAYOUT_PATCHES, then MORE_PATCHES times as many, up to MOST_PATCHES and one for each QUADS_A_PATCH
  * quads. Their grids are filled until a mesh is no farther than FILLED_RATIO times one of LAYOUT_QUADS quads without a layout, and no
  * quad is poor, or, with a wanted distance, as near as that. */

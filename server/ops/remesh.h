@@ -59,12 +59,12 @@ typedef struct qm_remesh_result {
 /**
  * Makes the mesh. Where no number of quads is named (0), it is that of qm_quads_options_default; with a distance
  * QM_REMESH_FIRST_QUADS to begin with, or no limit of a semi-regular mesh. With a distance more and more quads are tried until the
- * upper bound is within it, or the next mesh would have more than QM_REMESH_MOST_QUADS; the last one is the result then. A smaller
- * distance never gives fewer quads, but of semi-regular meshes, whose layouts differ.
+ * upper bound is within it, or the next mesh would have more than QM_REMESH_MOST_QUADS, or than the limit; the last one is the result then, or the
+ * nearest semi-regular one. A smaller distance never gives fewer quads, but of semi-regular meshes, whose layouts differ.
  *
  * surface  of a mesh, its tree with QM_BVH_TARGET
  *
- * Returns: QM_OK; QM_E_CANCELED; what qm_quads_make, qm_quad_layout_make_of_surface and qm_refine return. *out is empty after
+ * Returns: QM_OK; QM_E_CANCELED; what qm_quads_make and qm_quad_layout_make_of_surface return. *out is empty after
  *          an error.
  */
 qm_status qm_remesh(qm_context *ctx, const qm_ref_surface *surface, const qm_remesh_options *options,
