@@ -212,7 +212,7 @@
 /** @typedef {StepRecord & { event: "step", seq: number }} StepEvent */
 /** @typedef {{ event: "pairs", seq: number, elapsed_ms: number, pair_count: number, searched_pairs: number,
  *   bounded_pairs: number, searches: number, pairs: PairRow[] }} PairsEvent */
-/** @typedef {{ elapsed_ms: number, stage: "surface" | "quads" | "layout" | "steps" | "measure", quads: number,
+/** @typedef {{ elapsed_ms: number, stage: "surface" | "quads" | "layout" | "fill" | "measure", quads: number,
  *   hausdorff?: LengthInterval }} Stage */
 /** @typedef {Stage & { event: "stage", seq: number }} StageEvent */
 /** @typedef {BoundsEvent | StepEvent | StageEvent | PairsEvent | ResultEvent | ErrorEvent} JobEvent */
