@@ -35,7 +35,7 @@ typedef struct qm_quad_layout_options {
                              between them has a corner there: in a finer mesh they would have corners of 180 degrees. The
                              layout has no node at it then. Not where some faces are triangles */
     bool
-        may_cross; /* curves that cross may remain, and no other quads are tried: the grids do without, and come several
+        may_cross; /* curves that cross may remain, also untold, and no other quads are tried: the grids do without, and come several
                        times faster. A layout that is folded in too many places is refused then */
     qm_quad_layout_lengths *
         lengths; /* NULL, or all zero, or from a layout of the same quads with the same options but for fewer patches, which

@@ -253,9 +253,9 @@ qm_status qm_quads_open_lone(qm_context *ctx, qm_quads_result *r, size_t *opened
 /** Centres vertices along the surface, those of features along these. */
 qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, int thread_count);
 
-/** Spreads vertices along the surface, more where it bends, those of features along these. Vertices stay where a quad would become poor, but, if
- * frees_folded, not round quads that are folded at first: to come into order they may pass through worse states. */
-qm_status qm_quads_spread(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool frees_folded,
+/** Spreads vertices along the surface, more where it bends, those of features along these. Vertices stay where a quad would become poor, but
+ * those that are free: to come into order they may pass through worse states. is_free: of each vertex. */
+qm_status qm_quads_spread(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, const uint8_t *is_free,
                           int thread_count);
 
 /** Centres the vertices that are marked among their neighbours, with equal weights, in some rounds; the others stay. */

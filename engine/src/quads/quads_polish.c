@@ -4,8 +4,7 @@
  * Spreading them gives neighbours weights: the height of the surface over the side to them, which goes as its length times the angle
  * between the normals at its ends, and terms that are the same for all sides and in the square of its length, so that flat parts get vertices
  * too, in even rows. Heights become more equal, and vertices are drawn to tips, off which equal weights draw them. Moves go on with a part of the
- * last one (Polyak 1964), and vertices stay for a round where a quad would become poor, but not round quads that are folded from the start:
- * they cannot come into order otherwise.
+ * last one (Polyak 1964), and vertices stay for a round where a quad would become poor.
  */
 #include "quads/quads_internal.h"
 
@@ -25,7 +24,6 @@
 #define HEIGHT_ROUNDS 30 /* after which heights over quads are found again */
 #define BEND_OF_HEIGHT                                                                                       \
     4.0 /* of an arc: length times turn; a quad bends both ways, each of which gives it an eighth of that as height */
-#define FREE_RINGS 2 /* of vertices round quads that are folded from the start */
 #define MOST_MOVED                                                                                           \
     0.1 /* of a side, before a vertex is projected: moves along the surface leave it by their squares only */
 #define FLAT_TURN 40.0 /* curvature that flat parts are given: radians along the diagonal */
@@ -44,11 +42,11 @@ typedef struct polish {
     qm_vec *last;                   /* move of each vertex, where they are spread */
     uint8_t *is_sure;               /* its normal tells which wall it is on */
     uint8_t *stays;                 /* for this round */
-    uint8_t *is_free;               /* it is near a quad that was folded from the start: it never stays */
+    const uint8_t *is_free;         /* it never stays */
     uint32_t *active;               /* the vertices that may move */
     size_t active_count;
     int line_rounds, rounds;
-    bool spreads, frees_folded;
+    bool spreads;
     double flat;    /* curvature that is added everywhere */
     double even;    /* squared length that is added to those of sides for it */
     double *height; /* of each vertex: of the surface over the middles of its quads, at most */
@@ -164,23 +162,6 @@ static qm_vec centred(const polish *p, uint32_t v)
     if (p->spreads) move = qm_vec_axpy(qm_vec_scale(SPREAD_STEP, move), MOMENTUM, p->last[v]);
     qm_vec normal = p->normal[v];
     return qm_vec_add(here, qm_vec_axpy(move, -qm_vec_dot(move, normal), normal));
-}
-
-/** Marks the vertices of quads that are folded, and of some rings round them, if these shall be free. */
-static void free_folded(polish *p)
-{
-    const qm_mesh *m = &p->r->mesh;
-    memset(p->is_free, 0, m->vertex_count);
-    for (uint8_t ring = 0; ring <= FREE_RINGS && p->frees_folded; ring++)
-        for (uint32_t f = 0; f < m->face_count; f++) {
-            qm_vec corner[4];
-            face_corners(p, f, corner);
-            bool is_marked = ring == 0 && !(qm_quad_min_sine(corner) > 0.0);
-            for (uint32_t k = 0; k < 4 && ring > 0 && !is_marked; k++)
-                is_marked = p->is_free[corner_vertex(p, f, k)] == ring;
-            for (uint32_t k = 0; k < 4 && is_marked; k++)
-                if (!p->is_free[corner_vertex(p, f, k)]) p->is_free[corner_vertex(p, f, k)] = ring + 1;
-        }
 }
 
 /** The vertices of quads that would become poor, or worse, stay. */
@@ -301,7 +282,6 @@ static qm_status run(polish *p, const uint8_t *moves)
     for (uint32_t v = 0; v < p->r->mesh.vertex_count; v++)
         if (!moves || moves[v]) p->active[p->active_count++] = v;
     qm_status status = QM_OK;
-    if (p->spreads) free_folded(p);
     for (int round = 0; round < p->line_rounds && status == QM_OK; round++)
         status = centre_lines(p);
     for (int round = 0; round < p->rounds && status == QM_OK; round++) {
@@ -340,11 +320,9 @@ static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *
     p.toward = qm_context_alloc(ctx, vertices, sizeof *p.toward);
     p.is_sure = qm_context_alloc(ctx, vertices, 1);
     p.stays = qm_context_alloc(ctx, vertices, 1);
-    p.is_free = qm_context_alloc(ctx, vertices, 1);
     p.active = qm_context_alloc(ctx, vertices, sizeof *p.active);
     bool has_memory = p.start && p.corner && p.kind && p.line && p.target && p.nearest && p.moved && p.goal &&
-                      p.last && p.height && p.stays && p.is_free && p.normal && p.toward && p.is_sure &&
-                      p.active;
+                      p.last && p.height && p.stays && p.normal && p.toward && p.is_sure && p.active;
     if (status == QM_OK) status = has_memory ? run(&p, moves) : QM_E_NO_MEMORY;
     qm_context_free(ctx, p.start, vertices + 1, sizeof *p.start);
     qm_context_free(ctx, p.corner, corners, sizeof *p.corner);
@@ -360,7 +338,6 @@ static qm_status polish_some(qm_context *ctx, qm_quads_result *r, const qm_bvh *
     qm_context_free(ctx, p.toward, vertices, sizeof *p.toward);
     qm_context_free(ctx, p.is_sure, vertices, 1);
     qm_context_free(ctx, p.stays, vertices, 1);
-    qm_context_free(ctx, p.is_free, vertices, 1);
     qm_context_free(ctx, p.active, vertices, sizeof *p.active);
     qm_bvh_destroy(ctx, features);
     return status;
@@ -372,11 +349,11 @@ qm_status qm_quads_polish(qm_context *ctx, qm_quads_result *r, const qm_bvh *sur
     return polish_some(ctx, r, surface, NULL, &how);
 }
 
-qm_status qm_quads_spread(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, bool frees_folded,
+qm_status qm_quads_spread(qm_context *ctx, qm_quads_result *r, const qm_bvh *surface, const uint8_t *is_free,
                           int thread_count)
 {
     const polish how = {
-        .rounds = SPREAD_ROUNDS, .spreads = true, .frees_folded = frees_folded, .thread_count = thread_count};
+        .rounds = SPREAD_ROUNDS, .spreads = true, .is_free = is_free, .thread_count = thread_count};
     return polish_some(ctx, r, surface, NULL, &how);
 }
 

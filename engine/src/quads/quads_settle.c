@@ -27,6 +27,8 @@
 #define ONCE_PART 2
 #define ONCE_POOR 4   /* where vertices move once and more quads are poor then, settling ends */
 #define MOST_RINGS 16 /* of vertices that go back round quads that were folded */
+#define FREE_RINGS                                                                                           \
+    2 /* round quads that are folded from the start, whose vertices come into order through worse states */
 
 typedef struct settle {
     qm_context *ctx;
@@ -299,15 +301,21 @@ static void mark_faces(const qm_mesh *m, bool are_folded, uint8_t *mark, uint8_t
     }
 }
 
+/** Marks the vertices of folded quads, and some rings round these and round what is marked. */
+static void mark_round_folded(const qm_mesh *m, int rings, uint8_t *mark)
+{
+    mark_faces(m, true, mark, 1);
+    for (int ring = 0; ring < rings; ring++)
+        mark_faces(m, false, mark, (uint8_t)(ring + 2));
+}
+
 /** Where quads are folded, the vertices of some rings go back. */
 static void go_back(settle *w, const unmoved *u, int rings)
 {
     qm_mesh *m = &w->r.mesh;
     for (size_t v = 0; v < m->vertex_count; v++)
         u->goes_back[v] = u->goes_back[v] != 0;
-    mark_faces(m, true, u->goes_back, 1);
-    for (int ring = 0; ring < rings; ring++)
-        mark_faces(m, false, u->goes_back, (uint8_t)(ring + 2));
+    mark_round_folded(m, rings, u->goes_back);
     for (size_t v = 0; v < m->vertex_count; v++)
         if (u->goes_back[v]) memcpy(m->positions + 3 * v, u->positions + 3 * v, 3 * sizeof(double));
 }
@@ -316,11 +324,7 @@ static void go_back(settle *w, const unmoved *u, int rings)
 static void find_clusters(const qm_mesh *m, const unmoved *u, int rings)
 {
     memset(u->goes_back, 0, m->vertex_count);
-    for (size_t f = 0; f < m->face_count; f++)
-        for (int k = 0; k < 4 && is_folded(m, f); k++)
-            u->goes_back[m->faces[4 * f + (size_t)k]] = 1;
-    for (int ring = 0; ring < rings; ring++)
-        mark_faces(m, false, u->goes_back, (uint8_t)(ring + 2));
+    mark_round_folded(m, rings, u->goes_back);
     for (size_t v = 0; v < m->vertex_count; v++)
         u->cluster[v] = (uint32_t)v;
     for (size_t f = 0; f < m->face_count; f++) {
@@ -381,8 +385,10 @@ static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *
 {
     int threads = w->options->thread_count;
     qm_status status = QM_OK;
+    memset(u->goes_back, 0, w->r.mesh.vertex_count);
+    if (how == QM_QUADS_SPREAD) mark_round_folded(&w->r.mesh, FREE_RINGS, u->goes_back);
     if (how == QM_QUADS_SPREAD_ONCE || how == QM_QUADS_SPREAD)
-        status = qm_quads_spread(w->ctx, &w->r, w->surface, how == QM_QUADS_SPREAD, threads);
+        status = qm_quads_spread(w->ctx, &w->r, w->surface, u->goes_back, threads);
     else if (how != QM_QUADS_STAY)
         status = qm_quads_polish(w->ctx, &w->r, w->surface, threads);
     size_t moves = qm_quads_untangle_moves(&w->r), moves_again = moves / 2; /* of all rounds together */

@@ -734,7 +734,7 @@ static qm_status relax(curve_drawer *d, size_t *folds, bool *is_refused)
         memcpy(d->lattice.points, start, size);
         status = relax_by(d, pulls[i], best, &now);
         if (status != QM_OK) return status;
-        *is_refused = d->is_rough && now > MOST_FOLDED * (double)d->lattice.cell_count;
+        *is_refused = i == 0 && d->is_rough && now > MOST_FOLDED * (double)d->lattice.cell_count;
         if (*is_refused) return QM_OK;
         count_folds(d);
         now = untangle(d, now);
