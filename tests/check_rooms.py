@@ -30,7 +30,7 @@ ROOMS = {
     'engine/src/quads': 'core bvh mesh',
     'engine/src/tmesh': 'core bvh mesh layout quads',
     'engine/src/cloud': 'core bvh layout',
-    'engine/src/reconstruct': 'core bvh mesh layout cloud',
+    'engine/src/reconstruct': 'core bvh mesh layout cloud tmesh',
     'server/base': '',
     'server/format': 'base',
     'server/ops': 'base format',

@@ -167,28 +167,20 @@ static int refine_and_write(qm_context *ctx, const reconstruct_options *options,
     qm_status status = qm_refine(ctx, r, source, &options->goal, on_step, &p, &stop);
     ctx->cancel = NULL; /* the mesh is written, also after an interrupt */
     qm_mesh mesh = {0};
-    if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &mesh);
+    bool is_settled = status == QM_OK && stop != QM_REFINE_CANCELED && will_settle(options, source, r);
+    qm_settled settled;
+    if (is_settled) {
+        qm_settle_goal goal = {.quads = qm_quads_options_default(), .distance = options->goal.hausdorff};
+        goal.quads.thread_count = options->goal.thread_count;
+        status = qm_settle_reconstruction(ctx, source, &goal, r, &mesh, &settled);
+    } else if (status == QM_OK) {
+        status = qm_reconstruction_mesh(ctx, r, &mesh);
+    }
     if (status != QM_OK) {
         cli_report_status(options->surface, status, ctx, options->as_json);
         return EXIT_BAD_INPUT;
     }
-    bool is_settled = stop != QM_REFINE_CANCELED && will_settle(options, source, r);
-    qm_settled settled;
-    if (is_settled) {
-        qm_quads_marks marks;
-        qm_settle_goal goal = {
-            .quads = qm_quads_options_default(), .distance = options->goal.hausdorff, .marks = &marks};
-        goal.quads.thread_count = options->goal.thread_count;
-        status = qm_reconstruction_find_marks(ctx, r, &marks);
-        if (status == QM_OK) status = qm_settle(ctx, source, &goal, &mesh, &settled);
-        qm_quads_marks_reset(ctx, &marks);
-        if (status != QM_OK) {
-            qm_mesh_reset(ctx, &mesh);
-            cli_report_status(options->surface, status, ctx, options->as_json);
-            return EXIT_BAD_INPUT;
-        }
-        print_settled(&p, &settled);
-    }
+    if (is_settled) print_settled(&p, &settled);
     bool is_done = cli_write_mesh(ctx, options->output, &mesh, options->has_uv, options->as_json) &&
                    write_picture(options, &mesh);
     if (is_done) print_result(&p, r, mesh.face_count, stop, is_settled ? &settled : NULL);

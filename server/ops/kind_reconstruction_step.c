@@ -12,15 +12,10 @@
 static qm_status settle(const qm_job_call *call, const qm_refine_goal *goal, qm_job_result *out)
 {
     const qm_job_refinement *refining = call->request->refining;
-    qm_quads_marks marks = {0};
-    qm_settle_goal how = {.quads = qm_quads_options_default(), .distance = goal->hausdorff, .marks = &marks};
+    qm_settle_goal how = {.quads = qm_quads_options_default(), .distance = goal->hausdorff};
     how.quads.thread_count = call->threads;
-    qm_status status = qm_reconstruction_mesh(call->ctx, refining->reconstruction, &out->settled_mesh);
-    if (status == QM_OK) status = qm_reconstruction_find_marks(call->ctx, refining->reconstruction, &marks);
-    if (status == QM_OK)
-        status = qm_settle(call->ctx, refining->source, &how, &out->settled_mesh, &out->settled);
-    qm_quads_marks_reset(call->ctx, &marks);
-    if (status != QM_OK) qm_mesh_reset(call->ctx, &out->settled_mesh);
+    qm_status status = qm_settle_reconstruction(call->ctx, refining->source, &how, refining->reconstruction,
+                                                &out->settled_mesh, &out->settled);
     if (status != QM_E_CANCELED) return status;
     out->refine_stop = QM_REFINE_CANCELED;
     return QM_OK;

@@ -267,7 +267,7 @@ static qm_status fill_grids(semi_regular *s, const qm_layout *layout, const doub
     how.grids = grids;
     tell(s, QM_REMESH_FILL, layout->patch_count);
     qm_status status =
-        qm_reconstruction_fill_grids(s->ctx, s->surface, layout, &how, s->options.quads.quads, &t->made.mesh);
+        qm_reconstruction_fill_grids(s->ctx, s->surface, layout, &how, &s->options.quads, &t->made.mesh);
     s->rounds++;
     if (status == QM_OK) status = qm_settle_measure(s->ctx, s->surface, &goal, &t->made.mesh, &start);
     double most = is_quick && has_many_poor(t) ? CENTRED_START : FILLED_START;

@@ -1,5 +1,5 @@
 /**
- * settle.c: a mesh is settled, and compared with what it was.
+ * settle.c: a mesh is settled, and compared with what it was; that of a reconstruction is made anew for it.
  */
 #include "settle.h"
 
@@ -90,5 +90,77 @@ qm_status qm_settle(qm_context *ctx, const qm_ref_surface *surface, const qm_set
     qm_status status = settle(ctx, surface, goal, &before, mesh, out);
     qm_context_free(ctx, positions, count, sizeof *positions);
     if (status == QM_OK) qm_quality_measure(mesh, &out->quality);
+    return status;
+}
+
+static bool is_near(const qm_settle_goal *goal, const qm_settled *settled)
+{
+    return !(goal->distance > 0.0) || qm_settle_two_sided(&settled->distance).upper <= goal->distance;
+}
+
+/** A settled mesh, and how many of its quads are poor. */
+typedef struct candidate {
+    qm_mesh *mesh;
+    qm_settled settled;
+    size_t poor;
+} candidate;
+
+static qm_status settle_candidate(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal,
+                                  candidate *c)
+{
+    qm_status status = qm_settle(ctx, surface, goal, c->mesh, &c->settled);
+    c->poor = qm_quads_count_poor(c->mesh);
+    return status;
+}
+
+/** Whether a mesh is better than another one: near enough, not folded, with fewer poor quads, nearer. */
+static bool is_better(const qm_settle_goal *goal, const candidate *a, const candidate *b)
+{
+    bool is_whole = a->settled.quality.folded == 0;
+    if (is_near(goal, &a->settled) != is_near(goal, &b->settled)) return is_near(goal, &a->settled);
+    if (is_whole != (b->settled.quality.folded == 0)) return is_whole;
+    if (a->poor != b->poor) return a->poor < b->poor;
+    return qm_settle_two_sided(&a->settled.distance).upper < qm_settle_two_sided(&b->settled.distance).upper;
+}
+
+/** Settles the mesh made anew, unless it is empty, and that of the steps where need be; *mesh becomes the better one, and *steps the other. */
+static qm_status settle_both(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal,
+                             qm_mesh *steps, qm_mesh *mesh, qm_settled *out)
+{
+    candidate anew = {.mesh = mesh}, stepped = {.mesh = steps};
+    if (mesh->face_count > 0) {
+        qm_settle_distance distance;
+        qm_status status = settle_candidate(ctx, surface, goal, &anew);
+        if (status == QM_OK) status = qm_settle_measure(ctx, surface, goal, steps, &distance);
+        *out = anew.settled;
+        if (status != QM_OK) return status;
+        double most = MOST_RATIO * qm_settle_two_sided(&distance).upper;
+        bool is_good = anew.poor == 0 && qm_settle_two_sided(&out->distance).upper <= most;
+        if (is_good && is_near(goal, out)) return QM_OK;
+    }
+    qm_status status = settle_candidate(ctx, surface, goal, &stepped);
+    if (status != QM_OK || (mesh->face_count > 0 && !is_better(goal, &stepped, &anew))) return status;
+    qm_mesh spare = *mesh;
+    *mesh = *steps;
+    *steps = spare;
+    *out = stepped.settled;
+    return QM_OK;
+}
+
+qm_status qm_settle_reconstruction(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal,
+                                   qm_reconstruction *reconstruction, qm_mesh *mesh, qm_settled *out)
+{
+    qm_settle_goal marked = *goal;
+    qm_quads_marks marks = {0};
+    qm_mesh steps = {0};
+    marked.marks = &marks;
+    *mesh = (qm_mesh){0};
+    qm_status status = qm_reconstruction_mesh(ctx, reconstruction, &steps);
+    if (status == QM_OK) status = qm_reconstruction_find_marks(ctx, reconstruction, &marks);
+    if (status == QM_OK) status = qm_reconstruction_mesh_anew(ctx, reconstruction, &goal->quads, mesh);
+    if (status == QM_OK) status = settle_both(ctx, surface, &marked, &steps, mesh, out);
+    qm_quads_marks_reset(ctx, &marks);
+    qm_mesh_reset(ctx, &steps);
+    if (status != QM_OK) qm_mesh_reset(ctx, mesh);
     return status;
 }

@@ -6,6 +6,7 @@
 
 #include "qm/quads.h"
 #include "qm/quality.h"
+#include "qm/reconstruct.h"
 #include "qm/source.h"
 
 typedef struct qm_settle_goal {
@@ -51,5 +52,17 @@ typedef struct qm_settled {
  */
 qm_status qm_settle(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal, qm_mesh *mesh,
                     qm_settled *out);
+
+/**
+ * Settles the mesh of a reconstruction, over a mesh and without noise. Where it can be made anew for that, it is; if bad quads stay then, or the distance is
+ * more than a quarter greater than that of the mesh of the steps, or not the wanted one, that mesh is settled as well, and the better one is kept.
+ *
+ * goal  its marks are not used: those of the reconstruction are kept
+ * mesh  the caller's; empty after an error
+ *
+ * Returns: QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
+ */
+qm_status qm_settle_reconstruction(qm_context *ctx, const qm_ref_surface *surface, const qm_settle_goal *goal,
+                                   qm_reconstruction *reconstruction, qm_mesh *mesh, qm_settled *out);
 
 #endif

@@ -45,9 +45,11 @@ static void reconstruct(qm_context *ctx, const qm_ref_surface *surface, const qm
 {
     qm_reconstruction_options options = qm_reconstruction_options_default();
     options.grids = grids;
+    qm_quads_options quads = qm_quads_options_default();
+    quads.quads = STEP_QUADS;
     qm_mesh mesh;
-    if (grids && qm_fuzz_succeeded(
-                     ctx, qm_reconstruction_fill_grids(ctx, surface, layout, &options, STEP_QUADS, &mesh))) {
+    if (grids &&
+        qm_fuzz_succeeded(ctx, qm_reconstruction_fill_grids(ctx, surface, layout, &options, &quads, &mesh))) {
         check_mesh(ctx, &mesh);
         CHECK(mesh.face_count <= STEP_QUADS);
         qm_mesh_reset(ctx, &mesh);

@@ -43,7 +43,9 @@ static qm_status fill(drawn *d, qm_context *ctx, size_t limit, qm_mesh *out)
 {
     qm_reconstruction_options how = qm_reconstruction_options_default();
     how.grids = d->grids;
-    return qm_reconstruction_fill_grids(ctx, &d->ground.source, &d->layout, &how, limit, out);
+    qm_quads_options quads = qm_quads_options_default();
+    quads.quads = limit;
+    return qm_reconstruction_fill_grids(ctx, &d->ground.source, &d->layout, &how, &quads, out);
 }
 
 /** Six times the volume that a mesh encloses; below 0 inside out. */

@@ -65,17 +65,19 @@ qm_status qm_reconstruction_create(qm_context *ctx, const qm_ref_surface *source
 void qm_reconstruction_destroy(qm_context *ctx, qm_reconstruction *reconstruction);
 
 /**
- * Makes the mesh of a layout with options.grids at once, without steps: of at most max_quads quads, and nearly as many, more where the
- * surface bends more. Its vertices are fitted to the surface as those of a step, but not to noise.
+ * Makes the mesh of a layout with options.grids at once, without steps: of at most as many quads as wanted, and nearly as many, more where the
+ * surface bends more. Curves and lattices are settled with half as many edges first, which brings nodes to where quads need them; the mesh itself is
+ * to be settled (qm_quads_settle).
  *
  * surface  of a mesh
+ * quads    the wanted number, the crease angle and the threads count
  *
  * Returns: QM_OK, and *out is the caller's; QM_E_LAYOUT as qm_reconstruction_create; QM_E_ARGUMENT (a point set; more patches than
- *          max_quads); QM_E_TOO_LARGE; QM_E_NO_MEMORY; QM_E_CANCELED.
+ *          quads); QM_E_TOO_LARGE; QM_E_NO_MEMORY; QM_E_CANCELED.
  */
 qm_status qm_reconstruction_fill_grids(qm_context *ctx, const qm_ref_surface *surface,
                                        const qm_layout *layout, const qm_reconstruction_options *options,
-                                       size_t max_quads, qm_mesh *out);
+                                       const qm_quads_options *quads, qm_mesh *out);
 
 /** The results of a step. */
 typedef struct qm_reconstruction_record {
@@ -114,6 +116,18 @@ qm_status qm_reconstruction_edit(qm_context *ctx, const qm_reconstruction *recon
 /** Writes the current mesh, for qm_mesh_reset. Faces are ordered patch by patch and row by row (see
  * qm_reconstruction_patch). Returns QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_reconstruction_mesh(qm_context *ctx, const qm_reconstruction *reconstruction, qm_mesh *out);
+
+/**
+ * Makes the current mesh anew, to be settled: as qm_reconstruction_fill_grids, but with the present numbers of edges, and marked
+ * curves stay. The reconstruction stays as it is.
+ *
+ * quads  the crease angle and the threads count
+ * out    the caller's; empty, without an error, where the layout does not cover an exact mesh
+ *
+ * Returns: QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
+ */
+qm_status qm_reconstruction_mesh_anew(qm_context *ctx, qm_reconstruction *reconstruction,
+                                      const qm_quads_options *quads, qm_mesh *out);
 
 /**
  * Finds what of the current mesh is marked in its layout: vertices of fixed curves and corners stay, those of sharp curves lie on

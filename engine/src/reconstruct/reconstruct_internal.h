@@ -7,6 +7,8 @@
  *   reconstruct_polylines.c   curves as polylines on the surface, rerouted where they left it; their vertices
  *   reconstruct_samples.c     samples of the surface, and their parameters by projection onto the lattices
  *   reconstruct_parameters.c  the first parameters of samples, along the surface
+ *   reconstruct_maps.c        lattices from maps of the patches over the triangles of the surface
+ *   reconstruct_levels.c      lattices that start anew, and are settled with half as many edges first
  *   reconstruct_anchors.c     lattices that miss a part of the surface, fitted by parameters along it
  *   reconstruct_lattice.c     lattices: Coons patches, doubling, fairing
  *   reconstruct_lattice_start.c       lattices from grids that came with the layout
@@ -30,6 +32,7 @@
 #include "layout/layout_creases.h"
 #include "mesh/quad_shape.h"
 #include "qm/reconstruct.h"
+#include "tmesh/tmesh_maps.h"
 
 /** The curves that are doubled together. */
 typedef struct qm_chord {
@@ -105,6 +108,7 @@ struct qm_reconstruction {
     qm_polyline *polylines; /* layout.curve_count */
     qm_lattice *lattices;   /* layout.patch_count */
     qm_anchors anchors;
+    qm_tmesh_maps *maps; /* NULL where the layout does not cover an exact mesh */
     size_t point_count, uncovered_count;
     bool has_sides; /* the surface's normals tell its walls apart, and the patches are oriented by them */
 };
@@ -221,6 +225,13 @@ qm_status qm_polylines_create(qm_context *ctx, qm_reconstruction *r);
  */
 qm_status qm_polylines_reroute(qm_context *ctx, qm_reconstruction *r, size_t sample_count);
 
+/** True if the polyline of a smooth curve jumps from one layer of the surface to another. */
+bool qm_polylines_has_jump(const qm_reconstruction *r, size_t curve);
+
+/** Lays the polyline of a curve along points on the surface. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_polylines_follow(qm_context *ctx, qm_reconstruction *r, size_t curve, const double *points,
+                              size_t count);
+
 /** Removes reversals from the polylines, which points make that are projected past their neighbours. */
 void qm_polylines_straighten(qm_reconstruction *r);
 
@@ -252,6 +263,15 @@ void qm_lattices_orient(qm_reconstruction *r);
 
 /** Replaces all lattices by the grids that the options give, interpolated. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_lattices_start(qm_context *ctx, qm_reconstruction *r);
+
+/** Replaces all lattices by such whose inner vertices lie where grids or maps tell: there are such. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_lattices_place(qm_context *ctx, qm_reconstruction *r);
+
+/**
+ * Starts lattices with the numbers of edges of the mesh where grids or maps tell, settled with half as many first. Needs no lattices.
+ * QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
+ */
+qm_status qm_levels_fill(qm_context *ctx, qm_reconstruction *r, const qm_quads_options *quads);
 
 /**
  * Brings the lattices to their chords' counts; those that it changes become stale. QM_OK or QM_E_NO_MEMORY.
@@ -306,6 +326,9 @@ size_t qm_lattices_find_patch(const size_t *first, size_t patch_count, uint32_t 
  */
 qm_status qm_lattices_mesh(qm_context *ctx, const qm_reconstruction *r, bool fine, qm_mesh *out);
 
+/** As qm_reconstruction_find_marks, of the mesh of all vertices of the lattices when fine. */
+qm_status qm_lattices_find_marks(qm_context *ctx, const qm_reconstruction *r, bool fine, qm_quads_marks *out);
+
 /** Sets the vertices of all lattices and polylines from a mesh of all lattices. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_lattices_set(qm_context *ctx, qm_reconstruction *r, const qm_mesh *mesh);
 
@@ -339,6 +362,12 @@ qm_status qm_samples_find_sides(qm_context *ctx, qm_reconstruction *r, const qm_
 
 /** Flips the normals of the graph to agree with the samples' own, and removes links between opposed samples. */
 void qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph);
+
+/** Makes maps of the patches, orients these as the triangles, and lays polylines that jump along the surface; none where they do not cover an exact mesh. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_maps_find(qm_context *ctx, qm_reconstruction *r);
+
+/** Starts the inner vertices of stale lattices at their places on the maps, if there are any. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_maps_start(qm_context *ctx, qm_reconstruction *r);
 
 /** Makes room for anchors, none of them added. False when out of memory, with nothing to free. */
 bool qm_anchors_allocate(qm_context *ctx, size_t capacity, qm_anchors *out);

@@ -220,9 +220,10 @@ static qm_status find_marks(qm_context *ctx, numbering *n, qm_quads_marks *out)
 {
     number_curves(n);
     for (size_t p = 0; p < n->r->layout.patch_count; p++) {
-        qm_reconstruction_patch patch = qm_reconstruction_get_patch(n->r, p);
-        n->vertex_count += (size_t)(patch.columns - 1) * (patch.rows - 1);
-        n->face_count += (size_t)patch.columns * patch.rows;
+        size_t columns = chord_count(n, qm_chord_of_patch(n->r, p, 0)),
+               rows = chord_count(n, qm_chord_of_patch(n->r, p, 1));
+        n->vertex_count += (columns - 1) * (rows - 1);
+        n->face_count += columns * rows;
     }
     out->vertex_count = n->vertex_count;
     out->face_count = n->face_count;
@@ -242,16 +243,15 @@ static qm_status find_marks(qm_context *ctx, numbering *n, qm_quads_marks *out)
     return QM_OK;
 }
 
-qm_status qm_reconstruction_find_marks(qm_context *ctx, const qm_reconstruction *r, qm_quads_marks *out)
+qm_status qm_lattices_find_marks(qm_context *ctx, const qm_reconstruction *r, bool fine, qm_quads_marks *out)
 {
-    QM_ASSERT(ctx && r && out);
     const qm_layout *layout = &r->layout;
     bool has_marks = layout->corner_count > 0;
     for (size_t c = 0; c < layout->curve_count; c++)
         has_marks |= layout->curves[c].mark != QM_CURVE_SMOOTH;
     *out = (qm_quads_marks){0};
     if (!has_marks) return QM_OK;
-    numbering n = {.r = r};
+    numbering n = {.r = r, .fine = fine};
     n.node = qm_context_alloc(ctx, layout->node_count, sizeof *n.node);
     n.curve = qm_context_alloc(ctx, layout->curve_count, sizeof *n.curve);
     qm_status status = n.node && n.curve ? find_marks(ctx, &n, out) : no_memory(ctx);

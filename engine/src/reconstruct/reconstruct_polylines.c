@@ -454,12 +454,23 @@ static bool may_jump(const qm_reconstruction *r, size_t curve)
     return r->layout.curves[curve].mark == QM_CURVE_SMOOTH;
 }
 
+bool qm_polylines_has_jump(const qm_reconstruction *r, size_t curve)
+{
+    return r->options.pull_curves && may_jump(r, curve) && find_jump(&r->polylines[curve]) > 0;
+}
+
+qm_status qm_polylines_follow(qm_context *ctx, qm_reconstruction *r, size_t curve, const double *points,
+                              size_t count)
+{
+    return resample(ctx, r, &r->layout.curves[curve], points, count, &r->polylines[curve]);
+}
+
 qm_status qm_polylines_reroute(qm_context *ctx, qm_reconstruction *r, size_t sample_count)
 {
     bool has_jumps = false;
     for (size_t i = 0; i < r->layout.curve_count; i++)
-        has_jumps |= may_jump(r, i) && find_jump(&r->polylines[i]) > 0;
-    if (!r->options.pull_curves || !has_jumps) return QM_OK;
+        has_jumps |= qm_polylines_has_jump(r, i);
+    if (!has_jumps) return QM_OK;
     path_search s = {.ctx = ctx, .r = r};
     qm_status status = qm_samples_create(ctx, r, sample_count, &s.samples);
     if (status != QM_OK) return status;
@@ -469,8 +480,7 @@ qm_status qm_polylines_reroute(qm_context *ctx, qm_reconstruction *r, size_t sam
     status = s.length && s.previous ? QM_OK : no_memory(ctx);
     if (status == QM_OK) status = qm_knn_graph_build(ctx, s.samples.positions, count, NULL, &s.graph);
     for (size_t i = 0; i < r->layout.curve_count && status == QM_OK; i++)
-        if (may_jump(r, i) && find_jump(&r->polylines[i]) > 0)
-            status = reroute(&s, &r->layout.curves[i], &r->polylines[i]);
+        if (qm_polylines_has_jump(r, i)) status = reroute(&s, &r->layout.curves[i], &r->polylines[i]);
     qm_knn_graph_reset(ctx, &s.graph);
     qm_context_free(ctx, s.length, count, sizeof *s.length);
     qm_context_free(ctx, s.previous, count, sizeof *s.previous);

@@ -13,9 +13,13 @@
 #define REACH_TIMES                                                                                          \
     4.0 /* a path between two places is no longer than so many times their distance, and a few sides */
 #define MENDS 6           /* of a disc that touches itself at a vertex */
-#define LEAST_WEIGHT 0.02 /* and the inverse of it is the greatest */
+#define LEAST_WEIGHT 0.02 /* of a side from one triangle; the inverse of it is the greatest */
+#define LEAST_MERGED 1e-4 /* of a side from both */
 #define TOLERANCE 1e-13   /* of the residual of the map, relative */
 #define MOST_STEPS 4000   /* of its solution */
+#define SPREADS 20        /* rounds of dividing weights by the stretch */
+#define SPREAD_TOLERANCE 1e-5
+#define SPREAD_FALL 0.98 /* times the mean stretch before: another round is worth it */
 
 /* Rings of triangles round the disc, for each square root of the number of these, or fewer where it is no disc with them: the map turns
  * corners near the boundary into parts of a circle. */
@@ -452,17 +456,49 @@ typedef struct flat_system {
     const bool *is_fixed;
 } flat_system;
 
-/** Half of the cotangent of the angle opposite a side, with which the map is as conformal as it can be; not below LEAST_WEIGHT. */
+static double weight_between(double weight, double least)
+{
+    return weight > least ? fmin(weight, 1 / least) : least;
+}
+
+/** Half of the cotangent of the angle opposite a side, with which the map is as conformal as it can be. */
 static double opposite_weight(const qm_tmesh_chart *chart, size_t triangle, uint32_t side)
 {
     const uint32_t *c = chart->corner[triangle];
     qm_vec a = qm_vec_sub(chart->at[c[side]], chart->at[c[(side + 2) % 3]]),
            b = qm_vec_sub(chart->at[c[(side + 1) % 3]], chart->at[c[(side + 2) % 3]]);
-    double sine = qm_vec_norm(qm_vec_cross(a, b)), weight = 0.5 * qm_vec_dot(a, b) / sine;
-    return weight > LEAST_WEIGHT ? fmin(weight, 1 / LEAST_WEIGHT) : LEAST_WEIGHT;
+    double sine = qm_vec_norm(qm_vec_cross(a, b));
+    return 0.5 * qm_vec_dot(a, b) / sine;
 }
 
-static bool make_system(qm_arena *arena, const qm_tmesh_chart *chart, const bool *is_fixed, flat_system *out)
+/** Adds up the weights of a side from both of its triangles. Where these are flat, such a map is flat as well, if no weight is below the least. */
+static void merge_links(flat_system *s, double least)
+{
+    uint32_t kept = 0;
+    for (size_t v = 0; v < s->count; v++) {
+        uint32_t first = kept, from = s->start[v], end = s->start[v + 1];
+        s->start[v] = first;
+        for (uint32_t i = from; i < end; i++) {
+            uint32_t k = first;
+            while (k < kept && s->link[k] != s->link[i])
+                k++;
+            double weight = s->weight[i] + (k < kept ? s->weight[k] : 0);
+            s->link[k] = s->link[i];
+            s->weight[k] = weight;
+            kept += k == kept;
+        }
+        s->diagonal[v] = 0;
+        for (uint32_t k = first; k < kept; k++) {
+            s->weight[k] = weight_between(s->weight[k], least);
+            s->diagonal[v] += s->weight[k];
+        }
+    }
+    s->start[s->count] = kept;
+}
+
+/** least: of a weight; merged: of the sum of both triangles, else of each of them. */
+static bool make_system(qm_arena *arena, const qm_tmesh_chart *chart, const bool *is_fixed, double least,
+                        bool is_merged, flat_system *out)
 {
     size_t n = chart->vertex_count;
     *out = (flat_system){.count = n, .is_fixed = is_fixed};
@@ -482,6 +518,8 @@ static bool make_system(qm_arena *arena, const qm_tmesh_chart *chart, const bool
                     continue;
                 }
                 double weight = opposite_weight(chart, i, k);
+                weight = is_merged ? qm_clamp(isnan(weight) ? 0 : weight, -1 / least, 1 / least)
+                                   : weight_between(weight, least);
                 out->weight[out->start[a + 1]] = out->weight[out->start[b + 1]] = weight;
                 out->link[out->start[a + 1]++] = b;
                 out->link[out->start[b + 1]++] = a;
@@ -491,6 +529,7 @@ static bool make_system(qm_arena *arena, const qm_tmesh_chart *chart, const bool
         for (size_t v = 0; v < n && pass == 0; v++)
             out->start[v + 2] += out->start[v + 1];
     }
+    if (is_merged) merge_links(out, least);
     return true;
 }
 
@@ -508,7 +547,7 @@ static void apply(const flat_system *s, const qm_tmesh_flat *x, qm_tmesh_flat *o
 }
 
 /** Solves the equations by conjugate gradients with the diagonal as preconditioner (Hestenes, Stiefel 1952), u and v together. */
-static bool solve(qm_arena *arena, const flat_system *s, qm_tmesh_flat *x)
+static bool solve(qm_arena *arena, const flat_system *s, double tolerance, qm_tmesh_flat *x)
 {
     qm_tmesh_flat *r = qm_arena_alloc(arena, s->count, sizeof *r);
     qm_tmesh_flat *p = qm_arena_alloc(arena, s->count, sizeof *p);
@@ -522,7 +561,7 @@ static bool solve(qm_arena *arena, const flat_system *s, qm_tmesh_flat *x)
         rho += r[v].u * p[v].u + r[v].v * p[v].v;
     }
     first = rho;
-    for (int step = 0; step < MOST_STEPS && rho > TOLERANCE * TOLERANCE * first; step++) {
+    for (int step = 0; step < MOST_STEPS && rho > tolerance * tolerance * first; step++) {
         apply(s, p, q);
         double slope = 0;
         for (size_t v = 0; v < s->count; v++)
@@ -571,9 +610,89 @@ bool qm_tmesh_chart_flatten(qm_arena *arena, qm_tmesh_chart *chart, const bool *
 {
     flat_system system;
     *is_made = false;
-    if (!make_system(arena, chart, is_fixed, &system) || !solve(arena, &system, chart->flat)) return false;
+    if (!make_system(arena, chart, is_fixed, LEAST_WEIGHT, false, &system) ||
+        !solve(arena, &system, TOLERANCE, chart->flat))
+        return false;
     *is_made = is_unfolded(chart);
     return true;
+}
+
+/** The stretch of each vertex, the root of the mean over its triangles of the squared lengths that a step of the plane has on the surface;
+ * returns the mean square of all. */
+static double measure_stretch(const qm_tmesh_chart *chart, qm_tmesh_flat size, double *area, double *stretch)
+{
+    double sum = 0, all = 0;
+    memset(area, 0, chart->vertex_count * sizeof *area);
+    memset(stretch, 0, chart->vertex_count * sizeof *stretch);
+    for (size_t i = 0; i < chart->triangle_count; i++) {
+        const uint32_t *c = chart->corner[i];
+        qm_vec along_u = {0}, along_v = {0};
+        double flat = qm_tmesh_flat_area(chart->flat[c[0]], chart->flat[c[1]], chart->flat[c[2]]);
+        for (int k = 0; k < 3; k++) {
+            qm_tmesh_flat a = chart->flat[c[(k + 1) % 3]], b = chart->flat[c[(k + 2) % 3]];
+            along_u = qm_vec_axpy(along_u, (a.v - b.v) / (flat * size.u), chart->at[c[k]]);
+            along_v = qm_vec_axpy(along_v, (b.u - a.u) / (flat * size.v), chart->at[c[k]]);
+        }
+        double half = qm_vec_norm(qm_vec_cross(qm_vec_sub(chart->at[c[1]], chart->at[c[0]]),
+                                               qm_vec_sub(chart->at[c[2]], chart->at[c[0]]))),
+               square = half * 0.5 * (qm_vec_norm2(along_u) + qm_vec_norm2(along_v));
+        sum += square;
+        all += half;
+        for (int k = 0; k < 3; k++) {
+            area[c[k]] += half;
+            stretch[c[k]] += square;
+        }
+    }
+    for (size_t v = 0; v < chart->vertex_count; v++)
+        stretch[v] = area[v] > 0 && stretch[v] > 0 ? sqrt(stretch[v] / area[v]) : 1;
+    return all > 0 ? sum / all : 0;
+}
+
+/** Divides the weights by the stretch at both ends of their edges. */
+static void divide_weights(flat_system *s, const double *stretch)
+{
+    for (size_t v = 0; v < s->count; v++) {
+        s->diagonal[v] = 0;
+        for (uint32_t i = s->start[v]; i < s->start[v + 1]; i++) {
+            s->weight[i] *= 2 / (stretch[v] + stretch[s->link[i]]);
+            s->diagonal[v] += s->weight[i];
+        }
+    }
+}
+
+/** Spreads the inner vertices of a chart that does not fold. */
+static bool spread(qm_arena *arena, qm_tmesh_chart *chart, qm_tmesh_flat size, flat_system *system)
+{
+    double *area = qm_arena_alloc(arena, chart->vertex_count, sizeof *area),
+           *stretch = qm_arena_alloc(arena, chart->vertex_count, sizeof *stretch);
+    qm_tmesh_flat *best = qm_arena_alloc(arena, chart->vertex_count, sizeof *best);
+    if (!area || !stretch || !best) return false;
+    double least = measure_stretch(chart, size, area, stretch);
+    memcpy(best, chart->flat, chart->vertex_count * sizeof *best);
+    for (int round = 0; round < SPREADS; round++) {
+        divide_weights(system, stretch);
+        if (!solve(arena, system, SPREAD_TOLERANCE, chart->flat)) return false;
+        double now = is_unfolded(chart) ? measure_stretch(chart, size, area, stretch) : INFINITY;
+        if (!(now < SPREAD_FALL * least)) break;
+        least = now;
+        memcpy(best, chart->flat, chart->vertex_count * sizeof *best);
+    }
+    memcpy(chart->flat, best, chart->vertex_count * sizeof *best);
+    return true;
+}
+
+bool qm_tmesh_chart_spread(qm_arena *arena, qm_tmesh_chart *chart, const bool *is_fixed, qm_tmesh_flat size)
+{
+    flat_system system;
+    if (!make_system(arena, chart, is_fixed, LEAST_MERGED, true, &system) ||
+        !solve(arena, &system, TOLERANCE, chart->flat))
+        return false;
+    if (is_unfolded(chart)) return spread(arena, chart, size, &system);
+    bool is_made;
+    if (!qm_tmesh_chart_flatten(arena, chart, is_fixed, &is_made)) return false;
+    if (!is_made) return true;
+    return make_system(arena, chart, is_fixed, LEAST_WEIGHT, false, &system) &&
+           spread(arena, chart, size, &system);
 }
 
 /** Makes the chart of the triangles. False when out of memory; *is_made is false when they are no disc. */
@@ -671,7 +790,7 @@ bool qm_tmesh_chart_lift(const qm_tmesh_chart *chart, qm_tmesh_flat flat, uint32
     }
     for (uint32_t i = 0; i < chart->triangle_count; i++) {
         flat_weights(chart, i, flat, weight);
-        if (weight[0] < -rounding || weight[1] < -rounding || weight[2] < -rounding) continue;
+        if (!(weight[0] >= -rounding && weight[1] >= -rounding && weight[2] >= -rounding)) continue;
         *triangle = i;
         *at = lift_in(chart, i, weight);
         return true;

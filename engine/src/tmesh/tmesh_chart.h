@@ -73,6 +73,17 @@ qm_status qm_tmesh_chart_make(qm_arena *arena, qm_tmesh_triangles *t, const qm_t
  * it. Returns false when out of memory. */
 bool qm_tmesh_chart_flatten(qm_arena *arena, qm_tmesh_chart *chart, const bool *is_fixed, bool *is_made);
 
+/**
+ * Puts the inner vertices of a chart to where they belong, its boundary being on a convex polygon already, so that no part of the surface gets
+ * much less of the plane than others: weights are divided by the stretch at both ends of a side while the mean stretch falls. What is flat
+ * on the surface, and on the polygon, is mapped as it is. Rounding may fold what is very thin.
+ *
+ * size  of the polygon's box on the surface, along u and v
+ *
+ * Returns false when out of memory.
+ */
+bool qm_tmesh_chart_spread(qm_arena *arena, qm_tmesh_chart *chart, const bool *is_fixed, qm_tmesh_flat size);
+
 /** Where a place of the surface is in the chart, and in which triangle of it. False if it is outside. */
 bool qm_tmesh_chart_place(const qm_tmesh_chart *chart, const qm_tmesh_spot *spot, qm_tmesh_flat *flat,
                           uint32_t *triangle);

@@ -28,8 +28,7 @@ static bool join(uint32_t *parent, uint32_t a, uint32_t b)
     return true;
 }
 
-/** Lays all curves. False when out of memory. */
-static bool route_all(qm_router *r)
+bool qm_router_route_all(qm_router *r, bool may_follow_edges)
 {
     const qm_layout *layout = r->layout;
     size_t curves = layout->curve_count;
@@ -46,12 +45,18 @@ static bool route_all(qm_router *r)
     for (uint32_t c = 0; c < curves; c++)
         order[c] = (rank){qm_router_curve_guide(r, c).length, c};
     qsort(order, curves, sizeof *order, compare_ranks);
-    enum { BOUNDARY, TREE, HANDLE, LAST };
+    enum { LAID, BOUNDARY, TREE, HANDLE, LAST };
     for (size_t i = 0; i < curves; i++) {
         uint32_t c = order[i].curve;
         turn[c] = HANDLE;
-        if (!qm_router_is_boundary(r, c)) continue;
-        turn[c] = BOUNDARY;
+        if (qm_router_is_boundary(r, c)) {
+            turn[c] = BOUNDARY;
+        } else {
+            const qm_route_guide g = qm_router_curve_guide(r, c);
+            if (may_follow_edges) qm_router_route_line(r, c, &g);
+            if (!r->is_laid[c]) continue;
+            turn[c] = LAID;
+        }
         join(node, layout->curves[c].from, layout->curves[c].to);
     }
     for (size_t i = 0; i < curves; i++) {
@@ -86,7 +91,7 @@ qm_status qm_tmesh_route(qm_arena *arena, const qm_tmesh_triangles *triangles, c
     *is_made = false;
     bool has_memory = qm_router_order_darts(&r, grids, &is_ordered);
     if (has_memory && is_ordered) {
-        has_memory = qm_router_prepare(&r) && (r.is_lost || route_all(&r)) &&
+        has_memory = qm_router_prepare(&r) && (r.is_lost || qm_router_route_all(&r, false)) &&
                      (r.is_lost || qm_router_straighten(&r, is_fixed, is_line));
         bool is_canceled = qm_context_canceled(r.ctx);
         qm_status status =

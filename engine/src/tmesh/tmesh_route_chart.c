@@ -200,8 +200,7 @@ static void take_up(qm_router *r, uint32_t curve)
     r->is_laid[curve] = false;
 }
 
-/** Lays a curve straight within its two faces. False when out of memory. */
-static bool straighten(qm_router *r, uint32_t curve, bool *open)
+bool qm_router_straighten_curve(qm_router *r, uint32_t curve, bool *open)
 {
     uint32_t one = r->left[2 * curve], other = r->left[2 * curve + 1];
     if (one == other || one == QM_NO_INDEX || other == QM_NO_INDEX) return true;
@@ -309,7 +308,7 @@ bool qm_router_straighten(qm_router *r, const bool *is_fixed, const bool *is_lin
         }
         for (uint32_t c = 0; c < layout->curve_count && !r->is_lost; c++) {
             if (qm_context_canceled(r->ctx)) return true;
-            if (!is_line[c] && !straighten(r, c, open)) return false;
+            if (!is_line[c] && !qm_router_straighten_curve(r, c, open)) return false;
         }
     }
     return true;

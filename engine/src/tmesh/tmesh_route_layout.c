@@ -12,8 +12,7 @@
 
 enum { MOST_GRADES = 200 }; /* points beside those of a path */
 
-/** Writes the points of a curve's path; their number. *points is the arena's. */
-static bool list_points(qm_router *r, uint32_t curve, double **points, size_t *count)
+bool qm_router_list_points(qm_router *r, uint32_t curve, double **points, size_t *count)
 {
     const qm_curve *at = &r->layout->curves[curve];
     uint32_t vertex = r->vertex[at->from], end = r->vertex[at->to], came = QM_NO_INDEX;
@@ -99,12 +98,12 @@ static void mark_curve(const qm_curve *curve, qm_vec out[QM_LAYOUT_GRID + 1])
 }
 
 /** The border of a patch's grid, from its curves. */
-static void grid_border(const qm_layout *out, uint32_t patch, qm_vec grid[QM_LAYOUT_GRID_POINTS])
+static void grid_border(const qm_layout *layout, uint32_t patch, qm_vec grid[QM_LAYOUT_GRID_POINTS])
 {
     const int n = QM_LAYOUT_GRID;
     for (int side = 0; side < 4; side++) {
         qm_vec at[QM_LAYOUT_GRID + 1];
-        mark_curve(&out->curves[out->patches[patch].side[side]], at);
+        mark_curve(&layout->curves[layout->patches[patch].side[side]], at);
         for (int i = 0; i <= n; i++) {
             int column = side == 0   ? i
                          : side == 1 ? n
@@ -114,7 +113,7 @@ static void grid_border(const qm_layout *out, uint32_t patch, qm_vec grid[QM_LAY
                       : side == 1 ? i
                       : side == 2 ? n
                                   : n - i;
-            grid[row * (n + 1) + column] = at[out->patches[patch].against[side] ? n - i : i];
+            grid[row * (n + 1) + column] = at[layout->patches[patch].against[side] ? n - i : i];
         }
     }
 }
@@ -174,6 +173,22 @@ static bool chart_grid(qm_router *r, uint32_t patch, qm_vec grid[QM_LAYOUT_GRID_
     return true;
 }
 
+static void store_grid(const qm_vec grid[QM_LAYOUT_GRID_POINTS], size_t patch, double *grids)
+{
+    for (int i = 0; i < QM_LAYOUT_GRID_POINTS; i++)
+        qm_vec_store(grids + 3 * ((size_t)QM_LAYOUT_GRID_POINTS * patch + (size_t)i), grid[i]);
+}
+
+void qm_router_blend_grids(const qm_layout *layout, double *grids)
+{
+    for (uint32_t p = 0; p < layout->patch_count; p++) {
+        qm_vec grid[QM_LAYOUT_GRID_POINTS];
+        grid_border(layout, p, grid);
+        blend_grid(grid);
+        store_grid(grid, p, grids);
+    }
+}
+
 qm_status qm_router_write_layout(qm_router *r, double *grids, qm_layout *out)
 {
     const qm_layout *layout = r->layout;
@@ -186,7 +201,7 @@ qm_status qm_router_write_layout(qm_router *r, double *grids, qm_layout *out)
     for (uint32_t c = 0; c < layout->curve_count && status == QM_OK && !r->is_lost; c++) {
         double *points;
         size_t count;
-        if (!list_points(r, c, &points, &count)) return QM_E_NO_MEMORY;
+        if (!qm_router_list_points(r, c, &points, &count)) return QM_E_NO_MEMORY;
         if (count < 2) r->is_lost = true;
         if (!r->is_lost && !grade_points(r, points, count, &points, &count)) return QM_E_NO_MEMORY;
         if (!r->is_lost)
@@ -205,8 +220,7 @@ qm_status qm_router_write_layout(qm_router *r, double *grids, qm_layout *out)
         grid_border(out, p, grid);
         blend_grid(grid);
         if (!chart_grid(r, p, grid)) return QM_E_NO_MEMORY;
-        for (int i = 0; i < QM_LAYOUT_GRID_POINTS; i++)
-            qm_vec_store(grids + 3 * ((size_t)QM_LAYOUT_GRID_POINTS * p + (size_t)i), grid[i]);
+        store_grid(grid, p, grids);
     }
     return status;
 }

@@ -166,13 +166,17 @@ static bool place_nodes(qm_router *r)
         r->wanted[qm_router_start(r, d)] = points[d % 2 == 0 ? 0 : count - 1];
     }
     memset(r->at_vertex, 0xff, vertices * sizeof *r->at_vertex);
+    memset(r->vertex, 0xff, nodes * sizeof *r->vertex);
     for (uint32_t c = 0; c < r->layout->curve_count; c++)
         if (qm_router_is_boundary(r, c))
             on_boundary[r->layout->curves[c].from] = on_boundary[r->layout->curves[c].to] = true;
     if (!qm_router_place_on_boundaries(r)) return false;
     for (uint32_t n = 0; n < nodes && !r->is_lost; n++) {
         qm_tmesh_spot spot;
-        if (on_boundary[n]) continue;
+        if (on_boundary[n]) {
+            if (r->vertex[n] == QM_NO_INDEX) r->is_lost = true;
+            continue;
+        }
         if (!qm_tmesh_triangles_find(r->triangles, r->wanted[n], &spot))
             r->is_lost = true;
         else if (!place_node(r, n, &spot))

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #define GUIDE_PULL 8.0 /* how much longer a path is that is off its guide by a quarter of its length */
+#define ON_LINE 1e-7   /* of the diagonal: a vertex this near a line is on it */
 #define BEND 0.2       /* of the distance to the middle of a triangle: a curve within it is no side of it */
 
 qm_route_guide qm_route_guide_make(const qm_vec *at, size_t count)
@@ -24,16 +25,25 @@ qm_route_guide qm_router_curve_guide(const qm_router *r, uint32_t curve)
     return qm_route_guide_make(at, count);
 }
 
-static double guide_distance(const qm_route_guide *g, qm_vec p)
+double qm_route_guide_distance(const qm_route_guide *g, qm_vec p, double *passed)
 {
-    double best = INFINITY;
+    double best = INFINITY, length = 0;
     for (size_t k = 0; k + 1 < g->count; k++) {
         qm_vec along = qm_vec_sub(g->at[k + 1], g->at[k]);
         double length2 = qm_vec_norm2(along),
-               at = length2 > 0 ? qm_clamp(qm_vec_dot(qm_vec_sub(p, g->at[k]), along) / length2, 0, 1) : 0;
-        best = fmin(best, qm_vec_distance(p, qm_vec_axpy(g->at[k], at, along)));
+               at = length2 > 0 ? qm_clamp(qm_vec_dot(qm_vec_sub(p, g->at[k]), along) / length2, 0, 1) : 0,
+               far = qm_vec_distance(p, qm_vec_axpy(g->at[k], at, along)), step = sqrt(length2);
+        if (far < best) *passed = length + at * step;
+        best = fmin(best, far);
+        length += step;
     }
     return best;
+}
+
+static double guide_distance(const qm_route_guide *g, qm_vec p)
+{
+    double passed;
+    return qm_route_guide_distance(g, p, &passed);
 }
 
 /** Where the guide is nearest to an edge. */
@@ -215,6 +225,58 @@ bool qm_router_lay(qm_router *r, uint32_t curve, uint32_t middle)
     }
     return qm_router_lay_edges(r, curve, &last) &&
            (r->is_lost || qm_router_label_between(r, last, end, curve));
+}
+
+/** The next vertex of a line that runs along edges, after one at a place of its guide, which *passed becomes; QM_NO_INDEX. */
+static uint32_t next_on_line(const qm_router *r, const qm_route_guide *g, uint32_t vertex, uint32_t end,
+                             double *passed)
+{
+    uint32_t first = qm_trimesh_first(&r->m, vertex), h = first, next = QM_NO_INDEX;
+    double nearest = INFINITY;
+    do {
+        const uint32_t pair[2] = {qm_trimesh_to(&r->m, h), r->m.from[qm_trimesh_prev(h)]};
+        const uint32_t edge[2] = {h, qm_trimesh_prev(h)};
+        for (int k = 0; k < 2; k++) {
+            double place;
+            bool is_free = qm_router_label(r, edge[k]) == 0 && r->m.twin[edge[k]] != QM_NO_INDEX &&
+                           (pair[k] == end || r->at_vertex[pair[k]] == QM_NO_INDEX);
+            double reach = ON_LINE * qm_vec_norm(qm_trimesh_edge(&r->m, edge[k]));
+            if (!is_free || qm_route_guide_distance(g, r->m.position[pair[k]], &place) > reach) continue;
+            if (place <= *passed || place >= nearest) continue;
+            nearest = place;
+            next = pair[k];
+        }
+        h = qm_trimesh_around(&r->m, h);
+    } while (h != QM_NO_INDEX && h != first);
+    *passed = nearest;
+    return next;
+}
+
+/** True if a curve other than those that end at a vertex passes it. */
+static bool is_passed(const qm_router *r, uint32_t vertex)
+{
+    uint32_t first = qm_trimesh_first(&r->m, vertex), h = first;
+    do {
+        if (qm_router_label(r, h) != 0 || qm_router_label(r, qm_trimesh_prev(h)) != 0) return true;
+        h = qm_trimesh_around(&r->m, h);
+    } while (h != QM_NO_INDEX && h != first);
+    return false;
+}
+
+void qm_router_route_line(qm_router *r, uint32_t curve, const qm_route_guide *g)
+{
+    const qm_curve *at = &r->layout->curves[curve];
+    const uint32_t start = r->vertex[at->from], end = r->vertex[at->to];
+    for (int is_laying = 0; is_laying < 2; is_laying++) {
+        double passed = 0;
+        for (uint32_t here = start; here != end;) {
+            uint32_t next = next_on_line(r, g, here, end, &passed);
+            if (next == QM_NO_INDEX || (!is_laying && next != end && is_passed(r, next))) return;
+            if (is_laying) qm_router_set_label(r, qm_router_edge_between(r, here, next), curve + 1);
+            here = next;
+        }
+    }
+    r->is_laid[curve] = true;
 }
 
 bool qm_router_route_curve(qm_router *r, uint32_t curve, const qm_route_guide *g)

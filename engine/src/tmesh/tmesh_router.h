@@ -114,6 +114,8 @@ typedef struct qm_route_guide {
 } qm_route_guide;
 
 qm_route_guide qm_route_guide_make(const qm_vec *at, size_t count);
+/** The distance of a point; *passed is where it is nearest, as a length along the guide. */
+double qm_route_guide_distance(const qm_route_guide *g, qm_vec p, double *passed);
 qm_route_guide qm_router_curve_guide(const qm_router *r, uint32_t curve);
 
 /** Adds an edge to the path of a curve, which passes it at a share of its length, */
@@ -143,8 +145,14 @@ bool qm_router_lay(qm_router *r, uint32_t curve, uint32_t middle);
 /** Finds a path for a curve, and lays it. */
 bool qm_router_route_curve(qm_router *r, uint32_t curve, const qm_route_guide *g);
 
+/** Lays a curve along the edges of the mesh that it runs on, all of which are free; else not at all. */
+void qm_router_route_line(qm_router *r, uint32_t curve, const qm_route_guide *g);
+
 /** The same for a curve that must not divide what is free of curves (tmesh_route_handle.c). */
 bool qm_router_route_handle(qm_router *r, uint32_t curve, const qm_route_guide *g);
+
+/** Lays all curves, in an order in which each finds a path; such as run on edges of the mesh along these, if they may. */
+bool qm_router_route_all(qm_router *r, bool may_follow_edges);
 
 /* ---- boundaries ---- */
 
@@ -177,10 +185,19 @@ uint32_t qm_router_corner_at(const qm_router *r, const qm_route_disc *d, uint32_
 /** Puts a part of the boundary onto an arc of the circle, from one place of the ring to another. */
 void qm_route_disc_place_arc(qm_route_disc *d, size_t from, size_t count, double start, double angle);
 
+/** Lays a curve straight within its two faces; open: by curve, all false. */
+bool qm_router_straighten_curve(qm_router *r, uint32_t curve, bool *open);
+
 /** Lays each curve but those along features straight within its two faces, and moves the nodes that are not fixed to the middle of theirs. */
 bool qm_router_straighten(qm_router *r, const bool *is_fixed, const bool *is_line);
 
 /* ---- the layout ---- */
+
+/** Lists the points of a curve's path; *points is the arena's. */
+bool qm_router_list_points(qm_router *r, uint32_t curve, double **points, size_t *count);
+
+/** Makes the grids of all patches as Coons patches of their curves. */
+void qm_router_blend_grids(const qm_layout *layout, double *grids);
 
 /** Writes the layout that the paths are, and its grids. */
 qm_status qm_router_write_layout(qm_router *r, double *grids, qm_layout *out);
