@@ -363,13 +363,6 @@ static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconst
     return status == QM_OK && !r->maps ? qm_parameters_find(ctx, r, samples) : status;
 }
 
-qm_status qm_lattices_place(qm_context *ctx, qm_reconstruction *r)
-{
-    if (r->options.grids) return qm_lattices_start(ctx, r);
-    qm_status status = qm_lattices_create(ctx, r);
-    return status == QM_OK ? qm_maps_start(ctx, r) : status;
-}
-
 /** Starts lattices where grids or maps tell that they are; as fine as the samples allow where these are all that tells later. */
 static qm_status start_from_places(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
 {
@@ -498,7 +491,7 @@ static qm_status prepare_grids(qm_context *ctx, qm_reconstruction *r)
     if (status == QM_OK) status = qm_polylines_set_vertices(ctx, r);
     if (status == QM_OK) status = qm_parameters_orient(ctx, r);
     if (status == QM_OK && r->has_sides) qm_lattices_orient(r);
-    if (status == QM_OK) status = qm_lattices_start(ctx, r);
+    if (status == QM_OK) status = qm_lattices_place(ctx, r);
     if (status == QM_OK) qm_chords_measure(r);
     return status;
 }

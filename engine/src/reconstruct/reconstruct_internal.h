@@ -261,9 +261,6 @@ qm_status qm_lattices_create(qm_context *ctx, qm_reconstruction *r);
 /** Flips each component of patches whose grids are clockwise about the normals of the surface, a mesh. */
 void qm_lattices_orient(qm_reconstruction *r);
 
-/** Replaces all lattices by the grids that the options give, interpolated. QM_OK or QM_E_NO_MEMORY. */
-qm_status qm_lattices_start(qm_context *ctx, qm_reconstruction *r);
-
 /** Replaces all lattices by such whose inner vertices lie where grids or maps tell: there are such. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_lattices_place(qm_context *ctx, qm_reconstruction *r);
 

@@ -138,9 +138,10 @@ static void start_inside(const qm_reconstruction *r, size_t p)
     }
 }
 
-qm_status qm_lattices_start(qm_context *ctx, qm_reconstruction *r)
+qm_status qm_lattices_place(qm_context *ctx, qm_reconstruction *r)
 {
     qm_status status = qm_lattices_create(ctx, r);
+    if (status == QM_OK && !r->options.grids) return qm_maps_start(ctx, r);
     for (size_t p = 0; p < r->layout.patch_count && status == QM_OK; p++)
         start_inside(r, p);
     return status;
