@@ -10,6 +10,7 @@
 
 #define TOLERANCE 1e-6  /* of the measured distance, a fraction of the diagonal */
 #define MOST_RATIO 1.25 /* of the distance, by which it may grow: the quads are better */
+#define WORTH_RATIO 2.0 /* of the distance, by which it may be greater for fewer poor quads */
 
 qm_interval qm_settle_two_sided(const qm_settle_distance *distance)
 {
@@ -119,8 +120,11 @@ static bool is_better(const qm_settle_goal *goal, const candidate *a, const cand
     bool is_whole = a->settled.quality.folded == 0;
     if (is_near(goal, &a->settled) != is_near(goal, &b->settled)) return is_near(goal, &a->settled);
     if (is_whole != (b->settled.quality.folded == 0)) return is_whole;
-    if (a->poor != b->poor) return a->poor < b->poor;
-    return qm_settle_two_sided(&a->settled.distance).upper < qm_settle_two_sided(&b->settled.distance).upper;
+    double far = qm_settle_two_sided(&a->settled.distance).upper,
+           other = qm_settle_two_sided(&b->settled.distance).upper;
+    if (a->poor < b->poor) return far <= WORTH_RATIO * other;
+    if (a->poor > b->poor) return WORTH_RATIO * far < other;
+    return far < other;
 }
 
 /** Settles the mesh made anew, unless it is empty, and that of the steps where need be; *mesh becomes the better one, and *steps the other. */

@@ -24,6 +24,7 @@
 #define STEP_FAIR 4         /* rounds of fairing of lattices that were fitted before */
 #define MAX_STRAY 0.05      /* of the mean samples of a patch: fewer may have strayed into one over a hole */
 #define EDIT_ROUNDS 2       /* fits of the lattices that an edit has changed */
+#define START_ROUNDS 2      /* fits of lattices that start at grids or maps */
 #define FILL_ROUNDS 2       /* fits of lattices that got counts that are no multiples of the old ones */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
@@ -354,25 +355,24 @@ static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconst
     if (status == QM_OK) status = qm_samples_find_sides(ctx, r, samples);
     if (status == QM_OK) status = qm_chords_find(ctx, r);
     if (status == QM_OK) status = qm_polylines_create(ctx, r);
+    if (status == QM_OK) status = qm_polylines_reroute(ctx, r, first_sample_count(r));
     if (status == QM_OK) status = qm_parameters_orient(ctx, r);
     if (status == QM_OK) status = qm_maps_find(ctx, r);
-    if (status == QM_OK && !r->maps) status = qm_polylines_reroute(ctx, r, first_sample_count(r));
     if (status == QM_OK) qm_polylines_straighten(r);
     if (status == QM_OK && old) status = inherit_curves(ctx, r, old);
     if (status == QM_OK) status = qm_polylines_set_vertices(ctx, r);
-    return status == QM_OK && !r->maps ? qm_parameters_find(ctx, r, samples) : status;
+    return status == QM_OK ? qm_parameters_find(ctx, r, samples) : status;
 }
 
-/** Starts lattices where grids or maps tell that they are; as fine as the samples allow where these are all that tells later. */
-static qm_status start_from_places(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
+/** Starts lattices at the grids of the layout. */
+static qm_status start_from_grids(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
 {
     qm_status status = qm_lattices_place(ctx, r);
-    if (status == QM_OK && !r->maps) {
-        qm_chords_measure(r);
-        qm_chords_refine_lattices(r, samples->count / FIRST_PER_QUAD);
-        status = qm_polylines_set_vertices(ctx, r);
-        if (status == QM_OK) status = qm_lattices_place(ctx, r);
-    }
+    if (status != QM_OK) return status;
+    qm_chords_measure(r);
+    qm_chords_refine_lattices(r, samples->count / FIRST_PER_QUAD);
+    status = qm_polylines_set_vertices(ctx, r);
+    if (status == QM_OK) status = qm_lattices_place(ctx, r);
     if (status == QM_OK) status = qm_samples_project(ctx, r, samples);
     return status == QM_OK ? count_points(ctx, r, samples) : status;
 }
@@ -396,10 +396,10 @@ static qm_status start_from_curves(qm_context *ctx, qm_reconstruction *r, qm_sam
 /** Fits new lattices by projected samples, at last by as many as they need. */
 static qm_status fit_new(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
 {
-    bool has_places = r->options.grids || r->maps;
-    qm_status status = has_places ? start_from_places(ctx, r, samples) : start_from_curves(ctx, r, samples);
-    if (status == QM_OK && !r->maps) status = qm_lattices_choose(ctx, r);
-    if (status == QM_OK && !r->maps) status = refine_lattices(ctx, r, START_FAIR, samples);
+    qm_status status =
+        r->options.grids ? start_from_grids(ctx, r, samples) : start_from_curves(ctx, r, samples);
+    if (status == QM_OK) status = qm_lattices_choose(ctx, r);
+    if (status == QM_OK) status = refine_lattices(ctx, r, START_FAIR, samples);
     if (status == QM_OK) status = count_uncovered(ctx, r, samples);
     if (status != QM_OK) return status;
     qm_samples_reset(ctx, samples);
@@ -418,11 +418,9 @@ static qm_status fit_changed(qm_context *ctx, qm_reconstruction *r, const qm_rec
                              qm_samples *samples, size_t *redone)
 {
     qm_status status = qm_lattices_create(ctx, r);
-    if (status == QM_OK && r->maps) status = qm_maps_start(ctx, r);
-    if (status == QM_OK && r->maps) status = qm_samples_project(ctx, r, samples);
     if (status == QM_OK) status = count_points(ctx, r, samples);
     if (status != QM_OK) return status;
-    if (!r->maps) qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
+    qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
     /* Copy the lattices of unchanged patches; the others remain stale. */
     size_t stale_count = 0;
     for (size_t p = 0; p < r->layout.patch_count; p++) {
@@ -433,8 +431,8 @@ static qm_status fit_changed(qm_context *ctx, qm_reconstruction *r, const qm_rec
         stale_count += r->lattices[p].is_stale;
     }
     *redone = stale_count;
-    if (!r->maps) status = qm_lattices_fit(ctx, r, samples);
-    if (status == QM_OK && !r->maps) status = qm_lattices_choose(ctx, r);
+    status = qm_lattices_fit(ctx, r, samples);
+    if (status == QM_OK) status = qm_lattices_choose(ctx, r);
     qm_samples_reset(ctx, samples);
     if (status == QM_OK) status = create_fine_samples(ctx, r, samples);
     for (int round = 0; round < EDIT_ROUNDS && status == QM_OK; round++)
@@ -496,6 +494,20 @@ static qm_status prepare_grids(qm_context *ctx, qm_reconstruction *r)
     return status;
 }
 
+/** Makes lattices anew with the numbers of edges that the mesh has; such as were not settled on the way are fitted. */
+static qm_status make_anew(qm_context *ctx, qm_reconstruction *r, const qm_quads_options *quads)
+{
+    qm_samples samples = {0};
+    bool is_settled;
+    qm_status status = qm_levels_fill(ctx, r, quads, &is_settled);
+    if (status != QM_OK || is_settled) return status;
+    status = create_fine_samples(ctx, r, &samples);
+    for (int round = 0; round < START_ROUNDS && status == QM_OK; round++)
+        status = refine_lattices(ctx, r, round == 0 ? START_FAIR : STEP_FAIR, &samples);
+    qm_samples_reset(ctx, &samples);
+    return status;
+}
+
 qm_status qm_reconstruction_fill_grids(qm_context *ctx, const qm_ref_surface *surface,
                                        const qm_layout *layout, const qm_reconstruction_options *options,
                                        const qm_quads_options *quads, qm_mesh *out)
@@ -512,7 +524,7 @@ qm_status qm_reconstruction_fill_grids(qm_context *ctx, const qm_ref_surface *su
     qm_status status = create_empty(ctx, surface, layout, options, &r);
     if (status == QM_OK) status = prepare_grids(ctx, r);
     if (status == QM_OK) status = qm_chords_fill(ctx, r, max_quads, &record);
-    if (status == QM_OK) status = qm_levels_fill(ctx, r, quads);
+    if (status == QM_OK) status = make_anew(ctx, r, quads);
     if (status == QM_OK) status = qm_lattices_mesh(ctx, r, false, out);
     qm_reconstruction_destroy(ctx, r);
     return status;
@@ -609,7 +621,6 @@ static qm_status take_step(qm_context *ctx, qm_reconstruction *r, size_t max_qua
     qm_status status = can_double ? qm_chords_double(ctx, r, out) : qm_chords_fill(ctx, r, max_quads, out);
     if (status == QM_OK) status = qm_polylines_set_vertices(ctx, r);
     if (status == QM_OK) status = qm_lattices_resample(ctx, r);
-    if (status == QM_OK) status = qm_maps_start(ctx, r);
     bool is_any_stale = false;
     for (size_t p = 0; p < r->layout.patch_count; p++)
         is_any_stale |= r->lattices[p].is_stale;
@@ -617,9 +628,8 @@ static qm_status take_step(qm_context *ctx, qm_reconstruction *r, size_t max_qua
     if (status != QM_OK || !is_any_stale) return status;
     qm_samples samples = {0};
     status = create_fine_samples(ctx, r, &samples);
-    /* Between vertices at other places, a lattice has kinks that one round does not take out, unless maps tell where it lies. */
-    int rounds = can_double || r->maps ? 1 : FILL_ROUNDS;
-    for (int round = 0; round < rounds && status == QM_OK; round++)
+    /* Between vertices at other places, a lattice has kinks that one round does not take out. */
+    for (int round = 0; round < (can_double ? 1 : FILL_ROUNDS) && status == QM_OK; round++)
         status = refine_lattices(ctx, r, STEP_FAIR, &samples);
     qm_samples_reset(ctx, &samples);
     return status == QM_OK ? qm_noise_fit_lattices(ctx, r, false) : status;
@@ -685,7 +695,7 @@ qm_status qm_reconstruction_mesh_anew(qm_context *ctx, qm_reconstruction *r, con
     saved_state saved;
     qm_status status = save_state(ctx, r, &saved);
     if (status != QM_OK) return status;
-    status = qm_levels_fill(ctx, r, quads);
+    status = make_anew(ctx, r, quads);
     if (status == QM_OK) status = qm_lattices_mesh(ctx, r, false, out);
     restore_state(ctx, r, &saved);
     return status;

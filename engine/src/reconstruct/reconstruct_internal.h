@@ -108,7 +108,7 @@ struct qm_reconstruction {
     qm_polyline *polylines; /* layout.curve_count */
     qm_lattice *lattices;   /* layout.patch_count */
     qm_anchors anchors;
-    qm_tmesh_maps *maps; /* NULL where the layout does not cover an exact mesh */
+    qm_tmesh_maps *maps; /* of the patches; NULL where the layout does not cover an exact mesh */
     size_t point_count, uncovered_count;
     bool has_sides; /* the surface's normals tell its walls apart, and the patches are oriented by them */
 };
@@ -265,10 +265,11 @@ void qm_lattices_orient(qm_reconstruction *r);
 qm_status qm_lattices_place(qm_context *ctx, qm_reconstruction *r);
 
 /**
- * Starts lattices with the numbers of edges of the mesh where grids or maps tell, settled with half as many first. Needs no lattices.
- * QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
+ * Starts lattices with the numbers of edges of the mesh where grids or maps tell, settled with half as many first, unless these are too
+ * few: *is_settled tells. Needs no lattices. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
  */
-qm_status qm_levels_fill(qm_context *ctx, qm_reconstruction *r, const qm_quads_options *quads);
+qm_status qm_levels_fill(qm_context *ctx, qm_reconstruction *r, const qm_quads_options *quads,
+                         bool *is_settled);
 
 /**
  * Brings the lattices to their chords' counts; those that it changes become stale. QM_OK or QM_E_NO_MEMORY.
@@ -363,7 +364,7 @@ void qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph);
 /** Makes maps of the patches, orients these as the triangles, and lays polylines that jump along the surface; none where they do not cover an exact mesh. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
 qm_status qm_maps_find(qm_context *ctx, qm_reconstruction *r);
 
-/** Starts the inner vertices of stale lattices at their places on the maps, if there are any. QM_OK or QM_E_NO_MEMORY. */
+/** Starts the inner vertices of all lattices at their places on the maps. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_maps_start(qm_context *ctx, qm_reconstruction *r);
 
 /** Makes room for anchors, none of them added. False when out of memory, with nothing to free. */

@@ -279,19 +279,20 @@ static qm_status refine(qm_context *ctx, qm_reconstruction *r, const coarse_leve
     return status;
 }
 
-qm_status qm_levels_fill(qm_context *ctx, qm_reconstruction *r, const qm_quads_options *quads)
+qm_status qm_levels_fill(qm_context *ctx, qm_reconstruction *r, const qm_quads_options *quads,
+                         bool *is_settled)
 {
     coarse_level level = {0};
     qm_status status = QM_OK;
     size_t coarse = set_lattice_edges(r, 2);
-    bool is_worth = coarse >= LEAST_COARSE && coarse >= LEAST_COARSE_A_PATCH * r->layout.patch_count;
-    if (is_worth) {
+    *is_settled = coarse >= LEAST_COARSE && coarse >= LEAST_COARSE_A_PATCH * r->layout.patch_count;
+    if (*is_settled) {
         status = start(ctx, r);
         if (status == QM_OK) status = settle(ctx, r, quads);
         if (status == QM_OK) status = take_level(ctx, r, &level);
     }
     set_lattice_edges(r, 1);
-    if (status == QM_OK) status = is_worth ? refine(ctx, r, &level) : start(ctx, r);
+    if (status == QM_OK) status = *is_settled ? refine(ctx, r, &level) : start(ctx, r);
     for (size_t p = 0; p < r->layout.patch_count && status == QM_OK; p++) {
         if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "reconstruction canceled");
         qm_lattice_untangle(&r->surface, &r->lattices[p]);

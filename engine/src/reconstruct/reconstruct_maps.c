@@ -63,7 +63,7 @@ qm_status qm_maps_find(qm_context *ctx, qm_reconstruction *r)
     for (size_t c = 0; c < curves && r->maps && status == QM_OK; c++) {
         size_t count;
         const double *points = qm_tmesh_maps_path(r->maps, c, &count);
-        if (count > 0) status = qm_polylines_follow(ctx, r, c, points, count);
+        if (qm_polylines_has_jump(r, c)) status = qm_polylines_follow(ctx, r, c, points, count);
     }
     free_guides(ctx, &guides);
     qm_context_free(ctx, is_rough, curves, sizeof *is_rough);
@@ -111,7 +111,6 @@ static void start_lattice(const qm_reconstruction *r, size_t p, double *share)
 qm_status qm_maps_start(qm_context *ctx, qm_reconstruction *r)
 {
     size_t most = 0;
-    if (!r->maps) return QM_OK;
     for (size_t p = 0; p < r->layout.patch_count; p++) {
         size_t size = 2 * ((size_t)r->lattices[p].columns + r->lattices[p].rows + 2);
         most = size > most ? size : most;
@@ -119,10 +118,7 @@ qm_status qm_maps_start(qm_context *ctx, qm_reconstruction *r)
     double *share = qm_context_alloc(ctx, most, sizeof *share);
     if (!share) return no_memory(ctx);
     for (size_t p = 0; p < r->layout.patch_count; p++)
-        if (r->lattices[p].is_stale) {
-            r->lattices[p].faces_walls = r->has_sides;
-            start_lattice(r, p, share);
-        }
+        start_lattice(r, p, share);
     qm_context_free(ctx, share, most, sizeof *share);
     return QM_OK;
 }
