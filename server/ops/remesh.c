@@ -258,13 +258,14 @@ static qm_status settle(const semi_regular *s, bool is_quick, trial *t)
 
 /** Makes the mesh from the grids of a layout at once; none if it misses parts of the surface. */
 static qm_status fill_grids(semi_regular *s, const qm_layout *layout, const double *grids, bool is_quick,
-                            trial *t)
+                            bool settles_coarse, trial *t)
 {
     qm_reconstruction_options how = qm_reconstruction_options_default();
     const qm_settle_goal goal = settle_goal_of(&s->options);
     qm_settle_distance start;
     how.thread_count = s->options.quads.thread_count;
     how.grids = grids;
+    how.settles_coarse = settles_coarse;
     tell(s, QM_REMESH_FILL, layout->patch_count);
     qm_status status =
         qm_reconstruction_fill_grids(s->ctx, s->surface, layout, &how, &s->options.quads, &t->made.mesh);
@@ -309,10 +310,10 @@ static qm_status draw_layout(semi_regular *s, size_t patches, drawn_layout *out)
 }
 
 /** Makes a mesh by a layout, and keeps the better one. */
-static qm_status try_layout(semi_regular *s, const drawn_layout *drawn, bool is_quick)
+static qm_status try_layout(semi_regular *s, const drawn_layout *drawn, bool is_quick, bool settles_coarse)
 {
     trial now = {.made.patches = drawn->layout.patch_count};
-    qm_status status = fill_grids(s, &drawn->layout, drawn->grids, is_quick, &now);
+    qm_status status = fill_grids(s, &drawn->layout, drawn->grids, is_quick, settles_coarse, &now);
     if (status == QM_OK) keep_better(s->ctx, &now, &s->best, is_better);
     qm_mesh_reset(s->ctx, &now.made.mesh);
     return status;
@@ -388,7 +389,10 @@ static qm_status make_number(semi_regular *s)
         while (patches * MORE_PATCHES <= drawn.layout.patch_count)
             patches *= MORE_PATCHES;
         is_last = patches >= most || patches >= MOST_PATCHES || count == LAYOUTS;
-        if (status == QM_OK) status = try_layout(s, &drawn, !is_last);
+        if (status == QM_OK) status = try_layout(s, &drawn, !is_last, true);
+        /* A coarse quad may cut across what the grids lie on. */
+        if (status == QM_OK && is_last && !is_good(s, FILLED_RATIO))
+            status = try_layout(s, &drawn, false, false);
         if (status == QM_E_LAYOUT) status = QM_OK;
         drawn_layout_reset(s->ctx, &drawn);
         is_made = is_good(s, FILLED_RATIO);

@@ -137,6 +137,7 @@ static qm_status settle_both(qm_context *ctx, const qm_ref_surface *surface, con
         qm_status status = settle_candidate(ctx, surface, goal, &anew);
         if (status == QM_OK) status = qm_settle_measure(ctx, surface, goal, steps, &distance);
         *out = anew.settled;
+        out->is_kept = true; /* its vertices are not those of the steps in any case */
         if (status != QM_OK) return status;
         double most = MOST_RATIO * qm_settle_two_sided(&distance).upper;
         bool is_good = anew.poor == 0 && qm_settle_two_sided(&out->distance).upper <= most;

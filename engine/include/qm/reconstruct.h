@@ -46,9 +46,10 @@ typedef struct qm_reconstruction_options {
     const double *
         grids; /* NULL, or a grid of each patch (QM_LAYOUT_GRID) with which lattices start, instead of a map that is
                             found from the curves: curves may cross then. Used by qm_reconstruction_create alone */
+    bool settles_coarse; /* qm_reconstruction_fill_grids settles lattices with half as many edges first */
 } qm_reconstruction_options;
 
-/** 0.02, true, QM_NOISE_AUTOMATIC, 1. */
+/** 0.02, true, QM_NOISE_AUTOMATIC, 1, NULL, true. */
 qm_reconstruction_options qm_reconstruction_options_default(void);
 
 /**

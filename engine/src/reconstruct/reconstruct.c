@@ -31,8 +31,11 @@ enum { POINT_SIZE = 3 * sizeof(double) };
 
 qm_reconstruction_options qm_reconstruction_options_default(void)
 {
-    return (qm_reconstruction_options){
-        .cover_share = 0.02, .pull_curves = true, .noise_share = QM_NOISE_AUTOMATIC, .thread_count = 1};
+    return (qm_reconstruction_options){.cover_share = 0.02,
+                                       .pull_curves = true,
+                                       .noise_share = QM_NOISE_AUTOMATIC,
+                                       .thread_count = 1,
+                                       .settles_coarse = true};
 }
 
 static qm_status no_memory(qm_context *ctx)

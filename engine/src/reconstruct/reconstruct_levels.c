@@ -285,7 +285,8 @@ qm_status qm_levels_fill(qm_context *ctx, qm_reconstruction *r, const qm_quads_o
     coarse_level level = {0};
     qm_status status = QM_OK;
     size_t coarse = set_lattice_edges(r, 2);
-    *is_settled = coarse >= LEAST_COARSE && coarse >= LEAST_COARSE_A_PATCH * r->layout.patch_count;
+    *is_settled = r->options.settles_coarse && coarse >= LEAST_COARSE &&
+                  coarse >= LEAST_COARSE_A_PATCH * r->layout.patch_count;
     if (*is_settled) {
         status = start(ctx, r);
         if (status == QM_OK) status = settle(ctx, r, quads);
@@ -293,7 +294,7 @@ qm_status qm_levels_fill(qm_context *ctx, qm_reconstruction *r, const qm_quads_o
     }
     set_lattice_edges(r, 1);
     if (status == QM_OK) status = *is_settled ? refine(ctx, r, &level) : start(ctx, r);
-    for (size_t p = 0; p < r->layout.patch_count && status == QM_OK; p++) {
+    for (size_t p = 0; p < r->layout.patch_count && status == QM_OK && *is_settled; p++) {
         if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "reconstruction canceled");
         qm_lattice_untangle(&r->surface, &r->lattices[p]);
     }
