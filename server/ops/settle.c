@@ -114,16 +114,21 @@ static qm_status settle_candidate(qm_context *ctx, const qm_ref_surface *surface
     return status;
 }
 
-/** Whether a mesh is better than another one: near enough, not folded, with fewer poor quads, nearer. */
-static bool is_better(const qm_settle_goal *goal, const candidate *a, const candidate *b)
+/** Whether a mesh has no folded quads where another one has, or else fewer poor ones. */
+static bool is_cleaner(const candidate *a, const candidate *b)
 {
     bool is_whole = a->settled.quality.folded == 0;
+    return is_whole != (b->settled.quality.folded == 0) ? is_whole : a->poor < b->poor;
+}
+
+/** Whether a mesh is better than another one: near enough, cleaner up to WORTH_RATIO times its distance, or nearer. */
+static bool is_better(const qm_settle_goal *goal, const candidate *a, const candidate *b)
+{
     if (is_near(goal, &a->settled) != is_near(goal, &b->settled)) return is_near(goal, &a->settled);
-    if (is_whole != (b->settled.quality.folded == 0)) return is_whole;
     double far = qm_settle_two_sided(&a->settled.distance).upper,
            other = qm_settle_two_sided(&b->settled.distance).upper;
-    if (a->poor < b->poor) return far <= WORTH_RATIO * other;
-    if (a->poor > b->poor) return WORTH_RATIO * far < other;
+    if (is_cleaner(a, b)) return far <= WORTH_RATIO * other;
+    if (is_cleaner(b, a)) return WORTH_RATIO * far < other;
     return far < other;
 }
 

@@ -54,8 +54,9 @@ qm_status qm_settle(qm_context *ctx, const qm_ref_surface *surface, const qm_set
                     qm_settled *out);
 
 /**
- * Settles the mesh of a reconstruction, over a mesh and without noise. Where it can be made anew for that, it is; if bad quads stay then, or the distance is
- * more than a quarter greater than that of the mesh of the steps, or not the wanted one, that mesh is settled as well, and the better one is kept.
+ * Settles the mesh of a reconstruction, over a mesh and without noise. Where it can be made anew for that, it is; if poor quads stay then, or the distance is
+ * more than a quarter greater than that of the mesh of the steps, or not the wanted one, that mesh is settled as well, and the better one is kept:
+ * near enough, without folds, with fewer poor quads up to twice the distance, or else nearer.
  *
  * goal  its marks are not used: those of the reconstruction are kept
  * mesh  the caller's; empty after an error
