@@ -498,11 +498,12 @@ static qm_status prepare_grids(qm_context *ctx, qm_reconstruction *r)
 }
 
 /** Makes lattices anew with the numbers of edges that the mesh has; such as were not settled on the way are fitted. */
-static qm_status make_anew(qm_context *ctx, qm_reconstruction *r, const qm_quads_options *quads)
+static qm_status make_anew(qm_context *ctx, qm_reconstruction *r, const qm_quads_options *quads,
+                           const qm_polyline *steps)
 {
     qm_samples samples = {0};
     bool is_settled;
-    qm_status status = qm_levels_fill(ctx, r, quads, &is_settled);
+    qm_status status = qm_levels_fill(ctx, r, quads, steps, &is_settled);
     if (status != QM_OK || is_settled) return status;
     status = create_fine_samples(ctx, r, &samples);
     for (int round = 0; round < START_ROUNDS && status == QM_OK; round++)
@@ -527,7 +528,7 @@ qm_status qm_reconstruction_fill_grids(qm_context *ctx, const qm_ref_surface *su
     qm_status status = create_empty(ctx, surface, layout, options, &r);
     if (status == QM_OK) status = prepare_grids(ctx, r);
     if (status == QM_OK) status = qm_chords_fill(ctx, r, max_quads, &record);
-    if (status == QM_OK) status = make_anew(ctx, r, quads);
+    if (status == QM_OK) status = make_anew(ctx, r, quads, NULL);
     if (status == QM_OK) status = qm_lattices_mesh(ctx, r, false, out);
     qm_reconstruction_destroy(ctx, r);
     return status;
@@ -698,7 +699,7 @@ qm_status qm_reconstruction_mesh_anew(qm_context *ctx, qm_reconstruction *r, con
     saved_state saved;
     qm_status status = save_state(ctx, r, &saved);
     if (status != QM_OK) return status;
-    status = make_anew(ctx, r, quads);
+    status = make_anew(ctx, r, quads, saved.polylines);
     if (status == QM_OK) status = qm_lattices_mesh(ctx, r, false, out);
     restore_state(ctx, r, &saved);
     return status;

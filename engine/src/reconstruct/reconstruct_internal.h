@@ -266,10 +266,10 @@ qm_status qm_lattices_place(qm_context *ctx, qm_reconstruction *r);
 
 /**
  * Starts lattices with the numbers of edges of the mesh where grids or maps tell, settled with half as many first, unless these are too
- * few: *is_settled tells. Needs no lattices. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
+ * few: *is_settled tells. Needs no lattices. steps: the polylines of the mesh of the steps, from which fixed curves have their vertices; or NULL. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
  */
 qm_status qm_levels_fill(qm_context *ctx, qm_reconstruction *r, const qm_quads_options *quads,
-                         bool *is_settled);
+                         const qm_polyline *steps, bool *is_settled);
 
 /**
  * Brings the lattices to their chords' counts; those that it changes become stale. QM_OK or QM_E_NO_MEMORY.

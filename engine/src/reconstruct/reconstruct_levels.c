@@ -214,10 +214,25 @@ static size_t set_lattice_edges(qm_reconstruction *r, uint32_t part)
     return quads;
 }
 
-/** Sets the vertices of curves, and starts the lattices at grids or maps. */
-static qm_status start(qm_context *ctx, qm_reconstruction *r)
+/** Sets the vertices of the curves, those of fixed ones where the mesh of the steps has them, if there is one and lattices have its edges. */
+static qm_status set_vertices(qm_context *ctx, qm_reconstruction *r, const qm_polyline *steps)
 {
     qm_status status = qm_polylines_set_vertices(ctx, r);
+    for (size_t c = 0; c < r->layout.curve_count && status == QM_OK && steps; c++) {
+        const qm_polyline *polyline = &r->polylines[c];
+        if (mark_of(r, c) != QM_CURVE_FIXED || polyline->chord == QM_NO_INDEX) continue;
+        if (polyline->vertex_edges != r->chords[polyline->chord].edges) continue;
+        size_t stride = steps[c].vertex_edges / polyline->vertex_edges;
+        for (size_t i = 0; i <= polyline->vertex_edges; i++)
+            memcpy(polyline->vertices + 3 * i, steps[c].vertices + 3 * stride * i, POINT_SIZE);
+    }
+    return status;
+}
+
+/** Sets the vertices of curves, and starts the lattices at grids or maps. */
+static qm_status start(qm_context *ctx, qm_reconstruction *r, const qm_polyline *steps)
+{
+    qm_status status = set_vertices(ctx, r, steps);
     return status == QM_OK ? qm_lattices_place(ctx, r) : status;
 }
 
@@ -268,9 +283,10 @@ static qm_status settle(qm_context *ctx, qm_reconstruction *r, const qm_quads_op
 }
 
 /** Puts all vertices between those of the coarse level. */
-static qm_status refine(qm_context *ctx, qm_reconstruction *r, const coarse_level *level)
+static qm_status refine(qm_context *ctx, qm_reconstruction *r, const qm_polyline *steps,
+                        const coarse_level *level)
 {
-    qm_status status = qm_polylines_set_vertices(ctx, r);
+    qm_status status = set_vertices(ctx, r, steps);
     for (size_t c = 0; c < level->curve_count && status == QM_OK; c++)
         if (level->curves[c].vertices && mark_of(r, c) != QM_CURVE_FIXED) refine_curve(r, c, level);
     if (status == QM_OK) status = qm_lattices_create(ctx, r);
@@ -280,7 +296,7 @@ static qm_status refine(qm_context *ctx, qm_reconstruction *r, const coarse_leve
 }
 
 qm_status qm_levels_fill(qm_context *ctx, qm_reconstruction *r, const qm_quads_options *quads,
-                         bool *is_settled)
+                         const qm_polyline *steps, bool *is_settled)
 {
     coarse_level level = {0};
     qm_status status = QM_OK;
@@ -288,12 +304,12 @@ qm_status qm_levels_fill(qm_context *ctx, qm_reconstruction *r, const qm_quads_o
     *is_settled = r->options.settles_coarse && coarse >= LEAST_COARSE &&
                   coarse >= LEAST_COARSE_A_PATCH * r->layout.patch_count;
     if (*is_settled) {
-        status = start(ctx, r);
+        status = start(ctx, r, steps);
         if (status == QM_OK) status = settle(ctx, r, quads);
         if (status == QM_OK) status = take_level(ctx, r, &level);
     }
     set_lattice_edges(r, 1);
-    if (status == QM_OK) status = *is_settled ? refine(ctx, r, &level) : start(ctx, r);
+    if (status == QM_OK) status = *is_settled ? refine(ctx, r, steps, &level) : start(ctx, r, steps);
     for (size_t p = 0; p < r->layout.patch_count && status == QM_OK && *is_settled; p++) {
         if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "reconstruction canceled");
         qm_lattice_untangle(&r->surface, &r->lattices[p]);
