@@ -3,6 +3,7 @@
 
 #include "cells.h"
 #include "core/vec.h"
+#include "failing_allocator.h"
 #include "ground.h"
 #include "layouts.h"
 #include "qm/reconstruct.h"
@@ -275,6 +276,51 @@ static void a_mesh_made_anew_is_whole(void **state)
     qm_ground_free(&g);
 }
 
+/** Memory that runs out while a mesh is made anew is a status, frees all that was allocated, and leaves the reconstruction. */
+static void running_out_of_memory_leaves_the_reconstruction(void **state)
+{
+    (void)state;
+    enum { STRIDE = 97 }; /* of the calls that fail */
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_torus(48, 24, 1.0, 0.35));
+    qm_layout layout = qm_layout_of_grid(6, 4, true, true, 16, qm_torus_at, NULL);
+    qm_failing_allocator memory = {.fail_at = SIZE_MAX};
+    qm_context ctx = {.allocator = qm_failing_allocator_hook(&memory)};
+    qm_reconstruction_options options = qm_reconstruction_options_default();
+    qm_quads_options quads = qm_quads_options_default();
+    qm_reconstruction_record record;
+    qm_reconstruction *r;
+    assert_int_equal(qm_reconstruction_create(&ctx, &g.source, &layout, &options, &r), QM_OK);
+    do
+        assert_int_equal(qm_reconstruction_step(&ctx, r, 2000, &record), QM_OK);
+    while (record.chords_changed > 0);
+    const size_t blocks = memory.live_blocks;
+    qm_mesh first;
+    assert_int_equal(qm_reconstruction_mesh(&ctx, r, &first), QM_OK);
+    size_t failed = 0;
+    qm_status status = QM_E_NO_MEMORY;
+    for (size_t k = 0; status == QM_E_NO_MEMORY; k += STRIDE) {
+        qm_mesh anew, now;
+        memory.fail_at = memory.calls + k;
+        status = qm_reconstruction_mesh_anew(&ctx, r, &quads, &anew);
+        memory.fail_at = SIZE_MAX;
+        QM_CHECK(status == QM_OK || status == QM_E_NO_MEMORY, "call %zu: %s", k, ctx.message);
+        failed += status != QM_OK;
+        qm_mesh_reset(&ctx, &anew);
+        assert_int_equal(qm_reconstruction_mesh(&ctx, r, &now), QM_OK);
+        assert_memory_equal(first.positions, now.positions, 3 * first.vertex_count * sizeof *first.positions);
+        qm_mesh_reset(&ctx, &now);
+    }
+    QM_CHECK(failed > 5, "only %zu calls failed", failed);
+    qm_mesh_reset(&ctx, &first);
+    QM_CHECK(memory.live_blocks == blocks && !memory.mismatched, "%zu blocks instead of %zu",
+             memory.live_blocks, blocks);
+    qm_reconstruction_destroy(&ctx, r);
+    assert_int_equal(memory.live_blocks, 0);
+    qm_layout_free(&layout);
+    qm_ground_free(&g);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -283,6 +329,7 @@ int main(void)
         cmocka_unit_test(curves_that_jump_are_laid_on_the_surface),
         cmocka_unit_test(what_does_not_cover_the_surface_has_no_maps),
         cmocka_unit_test(a_mesh_made_anew_is_whole),
+        cmocka_unit_test(running_out_of_memory_leaves_the_reconstruction),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

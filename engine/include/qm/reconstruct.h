@@ -8,8 +8,7 @@
  * so the mesh has no T-junction, and only nodes of the layout can be irregular.
  *
  * How this differs from the source, and why:
- *   - A layout that covers a mesh is laid on its triangles, and each patch mapped onto the square: nothing is projected onto grids to
- *     find parameters there.
+ *   - The mesh that is settled starts at maps of the patches over the triangles, where the layout covers a mesh.
  *   - The grid that points are projected on is never coarser than QM_RECONSTRUCTION_BASE edges a side, and
  *     starts as the Coons patch. The mesh of an early step takes every second, fourth ... vertex of it. One
  *     quad for half a torus may have its corners on one line, and then defines no parameters.

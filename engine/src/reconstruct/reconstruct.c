@@ -61,7 +61,6 @@ void qm_reconstruction_destroy(qm_context *ctx, qm_reconstruction *r)
     qm_layout_reset(ctx, &r->layout);
     qm_creases_reset(ctx, &r->creases);
     qm_anchors_reset(ctx, &r->anchors);
-    qm_tmesh_maps_destroy(ctx, r->maps);
     qm_guide_release(ctx, r->guide);
     qm_context_free(ctx, r, 1, sizeof *r);
 }
@@ -359,8 +358,7 @@ static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconst
     if (status == QM_OK) status = qm_chords_find(ctx, r);
     if (status == QM_OK) status = qm_polylines_create(ctx, r);
     if (status == QM_OK) status = qm_polylines_reroute(ctx, r, first_sample_count(r));
-    if (status == QM_OK) status = qm_parameters_orient(ctx, r);
-    if (status == QM_OK) status = qm_maps_find(ctx, r);
+    if (status == QM_OK) status = qm_maps_lay_jumps(ctx, r);
     if (status == QM_OK) qm_polylines_straighten(r);
     if (status == QM_OK && old) status = inherit_curves(ctx, r, old);
     if (status == QM_OK) status = qm_polylines_set_vertices(ctx, r);
@@ -694,14 +692,18 @@ qm_status qm_reconstruction_mesh_anew(qm_context *ctx, qm_reconstruction *r, con
                                       qm_mesh *out)
 {
     QM_ASSERT(ctx && r && quads && out);
-    *out = (qm_mesh){0};
-    if (!r->maps) return QM_OK;
     saved_state saved;
-    qm_status status = save_state(ctx, r, &saved);
-    if (status != QM_OK) return status;
-    status = make_anew(ctx, r, quads, saved.polylines);
-    if (status == QM_OK) status = qm_lattices_mesh(ctx, r, false, out);
-    restore_state(ctx, r, &saved);
+    *out = (qm_mesh){0};
+    qm_status status = qm_maps_find(ctx, r, &r->maps);
+    if (!r->maps) return status;
+    status = save_state(ctx, r, &saved);
+    if (status == QM_OK) {
+        status = make_anew(ctx, r, quads, saved.polylines);
+        if (status == QM_OK) status = qm_lattices_mesh(ctx, r, false, out);
+        restore_state(ctx, r, &saved);
+    }
+    qm_tmesh_maps_destroy(ctx, r->maps);
+    r->maps = NULL;
     return status;
 }
 

@@ -108,7 +108,7 @@ struct qm_reconstruction {
     qm_polyline *polylines; /* layout.curve_count */
     qm_lattice *lattices;   /* layout.patch_count */
     qm_anchors anchors;
-    qm_tmesh_maps *maps; /* of the patches; NULL where the layout does not cover an exact mesh */
+    qm_tmesh_maps *maps; /* while a mesh is made anew; else NULL */
     size_t point_count, uncovered_count;
     bool has_sides; /* the surface's normals tell its walls apart, and the patches are oriented by them */
 };
@@ -361,8 +361,11 @@ qm_status qm_samples_find_sides(qm_context *ctx, qm_reconstruction *r, const qm_
 /** Flips the normals of the graph to agree with the samples' own, and removes links between opposed samples. */
 void qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph);
 
-/** Makes maps of the patches, orients these as the triangles, and lays polylines that jump along the surface; none where they do not cover an exact mesh. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
-qm_status qm_maps_find(qm_context *ctx, qm_reconstruction *r);
+/** Makes maps of the patches; *out is the caller's, NULL where these do not cover an exact mesh. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_maps_find(qm_context *ctx, const qm_reconstruction *r, qm_tmesh_maps **out);
+
+/** Lays polylines that jump along the surface, if there are any and the patches cover an exact mesh. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_maps_lay_jumps(qm_context *ctx, qm_reconstruction *r);
 
 /** Starts the inner vertices of all lattices at their places on the maps. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_maps_start(qm_context *ctx, qm_reconstruction *r);

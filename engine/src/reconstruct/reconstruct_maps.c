@@ -1,6 +1,7 @@
 /**
  * reconstruct_maps.c: lattices from maps of the patches over the triangles of the surface (tmesh_maps.h), where the layout covers an exact
- * mesh. They need no samples that may get into the wrong patch, and do not depend on where lattices were before.
+ * mesh. They need no samples that may get into the wrong patch, and do not depend on where lattices were before. Maps are as large as the
+ * mesh, and are not kept.
  */
 #include "reconstruct_internal.h"
 
@@ -44,10 +45,11 @@ static qm_status list_guides(qm_context *ctx, const qm_reconstruction *r, qm_tme
     return QM_OK;
 }
 
-qm_status qm_maps_find(qm_context *ctx, qm_reconstruction *r)
+qm_status qm_maps_find(qm_context *ctx, const qm_reconstruction *r, qm_tmesh_maps **out)
 {
     qm_tmesh_guides guides;
     size_t curves = r->layout.curve_count;
+    *out = NULL;
     if (r->surface.is_cloud || r->guide || r->options.grids) return QM_OK;
     for (size_t c = 0; c < curves; c++)
         if (r->polylines[c].chord == QM_NO_INDEX) return QM_OK;
@@ -56,17 +58,26 @@ qm_status qm_maps_find(qm_context *ctx, qm_reconstruction *r)
         is_rough[c] = qm_polylines_has_jump(r, c);
     qm_status status = list_guides(ctx, r, &guides);
     if (status == QM_OK && !is_rough) status = no_memory(ctx);
-    if (status == QM_OK)
-        status = qm_tmesh_maps_make(ctx, &r->surface, &r->layout, &guides, is_rough, &r->maps);
-    for (size_t p = 0; p < r->layout.patch_count && r->maps; p++)
-        if (qm_tmesh_maps_is_clockwise(r->maps, p)) qm_parameters_flip(r, p);
-    for (size_t c = 0; c < curves && r->maps && status == QM_OK; c++) {
-        size_t count;
-        const double *points = qm_tmesh_maps_path(r->maps, c, &count);
-        if (qm_polylines_has_jump(r, c)) status = qm_polylines_follow(ctx, r, c, points, count);
-    }
+    if (status == QM_OK) status = qm_tmesh_maps_make(ctx, &r->surface, &r->layout, &guides, is_rough, out);
     free_guides(ctx, &guides);
     qm_context_free(ctx, is_rough, curves, sizeof *is_rough);
+    return status;
+}
+
+qm_status qm_maps_lay_jumps(qm_context *ctx, qm_reconstruction *r)
+{
+    size_t curves = r->layout.curve_count;
+    qm_tmesh_maps *maps = NULL;
+    bool has_jumps = false;
+    for (size_t c = 0; c < curves; c++)
+        has_jumps |= qm_polylines_has_jump(r, c);
+    qm_status status = has_jumps ? qm_maps_find(ctx, r, &maps) : QM_OK;
+    for (size_t c = 0; c < curves && maps && status == QM_OK; c++) {
+        size_t count;
+        const double *points = qm_tmesh_maps_path(maps, c, &count);
+        if (qm_polylines_has_jump(r, c)) status = qm_polylines_follow(ctx, r, c, points, count);
+    }
+    qm_tmesh_maps_destroy(ctx, maps);
     return status;
 }
 

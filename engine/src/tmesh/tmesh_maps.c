@@ -208,16 +208,12 @@ void qm_tmesh_maps_destroy(qm_context *ctx, qm_tmesh_maps *maps)
 bool qm_tmesh_maps_at(const qm_tmesh_maps *maps, size_t patch, double u, double v, uint32_t *triangle,
                       qm_vec *at)
 {
-    return qm_tmesh_chart_lift(&maps->chart[patch], (qm_tmesh_flat){u, v}, triangle, at);
+    const qm_tmesh_flat flat = maps->is_clockwise[patch] ? (qm_tmesh_flat){v, u} : (qm_tmesh_flat){u, v};
+    return qm_tmesh_chart_lift(&maps->chart[patch], flat, triangle, at);
 }
 
 const double *qm_tmesh_maps_path(const qm_tmesh_maps *maps, size_t curve, size_t *count)
 {
     *count = maps->path[curve].count;
     return maps->path[curve].points;
-}
-
-bool qm_tmesh_maps_is_clockwise(const qm_tmesh_maps *maps, size_t patch)
-{
-    return maps->is_clockwise[patch];
 }

@@ -33,7 +33,7 @@ void qm_tmesh_maps_destroy(qm_context *ctx, qm_tmesh_maps *maps);
 /**
  * Finds the point of the surface at a place of a patch.
  *
- * u, v      from 0 to 1: along side 0 and along side 1 of the patch, of a clockwise one against side 3 and along side 2
+ * u, v      from 0 to 1: along side 0 and along side 1 of the patch
  * triangle  of a place near it, 0 at first; receives that of this place
  *
  * Returns: false outside the square, as far as rounding tells.
@@ -43,8 +43,5 @@ bool qm_tmesh_maps_at(const qm_tmesh_maps *maps, size_t patch, double u, double 
 
 /** The points of the path of a rough curve, rows of x y z; they are the maps'. */
 const double *qm_tmesh_maps_path(const qm_tmesh_maps *maps, size_t curve, size_t *count);
-
-/** True if a patch runs round the other way than the triangles under it. */
-bool qm_tmesh_maps_is_clockwise(const qm_tmesh_maps *maps, size_t patch);
 
 #endif
