@@ -37,52 +37,80 @@ static void mark_creases(qm_trimesh *m, double angle)
     }
 }
 
-/** The faces on one side of a crease, near one of its edges. */
-typedef struct crease_side {
-    qm_vec normal; /* sum */
-    bool meets;    /* it has met the other side: the crease ends nearby */
-} crease_side;
+/** A search over faces. */
+typedef struct face_search {
+    qm_vec *centroid, *normal; /* of each face */
+    uint32_t *seen;            /* the last search that met each face */
+    uint32_t *queue;           /* faces */
+    uint32_t search;           /* this one */
+} face_search;
 
-/** Gathers faces from start on, without crossing features; seen has the mark of each face that was gathered before. */
-static crease_side gather_side(const qm_trimesh *m, uint32_t start, uint32_t other, qm_vec centre,
-                               double radius, uint32_t *seen, uint32_t mark_value, uint32_t *queue)
+/** False: out of memory; *out is the caller's in any case. */
+static bool prepare_search(qm_context *ctx, const qm_trimesh *m, face_search *out)
 {
-    crease_side side = {{0, 0, 0}, false};
+    size_t faces = m->face_count;
+    *out = (face_search){0};
+    out->centroid = qm_context_alloc(ctx, faces, sizeof *out->centroid);
+    out->normal = qm_context_alloc(ctx, faces, sizeof *out->normal);
+    out->seen = qm_context_alloc(ctx, faces, sizeof *out->seen);
+    out->queue = qm_context_alloc(ctx, faces, sizeof *out->queue);
+    if (!out->centroid || !out->normal || !out->seen || !out->queue) return false;
+    memset(out->seen, 0, faces * sizeof *out->seen);
+    for (uint32_t f = 0; f < faces; f++) {
+        const uint32_t *c = m->from + 3 * (size_t)f;
+        const qm_vec corner[3] = {m->position[c[0]], m->position[c[1]], m->position[c[2]]};
+        out->centroid[f] = qm_vec_centroid(corner, 3);
+        out->normal[f] = qm_trimesh_normal(m, f);
+    }
+    return true;
+}
+
+static void reset_search(qm_context *ctx, const qm_trimesh *m, face_search *s)
+{
+    qm_context_free(ctx, s->centroid, m->face_count, sizeof *s->centroid);
+    qm_context_free(ctx, s->normal, m->face_count, sizeof *s->normal);
+    qm_context_free(ctx, s->seen, m->face_count, sizeof *s->seen);
+    qm_context_free(ctx, s->queue, m->face_count, sizeof *s->queue);
+}
+
+/**
+ * Adds up the normals of the faces on one side of a crease, from the face at one of its edges on and without crossing features. False: these
+ * faces meet the other one, if there is such, since the crease ends nearby.
+ */
+static bool add_side(const qm_trimesh *m, uint32_t start, uint32_t other, qm_vec centre, double radius,
+                     face_search *s, qm_vec *normal)
+{
     size_t head = 0, tail = 0;
-    queue[tail++] = start;
-    seen[start] = mark_value;
+    *normal = (qm_vec){0, 0, 0};
+    s->search++;
+    s->queue[tail++] = start;
+    s->seen[start] = s->search;
     while (head < tail) {
-        uint32_t f = queue[head++];
-        if (f == other) side.meets = true;
-        side.normal = qm_vec_add(side.normal, qm_trimesh_normal(m, f));
+        uint32_t f = s->queue[head++];
+        if (f == other) return false;
+        *normal = qm_vec_add(*normal, s->normal[f]);
         for (uint32_t h = 3 * f; h < 3 * f + 3; h++) {
             if (m->is_feature[h]) continue;
             uint32_t g = m->twin[h] / 3;
-            if (seen[g] == mark_value) continue;
-            seen[g] = mark_value;
-            const uint32_t *c = m->from + 3 * (size_t)g;
-            const qm_vec corner[3] = {m->position[c[0]], m->position[c[1]], m->position[c[2]]};
-            if (qm_vec_distance(qm_vec_centroid(corner, 3), centre) <= radius) queue[tail++] = g;
+            if (s->seen[g] == s->search) continue;
+            s->seen[g] = s->search;
+            if (qm_vec_distance(s->centroid[g], centre) <= radius) s->queue[tail++] = g;
         }
     }
-    return side;
+    return true;
 }
 
 /**
  * Unmarks creases that are none at the size of a quad: within the radius their sides meet, or have normals that differ by
  * less than the angle.
  */
-static qm_status drop_fine(qm_context *ctx, qm_trimesh *m, double angle, double radius)
+static qm_status drop_fine(qm_context *ctx, qm_trimesh *m, double angle, double radius, face_search *search)
 {
-    size_t faces = m->face_count, halves = 3 * faces;
-    uint32_t *seen = qm_context_alloc(ctx, faces, sizeof *seen),
-             *queue = qm_context_alloc(ctx, faces, sizeof *queue);
+    size_t halves = 3 * m->face_count;
     uint8_t *is_kept = qm_context_alloc(ctx, halves, 1);
-    qm_status status = seen && queue && is_kept ? QM_OK : QM_E_NO_MEMORY;
+    qm_status status = is_kept ? QM_OK : QM_E_NO_MEMORY;
     double cosine = cos(angle * QM_DEGREE);
     if (status == QM_OK) {
-        uint32_t mark_value = 0;
-        memset(seen, 0, faces * sizeof *seen);
         memcpy(is_kept, m->is_feature, halves);
         for (uint32_t h = 0; h < halves && status == QM_OK; h++) {
             uint32_t t = m->twin[h];
@@ -90,16 +118,13 @@ static qm_status drop_fine(qm_context *ctx, qm_trimesh *m, double angle, double 
             /* many faces of the surface may lie within the radius of one quad */
             if (qm_context_canceled(ctx)) status = QM_E_CANCELED;
             qm_vec middle = qm_vec_mix(m->position[m->from[h]], m->position[m->from[t]], 0.5);
-            crease_side a = gather_side(m, h / 3, t / 3, middle, radius, seen, ++mark_value, queue);
-            crease_side b = gather_side(m, t / 3, h / 3, middle, radius, seen, ++mark_value, queue);
-            double scale = qm_vec_norm(a.normal) * qm_vec_norm(b.normal);
-            bool is_sharp = !a.meets && qm_vec_dot(a.normal, b.normal) < cosine * scale;
-            is_kept[h] = is_kept[t] = is_sharp;
+            qm_vec a, b;
+            is_kept[h] = is_kept[t] = add_side(m, h / 3, t / 3, middle, radius, search, &a) &&
+                                      add_side(m, t / 3, QM_NO_INDEX, middle, radius, search, &b) &&
+                                      qm_vec_dot(a, b) < cosine * qm_vec_norm(a) * qm_vec_norm(b);
         }
         memcpy(m->is_feature, is_kept, halves);
     }
-    qm_context_free(ctx, seen, faces, sizeof *seen);
-    qm_context_free(ctx, queue, faces, sizeof *queue);
     qm_context_free(ctx, is_kept, halves, 1);
     return status;
 }
@@ -269,9 +294,12 @@ qm_status qm_quads_find_features(qm_context *ctx, qm_trimesh *m, double crease_a
     double cosine = drops_facets ? cos(ROUNDED_SHARE * crease_angle * QM_DEGREE) : -2.0;
     qm_status status = QM_OK;
     if (crease_angle > 0.0) {
+        face_search search;
         mark_creases(m, crease_angle);
+        if (!prepare_search(ctx, m, &search)) status = QM_E_NO_MEMORY;
         for (int round = 0; round < FINE_ROUNDS && status == QM_OK; round++)
-            status = drop_fine(ctx, m, crease_angle, FINE_RADIUS * size);
+            status = drop_fine(ctx, m, crease_angle, FINE_RADIUS * size, &search);
+        reset_search(ctx, m, &search);
         if (status == QM_OK) status = drop_rough(ctx, m, cosine, size);
     }
     if (status == QM_OK) fix_corners(m);
