@@ -18,27 +18,24 @@
 #define FIRST_SEMI_REGULAR 500.0 /* quads, that a search for a distance starts with */
 #define NEARER 0.67              /* times the distance of a plain mesh: semi-regular ones are seldom nearer */
 #define LAYOUT_QUADS 5000        /* of which a layout is made, or fewer where the limit is lower */
-/* Layouts are divided into about LAYOUT_PATCHES, then MORE_PATCHES times as many, up to MOST_PATCHES and one for each QUADS_A_PATCH
- * quads. Their grids are filled until a mesh is no farther than FILLED_RATIO times one of LAYOUT_QUADS quads without a layout, and no
- * quad is poor, or, with a wanted distance, as near as that. */
-#define LAYOUT_PATCHES 250
-#define MORE_PATCHES 2
-#define MOST_PATCHES 2000
-#define LAYOUTS 4 /* at most */
-#define QUADS_A_PATCH 3
-#define PARTS 4    /* of a quad that is divided */
-#define FEWER 0.98 /* quads, besides the ratio, where there were too many */
-#define USED                                                                                                 \
-    0.9 /* of the limit at least: where rows of a layout run through most of its patches, one more is too many */
-#define FILLED_RATIO 1.6
-#define WORTH_RATIO 3.0 /* of the distance, by which it may be greater for that */
-/* Of the plain mesh's distance: if parts of the surface are farther from the filled mesh before it is settled, its layout's grids
- * miss tips, which settling does not bring back. */
-#define FILLED_START 6.0
-/* Of the quads: if more are poor before that, spreading leaves some of them poor or folded as a rule, and centring does more often not. */
-#define FILLED_POOR 0.02
-#define CENTRED_START                                                                                        \
-    2.5 /* instead of FILLED_START, for such meshes while finer layouts are left: centring draws vertices off tips */
+#define LAYOUT_PATCHES 250       /* about, of a layout */
+#define MORE_PATCHES 500         /* of a second one, where nothing else gave a good mesh */
+#define PARTS 4                  /* of a quad that is divided */
+#define FEWER 0.98               /* quads, besides the ratio, where there were too many */
+/* Of the limit at least: where rows of a layout run through most of its patches, one more is too many. */
+#define USED 0.9
+/* A mesh is compared with one of LAYOUT_QUADS quads without a layout. It is good up to so many times the distance of that, by where its
+ * quads come from; and it may be WORTH_RATIO times as far as another one if its quads are better. */
+#define LAYOUT_RATIO 1.6
+#define DIVISION_RATIO 2.0
+#define WORTH_RATIO 3.0
+/* Of the mean difference of angles from 90 degrees: more is uneven, unless it is less than EVEN_ANGLE degrees. */
+#define EVEN_RATIO 1.3
+#define EVEN_ANGLE 5.0
+/* A mesh from grids that starts farther away, or less even, than so many times the plain one is not settled: that takes off a third of the
+ * distance and a fifth of the difference as a rule. */
+#define START_RATIO 2.5
+#define START_EVEN_RATIO 1.6
 
 const char *const qm_remesh_work_names[] = {"quads", "layout", "fill", "measure", "surface", NULL};
 const char *const qm_remesh_origin_names[] = {"layout", "division", "quads", NULL};
@@ -127,21 +124,29 @@ static qm_status make_quads(qm_context *ctx, const qm_ref_surface *surface, cons
 /** A semi-regular mesh, and what is known of it besides its distance. */
 typedef struct trial {
     qm_remesh_result made;
-    size_t folded; /* quads */
-    bool is_poor;  /* a quad has a scaled Jacobian below QM_QUADS_POOR_SINE */
-    bool is_quick; /* it was settled quickly */
-    bool is_near;  /* as near as was wanted */
+    size_t folded;  /* quads */
+    bool is_poor;   /* a quad has a scaled Jacobian below QM_QUADS_POOR_SINE */
+    double angle;   /* the mean difference of angles from 90 degrees */
+    bool is_uneven; /* that is much more than in the plain mesh */
+    bool is_near;   /* as near as was wanted */
 } trial;
+
+/** Which of two meshes is better, if one, now or the other, has better quads. */
+static bool is_worth(const trial *now, const trial *best, bool is_now)
+{
+    return is_now ? now->made.upper <= WORTH_RATIO * best->made.upper
+                  : WORTH_RATIO * now->made.upper < best->made.upper;
+}
 
 /** Which of two meshes of one wanted number is better. */
 static bool is_better(const trial *now, const trial *best)
 {
     if (now->folded != best->folded) return now->folded < best->folded;
     if (now->is_near != best->is_near) return now->is_near;
-    if (now->is_poor != best->is_poor)
-        return best->is_poor ? now->made.upper <= WORTH_RATIO * best->made.upper
-                             : WORTH_RATIO * now->made.upper < best->made.upper;
-    return now->made.upper < best->made.upper;
+    if (now->is_poor != best->is_poor) return is_worth(now, best, best->is_poor);
+    if (now->is_uneven != best->is_uneven) return is_worth(now, best, best->is_uneven);
+    double unevenness = now->is_uneven ? now->angle / best->angle : 1.0;
+    return unevenness * now->made.upper < best->made.upper;
 }
 
 /** Which of two meshes of different numbers is better: where neither is near enough, the nearer one. */
@@ -173,8 +178,8 @@ typedef struct plain_quads {
     size_t wanted;                  /* quads */
     uint8_t *creases;               /* of each */
     double distance;                /* from the surface, at most */
+    double angle;                   /* mean difference from 90 degrees */
     qm_quad_layout_lengths lengths; /* of the layouts that were made of them */
-    size_t patches; /* of the first layout that is tried: those with fewer made no good mesh */
 } plain_quads;
 
 static void plain_quads_reset(qm_context *ctx, plain_quads *plain)
@@ -218,10 +223,10 @@ static qm_status make_plain(semi_regular *s)
     const qm_quads_options quads = quads_of_layout(&s->options);
     const qm_settle_goal goal = {.quads = quads};
     qm_settle_distance distance = {0};
+    qm_quality quality;
     plain_quads *plain = &s->plain;
     if (plain->wanted == quads.quads) return QM_OK;
     plain_quads_reset(s->ctx, plain);
-    plain->patches = LAYOUT_PATCHES;
     tell(s, QM_REMESH_QUADS, quads.quads);
     qm_status status =
         qm_quads_make_with_creases(s->ctx, s->surface->bvh, &quads, &plain->mesh, &plain->creases, NULL);
@@ -229,13 +234,16 @@ static qm_status make_plain(semi_regular *s)
     tell(s, QM_REMESH_MEASURE, plain->mesh.face_count);
     status = qm_settle_measure(s->ctx, s->surface, &goal, &plain->mesh, &distance);
     plain->distance = qm_settle_two_sided(&distance).upper;
+    qm_quality_measure(&plain->mesh, &quality);
+    plain->angle = quality.mean_angle;
     plain->wanted = quads.quads;
     return status;
 }
 
-static bool has_many_poor(const trial *t)
+/** True if angles differ from 90 degrees by much more than those of the plain mesh. */
+static bool is_uneven(const semi_regular *s, double angle, double ratio)
 {
-    return (double)qm_quads_count_poor(&t->made.mesh) > FILLED_POOR * (double)t->made.mesh.face_count;
+    return angle > fmax(EVEN_ANGLE, ratio * s->plain.angle);
 }
 
 /** Settles the mesh, measures it, and tells how good it is. */
@@ -243,7 +251,6 @@ static qm_status settle(const semi_regular *s, bool is_quick, trial *t)
 {
     qm_settle_goal goal = settle_goal_of(&s->options);
     goal.is_quick = is_quick;
-    goal.centres = has_many_poor(t);
     qm_settled settled;
     tell(s, QM_REMESH_MEASURE, t->made.mesh.face_count);
     qm_status status = qm_settle(s->ctx, s->surface, &goal, &t->made.mesh, &settled);
@@ -251,28 +258,37 @@ static qm_status settle(const semi_regular *s, bool is_quick, trial *t)
     take_distance(&t->made, &settled.distance);
     t->folded = settled.quality.folded;
     t->is_poor = settled.quality.least_jacobian < QM_QUADS_POOR_SINE;
-    t->is_quick = is_quick;
+    t->angle = settled.quality.mean_angle;
+    t->is_uneven = is_uneven(s, t->angle, EVEN_RATIO);
     t->is_near = s->options.distance > 0.0 && t->made.upper <= s->options.distance;
     return QM_OK;
 }
 
-/** Makes the mesh from the grids of a layout at once; none if it misses parts of the surface. */
-static qm_status fill_grids(semi_regular *s, const qm_layout *layout, const double *grids, bool is_quick,
-                            bool settles_coarse, trial *t)
+/** True if a mesh from grids is too far or too uneven to become a good one. *status is that of measuring. */
+static bool starts_badly(const semi_regular *s, const qm_mesh *mesh, qm_status *status)
 {
-    qm_reconstruction_options how = qm_reconstruction_options_default();
     const qm_settle_goal goal = settle_goal_of(&s->options);
     qm_settle_distance start;
+    qm_quality quality;
+    *status = qm_settle_measure(s->ctx, s->surface, &goal, mesh, &start);
+    qm_quality_measure(mesh, &quality);
+    return *status == QM_OK && (qm_settle_two_sided(&start).upper > START_RATIO * s->plain.distance ||
+                                is_uneven(s, quality.mean_angle, START_EVEN_RATIO));
+}
+
+/** Makes the mesh from the grids of a layout. Quickly, coarse quads are settled first, and there is no mesh if it starts badly. */
+static qm_status fill_grids(semi_regular *s, const qm_layout *layout, const double *grids, bool is_quick,
+                            trial *t)
+{
+    qm_reconstruction_options how = qm_reconstruction_options_default();
     how.thread_count = s->options.quads.thread_count;
     how.grids = grids;
-    how.settles_coarse = settles_coarse;
+    how.settles_coarse = is_quick; /* a coarse quad may cut across what the grids lie on */
     tell(s, QM_REMESH_FILL, layout->patch_count);
     qm_status status =
         qm_reconstruction_fill_grids(s->ctx, s->surface, layout, &how, &s->options.quads, &t->made.mesh);
     s->rounds++;
-    if (status == QM_OK) status = qm_settle_measure(s->ctx, s->surface, &goal, &t->made.mesh, &start);
-    double most = is_quick && has_many_poor(t) ? CENTRED_START : FILLED_START;
-    if (status == QM_OK && start.from_surface.upper > most * s->plain.distance) {
+    if (status == QM_OK && is_quick && starts_badly(s, &t->made.mesh, &status)) {
         qm_mesh_reset(s->ctx, &t->made.mesh);
         return QM_OK;
     }
@@ -309,14 +325,18 @@ static qm_status draw_layout(semi_regular *s, size_t patches, drawn_layout *out)
                                           &out->issues, NULL, &out->grids);
 }
 
-/** Makes a mesh by a layout, and keeps the better one. */
-static qm_status try_layout(semi_regular *s, const drawn_layout *drawn, bool is_quick, bool settles_coarse)
+/** Makes a mesh by a layout of about so many patches, if there is one, and keeps the better mesh. */
+static qm_status try_layout(semi_regular *s, size_t patches, bool is_quick)
 {
-    trial now = {.made.patches = drawn->layout.patch_count};
-    qm_status status = fill_grids(s, &drawn->layout, drawn->grids, is_quick, settles_coarse, &now);
+    drawn_layout drawn = {0};
+    trial now = {0};
+    qm_status status = draw_layout(s, patches, &drawn);
+    now.made.patches = drawn.layout.patch_count;
+    if (status == QM_OK) status = fill_grids(s, &drawn.layout, drawn.grids, is_quick, &now);
     if (status == QM_OK) keep_better(s->ctx, &now, &s->best, is_better);
     qm_mesh_reset(s->ctx, &now.made.mesh);
-    return status;
+    drawn_layout_reset(s->ctx, &drawn);
+    return status == QM_E_LAYOUT ? QM_OK : status;
 }
 
 /** Makes quads without a layout: of a quarter as many, each of which is divided into four, or of all. *out is the caller's, also after an error. */
@@ -370,45 +390,22 @@ static bool is_good(const semi_regular *s, double ratio)
 }
 
 /**
- * Tries layouts of more and more patches, whose grids are filled at once, until the mesh is about as near as one without a layout. Once patches
- * would have no more quads than that, quads of a coarser mesh that are divided into four take their place. Where both are poor, far from the
- * surface or few, the quads stay without a layout, and at the limit of quads, if only they are as near as was wanted.
+ * Makes a mesh by a layout, and takes it if it is about as near and as even as one without. Else quads of a coarser mesh are divided into four.
+ * Where these are poor, far from the surface, uneven or few, the quads stay without a layout; at the limit of quads also if only they are as near as
+ * was wanted.
  */
 static qm_status make_number(semi_regular *s)
 {
-    const size_t wanted = s->options.quads.quads, most = wanted / QUADS_A_PATCH;
-    bool is_made = false, is_last = false, is_divided = false;
-    qm_status status = QM_OK;
-    int count = 0;
-    for (size_t patches = s->plain.patches; status == QM_OK && !is_made && !is_last;
-         patches *= MORE_PATCHES) {
-        drawn_layout drawn = {0};
-        status = draw_layout(s, patches < most ? patches : most, &drawn);
-        if (status == QM_OK) count++;
-        /* A layout that cannot have fewer patches is the same for all smaller numbers. */
-        while (patches * MORE_PATCHES <= drawn.layout.patch_count)
-            patches *= MORE_PATCHES;
-        is_last = patches >= most || patches >= MOST_PATCHES || count == LAYOUTS;
-        if (status == QM_OK) status = try_layout(s, &drawn, !is_last, true);
-        /* A coarse quad may cut across what the grids lie on. */
-        if (status == QM_OK && is_last && !is_good(s, FILLED_RATIO))
-            status = try_layout(s, &drawn, false, false);
-        if (status == QM_E_LAYOUT) status = QM_OK;
-        drawn_layout_reset(s->ctx, &drawn);
-        is_made = is_good(s, FILLED_RATIO);
-        if (is_made || is_last) s->plain.patches = patches;
-        if (status == QM_OK && !is_made && !is_divided &&
-            (is_last || PARTS * MORE_PATCHES * patches >= wanted)) {
-            status = try_quads(s, QM_REMESH_FROM_DIVISION, INFINITY);
-            is_made = is_good(s, FILLED_RATIO);
-            is_divided = true;
-        }
+    qm_status status = try_layout(s, LAYOUT_PATCHES, true);
+    bool is_made = is_good(s, LAYOUT_RATIO) && !s->best.is_uneven;
+    if (status == QM_OK && !is_made) {
+        status = try_quads(s, QM_REMESH_FROM_DIVISION, INFINITY);
+        is_made = is_good(s, DIVISION_RATIO) && !s->best.is_uneven;
     }
-    if (status == QM_OK && s->best.is_quick && s->best.is_poor) status = settle(s, false, &s->best);
     bool is_missed = s->is_last && s->options.distance > 0.0 && !s->best.is_near;
-    double most_distance = is_good(s, WORTH_RATIO) ? s->options.distance : INFINITY;
-    if (status == QM_OK && (is_missed || !is_good(s, WORTH_RATIO)))
-        status = try_quads(s, QM_REMESH_FROM_QUADS, most_distance);
+    if (status == QM_OK && (is_missed || !is_made))
+        status = try_quads(s, QM_REMESH_FROM_QUADS, is_made ? s->options.distance : INFINITY);
+    if (status == QM_OK && !is_good(s, WORTH_RATIO)) status = try_layout(s, MORE_PATCHES, false);
     return status;
 }
 

@@ -64,8 +64,7 @@ static qm_status settle(qm_context *ctx, const qm_ref_surface *surface, const qm
                         unsettled *before, qm_mesh *mesh, qm_settled *out)
 {
     const size_t size = 3 * mesh->vertex_count * sizeof *mesh->positions;
-    const qm_quads_settling quick = goal->centres ? QM_QUADS_CENTRE_ONCE : QM_QUADS_SPREAD_ONCE;
-    const qm_quads_settling ways[] = {goal->is_quick ? quick : QM_QUADS_SPREAD, QM_QUADS_STAY};
+    const qm_quads_settling ways[] = {goal->is_quick ? QM_QUADS_SPREAD_ONCE : QM_QUADS_SPREAD, QM_QUADS_STAY};
     const int count = goal->is_quick ? 1 : 2;
     qm_status status = QM_OK;
     for (int k = 0; k < count && !out->is_kept && status == QM_OK; k++) {

@@ -14,7 +14,6 @@ typedef struct qm_settle_goal {
     double distance;        /* that was wanted, in the unit of the surface; 0: none */
     bool
         is_quick; /* vertices move once, without the last fit if quads stay poor, and go back if that is not kept */
-    bool centres;                /* quickly: vertices are centred instead of spread */
     const qm_quads_marks *marks; /* what is kept of the mesh that is settled; NULL: nothing */
 } qm_settle_goal;
 

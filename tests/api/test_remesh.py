@@ -75,7 +75,14 @@ def test_a_distance_is_reached_or_told_as_out_of_reach(client, surface):
         far = remesh(client, surface, quads=most, distance=1e-6, semi_regular=True)["result"]
         assert not far["reached"] and far["quads"] <= most and far["patches"] > 0
         check_patches(client, far)
-    assert far["patches_from"] == "layout"
+
+
+def test_where_patches_come_from(client, surface):
+    """Of a layout where there are enough quads for its curves, else of coarse quads that are divided."""
+    for quads, origin in ((1000, "division"), (5000, "layout")):
+        result = remesh(client, surface, quads=quads, semi_regular=True)["result"]
+        assert result["patches_from"] == origin and result["folded"] == 0 and result["least_scaled_jacobian"] > 0.7
+        check_patches(client, result)
 
 
 def test_a_distance_takes_few_quads_in_patches_too(client, surface):

@@ -91,7 +91,6 @@ size_t qm_quads_count_poor(const qm_mesh *mesh);
  * than a few quads stay poor, and there is no last fit where any do. */
 typedef enum qm_quads_settling {
     QM_QUADS_SPREAD_ONCE,
-    QM_QUADS_CENTRE_ONCE,
     QM_QUADS_SPREAD, /* to equal heights of the surface over all sides */
     QM_QUADS_CENTRE, /* among their neighbours */
     QM_QUADS_STAY    /* not at all */

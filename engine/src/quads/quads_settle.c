@@ -375,28 +375,24 @@ static qm_status centre_bad(settle *w, const unmoved *u, int rings, size_t *move
     return status;
 }
 
-static bool is_once(qm_quads_settling how)
-{
-    return how == QM_QUADS_SPREAD_ONCE || how == QM_QUADS_CENTRE_ONCE;
-}
-
 /** Moves them one way; *is_hopeless: it was given up, since bad quads did not open. */
 static qm_status move_vertices(settle *w, qm_quads_settling how, const unmoved *u, bool *is_hopeless)
 {
     int threads = w->options->thread_count;
     qm_status status = QM_OK;
+    const bool is_once = how == QM_QUADS_SPREAD_ONCE;
     memset(u->goes_back, 0, w->r.mesh.vertex_count);
     if (how == QM_QUADS_SPREAD) mark_round_folded(&w->r.mesh, FREE_RINGS, u->goes_back);
-    if (how == QM_QUADS_SPREAD_ONCE || how == QM_QUADS_SPREAD)
+    if (is_once || how == QM_QUADS_SPREAD)
         status = qm_quads_spread(w->ctx, &w->r, w->surface, u->goes_back, threads);
     else if (how != QM_QUADS_STAY)
         status = qm_quads_polish(w->ctx, &w->r, w->surface, threads);
     size_t moves = qm_quads_untangle_moves(&w->r), moves_again = moves / 2; /* of all rounds together */
-    size_t later = how == QM_QUADS_SPREAD_ONCE ? moves / ONCE_PART : 0;
+    size_t later = is_once ? moves / ONCE_PART : 0;
     moves -= later;
     if (status == QM_OK) status = qm_quads_untangle(w->ctx, &w->r, w->surface, true, &moves, threads);
     if (later > 0) moves = later / 2;
-    *is_hopeless = is_once(how) && qm_quads_count_poor(&w->r.mesh) > ONCE_POOR;
+    *is_hopeless = is_once && qm_quads_count_poor(&w->r.mesh) > ONCE_POOR;
     if (status != QM_OK || *is_hopeless) return status;
     if (moves == 0 && count_folded(&w->r.mesh) == 0) {
         /* Many bad quads along creases use up the moves: more of them open all, where those of folded quads may be hopeless. */
@@ -428,7 +424,7 @@ static qm_status move_well(settle *w)
         memcpy(m->positions, u.positions, 3 * m->vertex_count * sizeof *u.positions);
         memcpy(w->r.is_feature, u.is_feature, 4 * m->face_count); /* untangling may have let go of some */
         memcpy(w->r.is_fixed, u.is_fixed, m->vertex_count);
-        if (is_once((qm_quads_settling)how)) break;
+        if (how == (int)QM_QUADS_SPREAD_ONCE) break;
     }
     free_note(w, &u);
     return status;
@@ -467,7 +463,8 @@ static qm_status run(settle *w)
     qm_quads_sides_reset(&sides);
     if (status != QM_OK || !is_one) return status;
     status = move_well(w);
-    if (status != QM_OK || (is_once(w->how) && qm_quads_count_poor(&w->r.mesh) > 0)) return status;
+    if (status != QM_OK || (w->how == QM_QUADS_SPREAD_ONCE && qm_quads_count_poor(&w->r.mesh) > 0))
+        return status;
     return qm_quads_fit(w->ctx, &w->r, w->surface, true, w->options->thread_count);
 }
 
