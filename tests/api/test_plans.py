@@ -2,6 +2,8 @@
 
 Actions are strokes and clicks; each is one request, and 30 are the limit.
 """
+import math
+
 import pytest
 
 from conftest import DATA
@@ -66,7 +68,7 @@ def corrected(s):
         s.actions -= 1
     node = s.layout["nodes"][0]
     s.edit("nodes/0/move", point=[node[0] + 0.01, node[1] + 0.01, node[2]])
-    longest = max(s.layout["curves"], key=lambda each: len(each["points"]))
+    longest = max(s.layout["curves"], key=lambda each: sum(map(math.dist, each["points"], each["points"][1:])))
     middle = longest["points"][len(longest["points"]) // 2]
     s.edit(f"curves/{longest['id']}/slide", **{"from": middle, "to": [middle[0] + 0.005, middle[1], middle[2] + 0.005]})
     assert s.actions == 3
@@ -103,8 +105,9 @@ def test_a_few_strokes_make_a_complete_layout_from_nothing(client, model):
 
 
 def test_an_automatic_layout_is_corrected(client, model):
+    # Single places decide the distance: it changes by 0.8 to 1.4 times with the number of quads and with corrections.
     _, mesh = model
-    made = client.post("/v1/layouts", json={"mesh": mesh, "auto": True, "quad_count": 3500})
+    made = client.post("/v1/layouts", json={"mesh": mesh, "auto": True, "quad_count": 4000})
     assert made.status_code == 201, made.text
     sketch = Sketcher(client, made.json())
     assert sketch.layout["complete"]

@@ -263,6 +263,38 @@ static void simple_shapes_have_the_fewest_patches(void **state)
     assert_in_range(check_layout("wound torus", wound_torus(24, 12, 5), 0, true), 4, 24);
 }
 
+/** The six patches of a ball have long curves: their chords stay within 5e-4 of the diagonal of it, but for what its faces cut off. */
+static void curves_stay_on_the_surface(void **state)
+{
+    (void)state;
+    voxels cube = {0};
+    fill(&cube, 0, 0, 0, 2, 2, 2, true);
+    qm_mesh ball = boundary_of(&cube, 16);
+    make_round(&ball, 1.0);
+    const double sagitta = 5e-4; /* of the faces: edges of 3 degrees at most, diagonals of 4 */
+    qm_ground g;
+    qm_ground_make(&g, ball);
+    qm_quad_layout_options options = qm_quad_layout_options_default();
+    qm_layout layout;
+    qm_layout_issues issues;
+    qm_quad_layout_facts facts;
+    options.crease_angle = 0;
+    assert_int_equal(qm_quad_layout_make(&g.ctx, &g.mesh, &g.source, &options, &layout, &issues, &facts),
+                     QM_OK);
+    assert_int_equal(layout.patch_count, 6);
+    assert_int_equal(issues.count, 0);
+    for (size_t c = 0; c < layout.curve_count; c++)
+        for (size_t i = 0; i + 1 < layout.curves[c].point_count; i++) {
+            const double *p = layout.curves[c].points + 3 * i;
+            double radius = qm_vec_norm(qm_vec_mix(qm_vec_load(p), qm_vec_load(p + 3), 0.5));
+            QM_CHECK(radius > 1.0 - 5e-4 * g.source.diagonal - 2.0 * sagitta,
+                     "curve %zu is %g below the ball after point %zu", c, 1.0 - radius, i);
+        }
+    qm_layout_reset(&g.ctx, &layout);
+    qm_layout_issues_reset(&g.ctx, &issues);
+    qm_ground_free(&g);
+}
+
 static void shapes_of_any_genus_keep_their_counts(void **state)
 {
     (void)state;
@@ -1200,6 +1232,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(simple_shapes_have_the_fewest_patches),
+        cmocka_unit_test(curves_stay_on_the_surface),
         cmocka_unit_test(shapes_of_any_genus_keep_their_counts),
         cmocka_unit_test(hopeless_layouts_are_refused),
         cmocka_unit_test(random_meshes_keep_their_counts),

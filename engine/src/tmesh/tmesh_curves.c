@@ -37,6 +37,13 @@ static const double pulls[] = {0.03, 0.1, 0.3};
 #define GOOD_SINE 0.1
 /* Of the cells, before any is opened: of 26 layouts of models with good meshes 0.038 are folded at most, of layouts that no mesh could be made of 0.13 to 0.5. */
 #define MOST_FOLDED 0.08
+/* The chord between points of a curve may be so much of the diagonal off the surface, after so many halvings of one between lattice points. */
+#define CURVE_OFF 5e-4
+#define CURVE_HALVINGS 4
+/* Curves that cross with such points do without, so often; then all do. */
+#define DENSE_ROUNDS 4
+
+_Static_assert((1 << CURVE_HALVINGS) - 1 <= QM_TMESH_TRACE, "points between two of the lattice have room");
 
 /** A feature between two required vertices, or a closed one from any node. */
 typedef struct feature_chain {
@@ -782,6 +789,7 @@ typedef struct layout_maker {
     uint32_t *point; /* by node */
     uint32_t *curve; /* by the lattice point after the start of a curve from its lower end */
     uint32_t *lines; /* by curve: its STEPS + 1 lattice points */
+    bool *is_sparse; /* by the middle lattice point of a curve: it has one point between each two */
     double *grids;   /* of the faces */
 } layout_maker;
 
@@ -799,7 +807,24 @@ static qm_status node_of(layout_maker *maker, uint32_t point, uint32_t *node)
     return QM_OK;
 }
 
-/** The id of the curve over STEPS + 1 lattice points, which has one more point between each two, or their trace. */
+/**
+ * Adds points between two of a curve: the middle on the surface, and more, up to so many halvings, while that is CURVE_OFF away from the chord, so
+ * that a curve does not cut off what the surface does between its points.
+ */
+static void add_between(const curve_drawer *d, const qm_tmesh_point *from, const qm_tmesh_point *to,
+                        int halvings, double (*line)[3], size_t *count)
+{
+    qm_tmesh_point middle = from->is_fixed ? *to : *from; /* fixed where both are */
+    middle.at = qm_vec_mix(from->at, to->at, 0.5);
+    const qm_vec chord = middle.at;
+    project(d, &middle);
+    bool is_off = halvings > 1 && qm_vec_distance(chord, middle.at) > CURVE_OFF * d->surface->diagonal;
+    if (is_off) add_between(d, from, &middle, halvings - 1, line, count);
+    qm_vec_store(line[(*count)++], middle.at);
+    if (is_off) add_between(d, &middle, to, halvings - 1, line, count);
+}
+
+/** The id of the curve over STEPS + 1 lattice points, with more points between each two, or their trace. */
 static qm_status curve_of(layout_maker *maker, const uint32_t *point, uint32_t *id)
 {
     curve_drawer *d = maker->d;
@@ -825,11 +850,8 @@ static qm_status curve_of(layout_maker *maker, const uint32_t *point, uint32_t *
                 qm_vec_store(line[count++], at->at);
                 continue;
             }
-            const qm_tmesh_point *before = &d->lattice.points[point[i - 1]];
-            qm_tmesh_point middle = before->is_fixed ? *at : *before; /* fixed where both are */
-            middle.at = qm_vec_mix(before->at, at->at, 0.5);
-            project(d, &middle);
-            qm_vec_store(line[count++], middle.at);
+            add_between(d, &d->lattice.points[point[i - 1]], at, maker->is_sparse[key] ? 1 : CURVE_HALVINGS,
+                        line, &count);
             qm_vec_store(line[count++], at->at);
         }
         status = qm_layout_add_curve(d->arena->ctx, maker->out, from, to, line[0], count);
@@ -1019,10 +1041,38 @@ static bool mark_origins(const layout_maker *maker, qm_drawing *drawing)
     return copy_guides(maker, drawing);
 }
 
+/** Makes the nodes, curves and patches anew; finds crossings if they are wanted. */
+static qm_status draw_faces(layout_maker *maker, bool finds_crossings, qm_layout_issues *issues)
+{
+    qm_context *ctx = maker->d->arena->ctx;
+    qm_layout_reset(ctx, maker->out);
+    qm_layout_issues_reset(ctx, issues);
+    qm_status status = add_faces(maker);
+    if (status == QM_OK && finds_crossings)
+        status = qm_layout_find_crossings(ctx, maker->out, maker->d->surface, issues);
+    return status;
+}
+
+/** Adds points to curves that do not cross where their chords leave the surface, but for those that cross then. */
+static qm_status draw_dense(layout_maker *maker, qm_layout_issues *issues)
+{
+    const size_t points = maker->d->lattice.point_count;
+    memset(maker->is_sparse, false, points);
+    for (int round = 0; round < DENSE_ROUNDS; round++) {
+        qm_status status = draw_faces(maker, true, issues);
+        if (status != QM_OK || issues->count == 0) return status;
+        for (size_t i = 0; i < issues->count; i++)
+            for (int k = 0; k < 2; k++)
+                maker->is_sparse[maker->lines[(STEPS + 1) * (size_t)issues->items[i].curve[k] + STEPS / 2]] =
+                    true;
+    }
+    memset(maker->is_sparse, true, points);
+    return draw_faces(maker, true, issues);
+}
+
 /** Makes the layout; while curves cross, the cells there are drawn anew, with more and more round them. In a rough one folded cells come first, alone. */
 static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed, uint8_t *class_fault)
 {
-    qm_context *ctx = d->arena->ctx;
     qm_layout *out = &drawing->layout;
     layout_maker maker = {.d = d, .out = out, .grids = drawing->grids};
     size_t points = d->lattice.point_count;
@@ -1030,13 +1080,14 @@ static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed
     maker.point = qm_arena_alloc(d->arena, points, sizeof *maker.point);
     maker.curve = qm_arena_alloc(d->arena, points, sizeof *maker.curve);
     maker.lines = qm_arena_alloc(d->arena, points, (STEPS + 1) * sizeof *maker.lines);
+    maker.is_sparse = qm_arena_alloc(d->arena, points, sizeof *maker.is_sparse);
     uint8_t *fault = qm_arena_zeroed(d->arena, points, sizeof *fault);
-    if (!maker.node || !maker.point || !maker.curve || !maker.lines || !fault) return QM_E_NO_MEMORY;
+    if (!maker.is_sparse || !maker.node || !maker.point || !maker.curve || !maker.lines || !fault)
+        return QM_E_NO_MEMORY;
+    memset(maker.is_sparse, true, points);
     for (int round = 0;; round++) {
-        qm_status status = add_faces(&maker);
         bool is_folded = d->is_rough && count_folds(d) > 0;
-        if (status == QM_OK && !is_folded)
-            status = qm_layout_find_crossings(ctx, out, d->surface, &drawing->issues);
+        qm_status status = draw_faces(&maker, !is_folded, &drawing->issues);
         if (status != QM_OK) return status;
         bool is_clean = drawing->issues.count == 0 && !is_folded;
         if (is_clean || round == MENDS || d->surface->is_cloud) break;
@@ -1047,8 +1098,10 @@ static qm_status make_layout(curve_drawer *d, qm_drawing *drawing, bool *is_seed
         status = mend(d, is_seed, FOLD_RINGS + round);
         if (status != QM_OK) return status;
         if (count_seeds(d, is_seed) == before) break;
-        qm_layout_reset(ctx, out);
-        qm_layout_issues_reset(ctx, &drawing->issues);
+    }
+    if (drawing->issues.count == 0 && !d->is_rough && !d->surface->is_cloud) {
+        qm_status status = draw_dense(&maker, &drawing->issues);
+        if (status != QM_OK) return status;
     }
     mark_features(&maker);
     mark_faults(&maker, &drawing->issues, fault);
