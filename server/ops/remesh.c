@@ -24,10 +24,9 @@
 #define FEWER 0.98               /* quads, besides the ratio, where there were too many */
 /* Of the limit at least: where rows of a layout run through most of its patches, one more is too many. */
 #define USED 0.9
-/* A mesh is compared with one of LAYOUT_QUADS quads without a layout. It is good up to so many times the distance of that, by where its
- * quads come from; and it may be WORTH_RATIO times as far as another one if its quads are better. */
-#define LAYOUT_RATIO 1.6
-#define DIVISION_RATIO 2.0
+/* A mesh is compared with one of LAYOUT_QUADS quads without a layout. It is good up to GOOD_RATIO times the distance of that, and may be
+ * WORTH_RATIO times as far as another one if its quads are better. */
+#define GOOD_RATIO 1.6
 #define WORTH_RATIO 3.0
 /* Of the mean difference of angles from 90 degrees: more is uneven, unless it is less than EVEN_ANGLE degrees. */
 #define EVEN_RATIO 1.3
@@ -390,6 +389,15 @@ static bool is_good(const semi_regular *s, double ratio)
 }
 
 /**
+ * How much of the plain mesh's distance is left in one of the wanted number of quads, where tips decide it: these are cut off by a part of a side.
+ * Coarse quads that are divided may have lost more of them.
+ */
+static double tips_left(const semi_regular *s)
+{
+    return sqrt((double)s->plain.wanted / (double)s->options.quads.quads);
+}
+
+/**
  * Makes a mesh by a layout, and takes it if it is about as near and as even as one without. Else quads of a coarser mesh are divided into four.
  * Where these are poor, far from the surface, uneven or few, the quads stay without a layout; at the limit of quads also if only they are as near as
  * was wanted.
@@ -397,10 +405,10 @@ static bool is_good(const semi_regular *s, double ratio)
 static qm_status make_number(semi_regular *s)
 {
     qm_status status = try_layout(s, LAYOUT_PATCHES, true);
-    bool is_made = is_good(s, LAYOUT_RATIO) && !s->best.is_uneven;
+    bool is_made = is_good(s, GOOD_RATIO) && !s->best.is_uneven;
     if (status == QM_OK && !is_made) {
         status = try_quads(s, QM_REMESH_FROM_DIVISION, INFINITY);
-        is_made = is_good(s, DIVISION_RATIO) && !s->best.is_uneven;
+        is_made = is_good(s, GOOD_RATIO * tips_left(s)) && !s->best.is_uneven;
     }
     bool is_missed = s->is_last && s->options.distance > 0.0 && !s->best.is_near;
     if (status == QM_OK && (is_missed || !is_made))
