@@ -20,6 +20,7 @@
 #define LAYOUT_QUADS 5000        /* of which a layout is made, or fewer where the limit is lower */
 #define LAYOUT_PATCHES 250       /* about, of a layout */
 #define MORE_PATCHES 500         /* of a second one, where nothing else gave a good mesh */
+#define QUADS_A_PATCH 3          /* at least: fewer patches where fewer quads are wanted */
 #define PARTS 4                  /* of a quad that is divided */
 #define FEWER 0.98               /* quads, besides the ratio, where there were too many */
 /* Of the limit at least: where rows of a layout run through most of its patches, one more is too many. */
@@ -313,8 +314,9 @@ static void drawn_layout_reset(qm_context *ctx, drawn_layout *drawn)
 static qm_status draw_layout(semi_regular *s, size_t patches, drawn_layout *out)
 {
     const qm_quads_options quads = quads_of_layout(&s->options);
+    const size_t most = s->options.quads.quads / QUADS_A_PATCH;
     qm_quad_layout_options how = qm_quad_layout_options_default();
-    how.patches = patches;
+    how.patches = patches < most ? patches : most;
     how.creases = s->plain.creases;
     how.lengths = &s->plain.lengths;
     how.may_cross = true;
