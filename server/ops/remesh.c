@@ -127,7 +127,7 @@ typedef struct trial {
     size_t folded;  /* quads */
     bool is_poor;   /* a quad has a scaled Jacobian below QM_QUADS_POOR_SINE */
     double angle;   /* the mean difference of angles from 90 degrees */
-    bool is_uneven; /* that is much more than in the plain mesh */
+    bool is_uneven; /* that is much more than in the plain mesh, and it is not near */
     bool is_near;   /* as near as was wanted */
 } trial;
 
@@ -259,8 +259,8 @@ static qm_status settle(const semi_regular *s, bool is_quick, trial *t)
     t->folded = settled.quality.folded;
     t->is_poor = settled.quality.least_jacobian < QM_QUADS_POOR_SINE;
     t->angle = settled.quality.mean_angle;
-    t->is_uneven = is_uneven(s, t->angle, EVEN_RATIO);
     t->is_near = s->options.distance > 0.0 && t->made.upper <= s->options.distance;
+    t->is_uneven = !t->is_near && is_uneven(s, t->angle, EVEN_RATIO);
     return QM_OK;
 }
 
@@ -288,7 +288,9 @@ static qm_status fill_grids(semi_regular *s, const qm_layout *layout, const doub
     qm_status status =
         qm_reconstruction_fill_grids(s->ctx, s->surface, layout, &how, &s->options.quads, &t->made.mesh);
     s->rounds++;
-    if (status == QM_OK && is_quick && starts_badly(s, &t->made.mesh, &status)) {
+    const bool may_end =
+        is_quick && !(s->options.distance > 0.0); /* a mesh that is near enough may be uneven */
+    if (status == QM_OK && may_end && starts_badly(s, &t->made.mesh, &status)) {
         qm_mesh_reset(s->ctx, &t->made.mesh);
         return QM_OK;
     }
@@ -354,8 +356,8 @@ static qm_status make_without_layout(qm_context *ctx, const qm_ref_surface *surf
     return status;
 }
 
-/** Makes a mesh so, a second time where it has too many quads, and keeps the better one, if it is no farther than that. */
-static qm_status try_quads(semi_regular *s, qm_remesh_origin origin, double most_distance)
+/** Makes a mesh so, a second time where it has too many quads, and keeps the better one. */
+static qm_status try_quads(semi_regular *s, qm_remesh_origin origin)
 {
     qm_quads_options quads = s->options.quads;
     qm_patch_set set = {0};
@@ -374,20 +376,21 @@ static qm_status try_quads(semi_regular *s, qm_remesh_origin origin, double most
     if (status == QM_OK) status = qm_patch_set_find(s->ctx, mesh, &set);
     now.made.patches = set.patch_count;
     if (status == QM_OK) status = settle(s, false, &now);
-    if (status == QM_OK && now.made.upper <= most_distance) keep_better(s->ctx, &now, &s->best, is_better);
+    if (status == QM_OK) keep_better(s->ctx, &now, &s->best, is_better);
     qm_patch_set_reset(s->ctx, &set);
     qm_mesh_reset(s->ctx, mesh);
     return status;
 }
 
-/** True if a mesh has no bad quads and not many fewer than wanted, and is no farther than so many times the plain one. With a wanted distance, also if
- * it is as near as that. */
+/** True if a mesh has no bad quads, and is as near as was wanted. Without a wanted distance: no farther than so many times the plain one, and with
+ * not many fewer quads than wanted. */
 static bool is_good(const semi_regular *s, double ratio)
 {
     const trial *best = &s->best;
     if (best->made.mesh.face_count == 0 || best->folded > 0 || best->is_poor) return false;
-    return best->is_near || (best->made.upper <= ratio * s->plain.distance &&
-                             (double)best->made.mesh.face_count >= USED * (double)s->options.quads.quads);
+    if (s->options.distance > 0.0) return best->is_near;
+    return best->made.upper <= ratio * s->plain.distance &&
+           (double)best->made.mesh.face_count >= USED * (double)s->options.quads.quads;
 }
 
 /**
@@ -401,21 +404,20 @@ static double tips_left(const semi_regular *s)
 
 /**
  * Makes a mesh by a layout, and takes it if it is about as near and as even as one without. Else quads of a coarser mesh are divided into four.
- * Where these are poor, far from the surface, uneven or few, the quads stay without a layout; at the limit of quads also if only they are as near as
- * was wanted.
+ * Where these are poor, far from the surface, uneven or few, the quads stay without a layout. With a wanted distance the first mesh that is as near
+ * as that is taken.
  */
 static qm_status make_number(semi_regular *s)
 {
     qm_status status = try_layout(s, LAYOUT_PATCHES, true);
     bool is_made = is_good(s, GOOD_RATIO) && !s->best.is_uneven;
     if (status == QM_OK && !is_made) {
-        status = try_quads(s, QM_REMESH_FROM_DIVISION, INFINITY);
+        status = try_quads(s, QM_REMESH_FROM_DIVISION);
         is_made = is_good(s, GOOD_RATIO * tips_left(s)) && !s->best.is_uneven;
     }
-    bool is_missed = s->is_last && s->options.distance > 0.0 && !s->best.is_near;
-    if (status == QM_OK && (is_missed || !is_made))
-        status = try_quads(s, QM_REMESH_FROM_QUADS, is_made ? s->options.distance : INFINITY);
-    if (status == QM_OK && !is_good(s, WORTH_RATIO)) status = try_layout(s, MORE_PATCHES, false);
+    if (status == QM_OK && !is_made) status = try_quads(s, QM_REMESH_FROM_QUADS);
+    bool is_last = s->is_last || !(s->options.distance > 0.0);
+    if (status == QM_OK && is_last && !is_good(s, WORTH_RATIO)) status = try_layout(s, MORE_PATCHES, false);
     return status;
 }
 
