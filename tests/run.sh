@@ -26,7 +26,8 @@ jobs=$(nproc)
 released="test_sandbox test_large_pages"
 # These search for long: ASan would make minutes of it. What takes longest is first, as several run at a time.
 slow="test_noise test_cloud test_quad_layout test_unturn test_reconstruct test_bilinear_match
-    test_hausdorff_adversarial test_align test_hausdorff_property test_layout_features test_hausdorff_parts test_comparison_sides test_deviation_piece test_walls
+    test_hausdorff_adversarial test_align test_hausdorff_property test_layout_features test_hausdorff_parts
+    test_comparison_sides test_deviation_piece test_walls
     test_bilinear_over test_hausdorff_overlay test_comparison test_deviation test_hausdorff test_hausdorff_invariance
     test_bilinear_pair test_quads test_collide test_deviation_loss test_deviation_regions
     test_deviation_sides test_distance test_extent test_fill_grids test_locator test_pairs test_project test_rigour

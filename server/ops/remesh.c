@@ -131,11 +131,11 @@ typedef struct trial {
     bool is_near;   /* as near as was wanted */
 } trial;
 
-/** Which of two meshes is better, if one, now or the other, has better quads. */
-static bool is_worth(const trial *now, const trial *best, bool is_now)
+/** Whether a mesh is better than the best so far where their quads are not equally good: its own are the better ones, or those of the best. */
+static bool is_worth(const trial *now, const trial *best, bool are_own_better)
 {
-    return is_now ? now->made.upper <= WORTH_RATIO * best->made.upper
-                  : WORTH_RATIO * now->made.upper < best->made.upper;
+    return are_own_better ? now->made.upper <= WORTH_RATIO * best->made.upper
+                          : WORTH_RATIO * now->made.upper < best->made.upper;
 }
 
 /** Which of two meshes of one wanted number is better. */
@@ -276,7 +276,8 @@ static bool starts_badly(const semi_regular *s, const qm_mesh *mesh, qm_status *
                                 is_uneven(s, quality.mean_angle, START_EVEN_RATIO));
 }
 
-/** Makes the mesh from the grids of a layout. Quickly, coarse quads are settled first, and there is no mesh if it starts badly. */
+/** Makes the mesh from the grids of a layout. Quickly, coarse quads are settled first, and without a wanted distance there is
+ * no mesh if it starts badly. */
 static qm_status fill_grids(semi_regular *s, const qm_layout *layout, const double *grids, bool is_quick,
                             trial *t)
 {
@@ -288,9 +289,9 @@ static qm_status fill_grids(semi_regular *s, const qm_layout *layout, const doub
     qm_status status =
         qm_reconstruction_fill_grids(s->ctx, s->surface, layout, &how, &s->options.quads, &t->made.mesh);
     s->rounds++;
-    const bool may_end =
-        is_quick && !(s->options.distance > 0.0); /* a mesh that is near enough may be uneven */
-    if (status == QM_OK && may_end && starts_badly(s, &t->made.mesh, &status)) {
+    /* With a wanted distance any mesh that ends near enough is good. */
+    const bool can_refuse = is_quick && !(s->options.distance > 0.0);
+    if (status == QM_OK && can_refuse && starts_badly(s, &t->made.mesh, &status)) {
         qm_mesh_reset(s->ctx, &t->made.mesh);
         return QM_OK;
     }

@@ -81,16 +81,18 @@ static qm_mesh boundary_of(const voxels *set, int n)
     return exact;
 }
 
-/** Pulls the vertices of a mesh onto a sphere round the middle of the block. */
-static void make_round(qm_mesh *mesh, double middle)
+/** A ball of radius 1, of six patches of 2 n x 2 n quads. */
+static qm_mesh ball_of(int n)
 {
-    for (size_t v = 0; v < mesh->vertex_count; v++) {
-        double *p = mesh->positions + 3 * v, length = 0;
-        for (int k = 0; k < 3; k++)
-            length += (p[k] - middle) * (p[k] - middle);
-        for (int k = 0; k < 3; k++)
-            p[k] = (p[k] - middle) / sqrt(length);
+    voxels cube = {0};
+    fill(&cube, 0, 0, 0, 2, 2, 2, true);
+    qm_mesh mesh = boundary_of(&cube, n);
+    for (size_t v = 0; v < mesh.vertex_count; v++) {
+        double *p = mesh.positions + 3 * v;
+        qm_vec from_middle = qm_vec_sub(qm_vec_load(p), (qm_vec){1, 1, 1});
+        qm_vec_store(p, qm_vec_scale(1.0 / qm_vec_norm(from_middle), from_middle));
     }
+    return mesh;
 }
 
 /** A torus whose last column joins the first, shifted by some rows: cuts along it wind. */
@@ -250,12 +252,9 @@ static size_t check_layout(const char *name, qm_mesh mesh, double crease_angle, 
 static void simple_shapes_have_the_fewest_patches(void **state)
 {
     (void)state;
-    voxels cube = {0}, bar = {0};
-    fill(&cube, 0, 0, 0, 2, 2, 2, true);
+    voxels bar = {0};
     fill(&bar, 0, 0, 0, 5, 1, 1, true);
-    qm_mesh ball = boundary_of(&cube, 4);
-    make_round(&ball, 1.0);
-    assert_int_equal(check_layout("ball", ball, 0, false), 6);
+    assert_int_equal(check_layout("ball", ball_of(4), 0, false), 6);
     assert_int_equal(check_layout("bar", boundary_of(&bar, 2), 0, false), 6);
     assert_int_equal(check_layout("plane", qm_shape_plane(7, 0), 0, false), 1);
     assert_int_equal(check_layout("saddle", qm_shape_saddle(6), 0, false), 1);
@@ -267,13 +266,9 @@ static void simple_shapes_have_the_fewest_patches(void **state)
 static void curves_stay_on_the_surface(void **state)
 {
     (void)state;
-    voxels cube = {0};
-    fill(&cube, 0, 0, 0, 2, 2, 2, true);
-    qm_mesh ball = boundary_of(&cube, 16);
-    make_round(&ball, 1.0);
     const double sagitta = 5e-4; /* of the faces: edges of 3 degrees at most, diagonals of 4 */
     qm_ground g;
-    qm_ground_make(&g, ball);
+    qm_ground_make(&g, ball_of(16));
     qm_quad_layout_options options = qm_quad_layout_options_default();
     qm_layout layout;
     qm_layout_issues issues;
@@ -318,12 +313,8 @@ static void shapes_of_any_genus_keep_their_counts(void **state)
 static void hopeless_layouts_are_refused(void **state)
 {
     (void)state;
-    voxels cube = {0};
-    fill(&cube, 0, 0, 0, 2, 2, 2, true);
-    qm_mesh ball = boundary_of(&cube, 4);
-    make_round(&ball, 1.0);
     qm_ground round, ring;
-    qm_ground_make(&round, ball);
+    qm_ground_make(&round, ball_of(4));
     qm_ground_make(&ring, qm_shape_torus(24, 12, 1, 0.4));
     const struct {
         const qm_mesh *quads;
@@ -655,10 +646,7 @@ enum { HORNS = 5 };
 /** A ball with horns, 1.5 radii high, in directions at random at least 0.8 apart. */
 static qm_mesh horned_ball(qm_random *random, qm_vec tip[HORNS])
 {
-    voxels cube = {0};
-    fill(&cube, 0, 0, 0, 2, 2, 2, true);
-    qm_mesh mesh = boundary_of(&cube, 16);
-    make_round(&mesh, 1.0);
+    qm_mesh mesh = ball_of(16);
     for (int h = 0; h < HORNS;) {
         double direction[3];
         qm_random_direction(random, direction);
@@ -810,10 +798,7 @@ static void doublets_are_merged(void **state)
 static void a_layout_is_divided_as_wanted(void **state)
 {
     (void)state;
-    voxels cube = {0};
-    fill(&cube, 0, 0, 0, 2, 2, 2, true);
-    qm_mesh mesh = boundary_of(&cube, 6);
-    make_round(&mesh, 1.0);
+    qm_mesh mesh = ball_of(6);
     qm_ground g;
     qm_ground_make(&g, mesh);
     for (size_t wanted = 6; wanted <= 96; wanted *= 2) {

@@ -40,7 +40,7 @@ static const double pulls[] = {0.03, 0.1, 0.3};
 /* The chord between points of a curve may be so much of the diagonal off the surface, after so many halvings of one between lattice points. */
 #define CURVE_OFF 5e-4
 #define CURVE_HALVINGS 4
-/* Curves that cross with such points do without, so often; then all do. */
+/* Rounds in which curves that cross with such points are drawn without them; after these all curves are. */
 #define DENSE_ROUNDS 4
 
 _Static_assert((1 << CURVE_HALVINGS) - 1 <= QM_TMESH_TRACE, "points between two of the lattice have room");
